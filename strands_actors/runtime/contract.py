@@ -1,0 +1,213 @@
+"""The driver contract: what the author of a driver writes.
+
+A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It is four things:
+
+``Driver``      pure: the robots it serves, axes and units, gates, ladder, timing. Built in the caller,
+                in the wire process and in the root process from the same plain options.
+``Wire``        the I/O, in the wire process only, used by one actor (the transport), one call at a time.
+``SecondPath``  how the root reaches the hardware when the wire process is gone.
+a twin          the robot's side of the wire (see ``drivers/common/twin.py``).
+
+The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Protocol
+
+import msgspec
+
+from .clock import Clock
+from .messages import Message, Refused
+
+
+class Reason(enum.StrEnum):
+    """Why the robot is asked to be safe. A driver's ladder maps each to a rung."""
+
+    EXPIRED = "expired"  # a streamed setpoint outlived its lifetime
+    LEASE = "lease"  # the caller stopped answering
+    POLICY = "policy"  # the policy died, froze or raised
+    STOP = "stop"
+    ESTOP = "estop"
+    CLEANUP = "cleanup"
+    CALLER = "caller"  # the caller's process ended
+    WIRE = "wire"  # the wire process died or stopped answering
+    ROOT = "root"  # the root process died or stopped answering
+    LINK = "link"  # the cable, the socket, the bus
+    FAULT = "fault"  # the restart budget is spent, or an actor broke
+
+
+HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
+"""Reasons after which a position robot stays energised (DESIGN: which reason does what)."""
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """The clocks of one wire. The lifetime (what the writer promised) and the keepalive (what the
+    firmware needs) are different numbers."""
+
+    control_hz: float
+    keepalive_s: float  # period of re-sending the last live setpoint
+    stream_ttl_s: float = 0.1  # lifetime of a streamed setpoint
+    oneshot_ttl_s: float | None = None  # lifetime of a single send_action; None: latched while the lease lives
+    state_ttl_s: float = 0.3  # an observation older than this is no observation
+
+
+class Observation(Message):
+    """One reading of the robot. Rows are in the driver's axis order; an axis never read is NaN with stamp 0."""
+
+    t_ns: int
+    position: tuple[float, ...]  # in the driver's units
+    stamp_ns: tuple[int, ...]  # when each position was read
+    velocity: tuple[float, ...] = ()  # units per second
+    sensors: dict[str, tuple[float, ...]] = {}  # further rows by name, the unit in the name
+    faults: dict[str, str] = {}  # axis -> what its motor reports
+
+
+class MotorReport(Message):
+    """What became of one motor when the robot was made safe."""
+
+    axis: str
+    id: int
+    written: bool  # the frame left
+    acknowledged: bool  # the motor answered
+    safe: bool  # a register read back says so
+    detail: str = ""
+
+
+class Permit(Protocol):
+    """The transport's word that a setpoint may still go out."""
+
+    def check(self) -> None:
+        """Raise ``PermitDenied`` once the setpoint's deadline or epoch has passed."""
+        ...
+
+
+class PermitDenied(Exception):
+    """The setpoint may not be written any more. Not an error of the wire; caught by the transport."""
+
+
+class WireDown(Exception):
+    """The wire cannot be used: not there, closed, or not answering. The text says what and what to do."""
+
+
+class Wire(ABC):
+    """All I/O of one robot's wire. Calls never overlap."""
+
+    @abstractmethod
+    async def open(self) -> dict[str, Any]:
+        """Open, say hello, identify. Return facts for ``status``. Raise ``WireDown``. Must not move anything."""
+
+    @abstractmethod
+    async def arm(self) -> Observation:
+        """Energise without a jump: goal := measured position first, then torque. Return what was measured.
+        Raise ``WireDown``; what was energised before the failure the caller makes safe."""
+
+    @abstractmethod
+    async def read(self) -> Observation:
+        """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise ``WireDown``
+        only when the link itself is gone."""
+
+    @abstractmethod
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Write one setpoint (the driver's units, axis order). Call ``permit.check()`` as the last thing
+        before the bytes leave, after any wait. Raise ``WireDown``."""
+
+    @abstractmethod
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        """Bring every motor to ``rung``. The first safe frame leaves before the first wait; every motor is
+        tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
+
+    def handover(self) -> Sequence[int]:
+        """Descriptors the root's second path needs; valid until ``close``."""
+        return ()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the port. Writes nothing."""
+
+
+class SecondPath(ABC):
+    """The root's own way to the hardware. Used only after the wire process has been fenced."""
+
+    @abstractmethod
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        """As ``Wire.make_safe``."""
+
+    def close(self) -> None:
+        """Release what ``Driver.second_path`` was given."""
+
+
+class GateState(msgspec.Struct, frozen=True, gc=False):
+    """What a gate may look at. Pure data: a gate knows no clock and no I/O."""
+
+    now_ns: int
+    observation: Observation
+    target: tuple[float, ...]  # the last accepted target, or the measured position after arming
+    target_ns: int  # when that was accepted
+    stream: bool  # part of a stream of setpoints, whose period is known
+    period_s: float = 0.0  # the stream's period; 0 for a one-shot
+
+
+class Candidate(msgspec.Struct, frozen=True, gc=False):
+    """An action on its way through the gates."""
+
+    values: tuple[float, ...]  # the whole target, axis order
+    named: tuple[int, ...]  # indices of the axes the action names
+
+
+GateCheck = Callable[[Candidate, GateState], Refused | None]
+
+
+class Driver(ABC):
+    """One robot of one wire, as data and pure functions."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
+    PORT_KIND: ClassVar[Literal["serial", "address"]]
+    TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
+    TWIN: ClassVar[str]
+    """``module:function`` that serves the twin."""
+    OPTIONS: ClassVar[Mapping[str, str]] = {}
+    """Constructor keywords beyond ``port``, with what each means."""
+    reads_cameras: ClassVar[bool] = False
+
+    robot: str
+    axes: tuple[str, ...]
+    ids: tuple[int, ...]  # motor id per axis
+    unit: str  # for people: "degrees (gripper: percent open)"
+    timing: Timing
+    ladder: Mapping[Reason, str]
+    firmware_watchdog: str  # what the firmware does alone when all of us are gone
+    bound_s: float = 0.05  # published: from a death to the safe frame
+    gates: tuple[GateCheck, ...]
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Runs once, in the caller: check keywords, read files, return plain options for ``__init__``.
+        Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        return dict(options)
+
+    @abstractmethod
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
+
+    @abstractmethod
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Names and numbers to a whole target; joints not named keep ``state.target``."""
+
+    @abstractmethod
+    def open_wire(self, clock: Clock) -> Wire:
+        """The wire, not yet opened. Import SDKs here, not at module level."""
+
+    @abstractmethod
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        """The root's way to the hardware, from what ``Wire.handover`` gave."""
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """A row in axis order as the public keys."""
+        return dict(zip(self.axes, values, strict=True))
+
+    def energised(self, rung: str) -> bool:
+        """Whether motors keep torque on this rung."""
+        return rung == "hold"
