@@ -1,0 +1,231 @@
+"""The Feetech STS/SMS/SCS serial protocol: frames, registers, checksums. Pure: no I/O, no clock.
+
+Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``; ``len`` counts the
+params plus two, ``sum`` is the inverted low byte of everything between header and sum. There is no
+sequence number: a late reply looks like the answer to the next question of the same id and length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+HEADER = b"\xff\xff"
+BROADCAST = 0xFE
+MAX_ID = 0xFD
+
+PING = 0x01
+READ = 0x02
+WRITE = 0x03
+REG_WRITE = 0x04
+ACTION = 0x05
+RESET = 0x06
+REBOOT = 0x08
+SYNC_READ = 0x82
+SYNC_WRITE = 0x83
+
+COUNTS = 4096
+"""Encoder counts a turn (STS, SMS)."""
+
+
+class Register(NamedTuple):
+    """One entry of the control table. Signed words are sign-magnitude at ``sign_bit``, never two's complement."""
+
+    address: int
+    size: int = 1
+    sign_bit: int | None = None
+
+    def encode(self, value: int) -> bytes:
+        """Little-endian bytes (STS, SMS). Raise ``ValueError`` outside the register's range."""
+        top = 1 << (8 * self.size)
+        if self.sign_bit is not None:
+            if abs(value) >= 1 << self.sign_bit:
+                raise ValueError(f"{value} does not fit sign-magnitude with sign bit {self.sign_bit}")
+            value = -value | 1 << self.sign_bit if value < 0 else value
+        if not 0 <= value < top:
+            raise ValueError(f"{value} does not fit {self.size} byte(s)")
+        return value.to_bytes(self.size, "little")
+
+    def decode(self, data: bytes, base: int | None = None) -> int:
+        """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
+        start = 0 if base is None else self.address - base
+        raw = int.from_bytes(data[start : start + self.size], "little")
+        if self.sign_bit is not None and raw >> self.sign_bit & 1:
+            return -(raw & (1 << self.sign_bit) - 1)
+        return raw
+
+
+# EEPROM: survives power off only when written with LOCK = 0
+FIRMWARE = Register(0, 2)
+MODEL = Register(3, 2)
+ID = Register(5)
+BAUD = Register(6)
+RETURN_DELAY = Register(7)  # 2 us a count, factory 250
+STATUS_LEVEL = Register(8)
+MIN_POSITION = Register(9, 2)
+MAX_POSITION = Register(11, 2)
+MAX_TEMPERATURE = Register(13)
+MAX_VOLTAGE = Register(14)  # 0.1 V
+MIN_VOLTAGE = Register(15)
+MAX_TORQUE = Register(16, 2)
+PHASE = Register(18)
+UNLOAD_CONDITION = Register(19)
+P_GAIN = Register(21)
+D_GAIN = Register(22)
+I_GAIN = Register(23)
+PROTECTION_CURRENT = Register(28, 2)
+HOMING_OFFSET = Register(31, 2, 11)
+MODE = Register(33)
+PROTECTIVE_TORQUE = Register(34)
+PROTECTION_TIME = Register(35)
+OVERLOAD_TORQUE = Register(36)
+# RAM
+TORQUE_ENABLE = Register(40)
+ACCELERATION = Register(41)
+GOAL_POSITION = Register(42, 2, 15)
+GOAL_TIME = Register(44, 2)
+GOAL_VELOCITY = Register(46, 2, 15)
+TORQUE_LIMIT = Register(48, 2)
+LOCK = Register(55)
+# read only
+POSITION = Register(56, 2, 15)
+VELOCITY = Register(58, 2, 15)
+LOAD = Register(60, 2, 10)
+VOLTAGE = Register(62)  # 0.1 V
+TEMPERATURE = Register(63)  # deg C
+STATUS = Register(65)
+MOVING = Register(66)
+CURRENT = Register(69, 2)
+
+TABLE_SIZE = 90
+EEPROM_END = 40
+READ_ONLY = frozenset((*range(0, 5), *range(56, 72)))
+MIDDLE_IS_HERE = 128
+"""Written to TORQUE_ENABLE: make the present position the middle (assumed for all STS firmware)."""
+
+BAUD_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
+"""Rate per code of register 6, in the vendor's order. Codes 5 to 7 are in doubt: sources disagree."""
+
+MODEL_NUMBERS = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL", 1284: "SCS0009"}
+
+ERROR_BITS = {1: "voltage", 2: "sensor", 4: "overheat", 8: "overcurrent", 32: "overload"}
+
+
+def error_words(error: int) -> str:
+    """The names of the bits set in a status packet's error byte."""
+    known = [word for bit, word in ERROR_BITS.items() if error & bit]
+    rest = error & ~sum(ERROR_BITS)
+    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))
+
+
+class Packet(NamedTuple):
+    """One checked frame. ``code`` is the instruction of a request or the error byte of a status."""
+
+    id: int
+    code: int
+    params: bytes
+
+
+def frame(servo_id: int, code: int, params: bytes = b"") -> bytes:
+    """Bytes of one request, or of one status when ``code`` is an error byte."""
+    body = bytes((servo_id, len(params) + 2, code)) + params
+    return HEADER + body + bytes((~sum(body) & 0xFF,))
+
+
+def ping(servo_id: int) -> bytes:
+    return frame(servo_id, PING)
+
+
+def read(servo_id: int, address: int, size: int) -> bytes:
+    return frame(servo_id, READ, bytes((address, size)))
+
+
+def write(servo_id: int, register: Register, value: int) -> bytes:
+    return frame(servo_id, WRITE, bytes((register.address,)) + register.encode(value))
+
+
+def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
+    return frame(BROADCAST, SYNC_READ, bytes((address, size, *ids)))
+
+
+def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
+    rows = b"".join(bytes((servo_id,)) + register.encode(value) for servo_id, value in values.items())
+    return frame(BROADCAST, SYNC_WRITE, bytes((register.address, register.size)) + rows)
+
+
+LIMP = write(BROADCAST, TORQUE_ENABLE, 0)
+"""Torque off on every servo in one frame. A broadcast has no status: confirm by reading register 40."""
+
+
+class Decoder:
+    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits for its rest."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.garbage_bytes = 0
+
+    @property
+    def pending(self) -> int:
+        """Bytes of a frame that has not ended yet."""
+        return len(self._buffer)
+
+    def clear(self) -> None:
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> Iterator[Packet]:
+        buffer = self._buffer
+        buffer += data
+        while True:
+            start = buffer.find(HEADER)
+            if start < 0:
+                keep = 1 if buffer.endswith(b"\xff") else 0
+                self._drop(len(buffer) - keep)
+                return
+            self._drop(start)
+            if len(buffer) < 4:
+                return
+            if buffer[2] == 0xFF:  # three FF: the header begins one byte later
+                self._drop(1)
+                continue
+            size = buffer[3] + 4
+            if size < 6:
+                self._drop(2)
+                continue
+            if len(buffer) < size:
+                return
+            body = bytes(buffer[2:size])
+            if ~sum(body[:-1]) & 0xFF != body[-1]:
+                self._drop(2)
+                continue
+            del buffer[:size]
+            yield Packet(body[0], body[2], body[3:-1])
+
+    def _drop(self, count: int) -> None:
+        if count:
+            self.garbage_bytes += count
+            del self._buffer[:count]
+
+
+def classify(packet: Packet) -> str:
+    """What a request means for the wire log: setpoint, safe, enable, read, config or other."""
+    if packet.code in (PING, READ, SYNC_READ):
+        return "read"
+    if packet.code in (WRITE, REG_WRITE) and packet.params:
+        return _classify_write(packet.params[0], (packet.params[1:],))
+    if packet.code == SYNC_WRITE and len(packet.params) > 2:
+        size = packet.params[1]
+        rows = packet.params[2:]
+        return _classify_write(
+            packet.params[0], [rows[i + 1 : i + 1 + size] for i in range(0, len(rows), size + 1)]
+        )
+    return "other"
+
+
+def _classify_write(address: int, rows: Sequence[bytes]) -> str:
+    covers = range(address, address + max(map(len, rows), default=0))
+    if TORQUE_ENABLE.address in covers:
+        at = TORQUE_ENABLE.address - address
+        return "safe" if all(row[at] == 0 for row in rows if len(row) > at) else "enable"
+    if GOAL_POSITION.address in covers or GOAL_VELOCITY.address in covers or GOAL_TIME.address in covers:
+        return "setpoint"
+    return "config"
