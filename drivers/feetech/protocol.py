@@ -153,6 +153,15 @@ def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
     return frame(BROADCAST, SYNC_WRITE, bytes((register.address, register.size)) + rows)
 
 
+def hold(positions: Mapping[int, int]) -> bytes:
+    """Goals := the measured positions. Written as the block goal + time (42, four bytes, time 0), where a
+    setpoint writes the goal alone: so the wire itself tells a hold from a setpoint."""
+    rows = b"".join(
+        bytes((servo_id,)) + GOAL_POSITION.encode(count) + b"\0\0" for servo_id, count in positions.items()
+    )
+    return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_POSITION.address, 4)) + rows)
+
+
 LIMP = write(BROADCAST, TORQUE_ENABLE, 0)
 """Torque off on every servo in one frame. A broadcast has no status: confirm by reading register 40."""
 
@@ -226,6 +235,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     if TORQUE_ENABLE.address in covers:
         at = TORQUE_ENABLE.address - address
         return "safe" if all(row[at] == 0 for row in rows if len(row) > at) else "enable"
+    if address == GOAL_POSITION.address and len(covers) == 4 and all(row[2:] == b"\0\0" for row in rows):
+        return "safe"
     if GOAL_POSITION.address in covers or GOAL_VELOCITY.address in covers or GOAL_TIME.address in covers:
         return "setpoint"
     return "config"
