@@ -51,22 +51,22 @@ class Timing(msgspec.Struct, frozen=True):
     control_hz: float
     keepalive_s: float  # period of re-sending the last live setpoint
     stream_ttl_s: float = 0.1  # lifetime of a streamed setpoint
-    oneshot_ttl_s: float | None = None  # lifetime of a single send_action; None: latched while the lease lives
+    oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
     state_ttl_s: float = 0.3  # an observation older than this is no observation
 
 
-class Observation(Message):
-    """One reading of the robot. Rows are in the driver's axis order; an axis never read is NaN with stamp 0."""
+class Observation(Message, frozen=True):
+    """One reading of the robot. Rows are in axis order; an axis never read is NaN with stamp 0."""
 
     t_ns: int
     position: tuple[float, ...]  # in the driver's units
     stamp_ns: tuple[int, ...]  # when each position was read
     velocity: tuple[float, ...] = ()  # units per second
-    sensors: dict[str, tuple[float, ...]] = {}  # further rows by name, the unit in the name
-    faults: dict[str, str] = {}  # axis -> what its motor reports
+    sensors: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)  # by name, unit in the name
+    faults: dict[str, str] = msgspec.field(default_factory=dict)  # axis -> what its motor reports
 
 
-class MotorReport(Message):
+class MotorReport(Message, frozen=True):
     """What became of one motor when the robot was made safe."""
 
     axis: str
@@ -98,7 +98,8 @@ class Wire(ABC):
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
-        """Open, say hello, identify. Return facts for ``status``. Raise ``WireDown``. Must not move anything."""
+        """Open, say hello, identify. Return facts for ``status``. Moves nothing.
+        Raise ``WireDown``."""
 
     @abstractmethod
     async def arm(self) -> Observation:
@@ -136,6 +137,7 @@ class SecondPath(ABC):
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         """As ``Wire.make_safe``."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release what ``Driver.second_path`` was given."""
 

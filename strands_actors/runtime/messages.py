@@ -25,7 +25,7 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, gc=False):
     lane: ClassVar[Lane] = "command"
 
 
-class Refused(Message):
+class Refused(Message, frozen=True):
     """A typed no: what was wrong, what was offered, what would be accepted. Nothing was written.
 
     ``code`` is stable and for programs; ``reason`` and ``remedy`` are sentences for people.
