@@ -1,0 +1,57 @@
+"""What a child process runs first: read the specification, import the entry, call it, end at once.
+
+A child ends by ``os._exit``: no thread, no exit handler and no open session keeps it, or its lease, alive.
+Signals keep their default action: a child that is told to end is simply gone, and its parent makes the
+robot safe exactly as if it had crashed. One way of dying, one way of being safe.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import signal
+import socket
+import sys
+import traceback
+
+import msgspec
+
+from .process import ChildSpecification
+
+
+def main(fd: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sock = socket.socket(fileno=fd)
+    code = 1
+    try:
+        specification = msgspec.msgpack.decode(_read_exactly(sock), type=ChildSpecification)
+        module, _, function = specification.entry.partition(":")
+        entry = getattr(importlib.import_module(module), function)
+        gc.collect()
+        gc.freeze()  # a later full collection then has nothing of start-up to walk (34 ms measured)
+        entry(specification.args, sock)
+        code = 0
+    except SystemExit as stop:
+        code = stop.code if isinstance(stop.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        sys.stdout.flush()
+        os._exit(code)
+
+
+def _read_exactly(sock: socket.socket) -> bytes:
+    size = int.from_bytes(_receive(sock, 4), "little")
+    return _receive(sock, size)
+
+
+def _receive(sock: socket.socket, size: int) -> bytes:
+    data = b""
+    while len(data) < size:
+        piece = sock.recv(size - len(data))
+        if not piece:
+            raise EOFError("the parent ended before it said what to run")
+        data += piece
+    return data

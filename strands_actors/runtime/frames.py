@@ -1,0 +1,101 @@
+"""What travels between nodes: one frame format for links and meshes.
+
+A frame is a msgpack array ``[to, kind, cid, sender, reply_to, body]``. The body stays raw until the
+receiving actor's own decoder reads it, so a frame for nobody, or with a body of the wrong type, costs
+nothing but a refusal.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+import types
+import typing
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgspec
+
+from .messages import Message, Refused
+
+TELL, ASK, REPLY, WATCH, DOWN, HOSTS = range(6)
+
+
+class Frame(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    to: str
+    kind: int
+    cid: int  # correlation id of an ask and its reply; 0 for a tell
+    sender: str
+    reply_to: str
+    body: msgspec.Raw
+
+
+class Down(Message, frozen=True):
+    """A watched actor is gone."""
+
+    lane = "urgent"
+
+    address: str
+    reason: str
+
+
+encode = msgspec.msgpack.Encoder().encode
+decode_frame = msgspec.msgpack.Decoder(Frame).decode
+
+
+def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object) -> bytes:
+    return encode((to, kind, cid, sender, reply_to, body))
+
+
+class Protocol:
+    """What an actor class accepts and answers, read from the annotation of its ``receive``."""
+
+    __slots__ = ("accepts", "decode", "decode_reply", "is_async", "name")
+
+    def __init__(self, receive: Callable[..., Any], name: str) -> None:
+        hints = typing.get_type_hints(receive)
+        if "message" not in hints:
+            raise TypeError(f"{name}.receive: annotate its argument 'message' with the types it accepts")
+        accepts = _members(hints["message"])
+        for kind in accepts:
+            if not (isinstance(kind, type) and issubclass(kind, Message)):
+                raise TypeError(f"{name}.receive: {kind!r} is not a Message")
+        replies = [
+            kind
+            for kind in _members(hints.get("return", type(None)))
+            if isinstance(kind, type) and issubclass(kind, Message) and kind is not Refused
+        ]
+        self.name = name
+        self.accepts = frozenset(accepts)
+        self.decode: Callable[[Any], Message] = msgspec.msgpack.Decoder(_union(accepts)).decode
+        self.decode_reply: Callable[[Any], Message | None] = msgspec.msgpack.Decoder(
+            _union((*replies, Refused, None))
+        ).decode
+        self.is_async = bool(getattr(receive, "__code__", None) and receive.__code__.co_flags & 0x80)
+
+    def wrong_type(self, message: object) -> Refused:
+        accepted = ", ".join(sorted(kind.__name__ for kind in self.accepts))
+        return Refused(
+            "wrong_type", f"{self.name} does not take {type(message).__name__}", f"send {accepted}"
+        )
+
+
+_protocols: dict[Any, Protocol] = {}
+
+
+def protocol_of(actor_class: Any) -> Protocol:
+    """The protocol of an actor class, built once."""
+    protocol = _protocols.get(actor_class)
+    if protocol is None:
+        protocol = _protocols[actor_class] = Protocol(actor_class.receive, actor_class.__name__)
+    return protocol
+
+
+def _union(members: Iterable[Any]) -> Any:
+    return functools.reduce(operator.or_, members)
+
+
+def _members(annotation: Any) -> tuple[Any, ...]:
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return typing.get_args(annotation)
+    return (annotation,)

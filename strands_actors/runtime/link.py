@@ -1,0 +1,147 @@
+"""A link: the inherited socket between a parent process and its child.
+
+It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a frozen
+peer does not read is kept up to a bound, then dropped and counted.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections import deque
+from collections.abc import Callable
+
+import trio
+
+from .node import Node
+
+BACKLOG_BYTES = 256 * 1024
+_HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
+_MAX_FRAME = 1 << 20
+
+
+class Link:
+    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone."""
+
+    def __init__(self, node: Node, sock: socket.socket, on_closed: Callable[[], None] | None = None) -> None:
+        self._node = node
+        self._socket = sock
+        self._on_closed = on_closed
+        self._backlog: deque[tuple[memoryview, tuple[int, ...]]] = deque()
+        self._backlog_bytes = 0
+        self._writable_wanted = trio.Event()
+        self.closed = False
+        self.dropped = 0
+        sock.setblocking(False)
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Serve until the other end is gone or the task is cancelled."""
+        try:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._write_backlog)
+                self._node.attach(self)
+                task_status.started()
+                await self._read()
+                nursery.cancel_scope.cancel()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        if self.closed:
+            return
+        self.closed = True
+        trio.lowlevel.notify_closing(self._socket)
+        self._socket.close()
+        self._node.detach(self)
+        if self._on_closed is not None:
+            self._on_closed()
+
+    # -- the Way protocol
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+        if self.closed:
+            return False
+        packet = len(data).to_bytes(4, "little") + bytes((len(descriptors),)) + data
+        if self._backlog:
+            self._keep(memoryview(packet), descriptors)
+            return True
+        try:
+            sent = self._send(packet, descriptors)
+        except BlockingIOError:
+            self._keep(memoryview(packet), descriptors)
+        except OSError:
+            return False  # the reader will see the end of file
+        else:
+            if sent < len(packet):
+                self._keep(memoryview(packet)[sent:], ())
+        return True
+
+    def announce(self, address: str, hosted: bool) -> None:
+        self.send("", self._node.hosts_frame(address, hosted))
+
+    def watch(self, address: str) -> None:
+        """Nothing to do: ``detach`` reports every address behind a link that went down."""
+
+    def _send(self, data: bytes | memoryview, descriptors: tuple[int, ...]) -> int:
+        if descriptors:
+            return socket.send_fds(self._socket, [data], list(descriptors))
+        return self._socket.send(data)
+
+    def _keep(self, packet: memoryview, descriptors: tuple[int, ...]) -> None:
+        if self._backlog_bytes + len(packet) > BACKLOG_BYTES:
+            self.dropped += 1
+            return
+        # The caller may close its descriptors before they can be sent.
+        self._backlog.append((packet, tuple(os.dup(fd) for fd in descriptors)))
+        self._backlog_bytes += len(packet)
+        self._writable_wanted.set()
+
+    async def _write_backlog(self) -> None:
+        while True:
+            await self._writable_wanted.wait()
+            self._writable_wanted = trio.Event()
+            while self._backlog:
+                packet, descriptors = self._backlog[0]
+                try:
+                    sent = self._send(packet, descriptors)
+                except BlockingIOError:
+                    await trio.lowlevel.wait_writable(self._socket)
+                    continue
+                except OSError:
+                    return
+                for fd in descriptors:
+                    os.close(fd)
+                self._backlog_bytes -= sent
+                if sent < len(packet):
+                    self._backlog[0] = (packet[sent:], ())
+                else:
+                    self._backlog.popleft()
+
+    async def _read(self) -> None:
+        buffer = bytearray()
+        descriptors: deque[int] = deque()
+        while True:
+            await trio.lowlevel.wait_readable(self._socket)
+            try:
+                data, received, _, _ = socket.recv_fds(self._socket, 65536, 8)
+            except BlockingIOError:
+                continue
+            except ConnectionError:
+                return
+            descriptors.extend(received)
+            if not data:
+                return
+            buffer += data
+            start = 0
+            while len(buffer) - start >= _HEADER:
+                size = int.from_bytes(buffer[start : start + 4], "little")
+                if size > _MAX_FRAME:
+                    return
+                end = start + _HEADER + size
+                if len(buffer) < end:
+                    break
+                count = buffer[start + 4]
+                taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
+                self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
+                start = end
+            del buffer[:start]

@@ -1,0 +1,77 @@
+"""A mesh in memory: the same frames, the same refusals, no I/O. For tests, and for trees under MockClock.
+
+Links between nodes can be cut and healed, as a network's can.
+"""
+
+from __future__ import annotations
+
+from .node import Node
+
+
+class LocalNetwork:
+    """Joins the ``LocalMesh`` of several nodes."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[str, LocalMesh] = {}
+        self._cut: set[str] = set()
+
+    def join(self) -> LocalMesh:
+        """A mesh for one node; pass it to ``Node`` and then call ``attach(node)``."""
+        return LocalMesh(self)
+
+    def cut(self, node: Node) -> None:
+        """Nothing from or to this node arrives any more; those who watch its actors are told."""
+        self._cut.add(node.address)
+        for mesh in list(self._meshes.values()):
+            mesh.peer_gone(node)
+
+    def heal(self, node: Node) -> None:
+        self._cut.discard(node.address)
+
+    def add(self, mesh: LocalMesh) -> None:
+        self._meshes[mesh.node.address] = mesh
+
+    def remove(self, mesh: LocalMesh) -> None:
+        self._meshes.pop(mesh.node.address, None)
+        for other in list(self._meshes.values()):
+            other.peer_gone(mesh.node)
+
+    def deliver(self, source: Node, to: str, data: bytes) -> bool:
+        if source.address in self._cut:
+            return False
+        for address, mesh in self._meshes.items():
+            if address in self._cut:
+                continue
+            if to == address or to in mesh.node.cells:
+                mesh.node.receive_frame(data, mesh)
+                return True
+        return False
+
+
+class LocalMesh:
+    def __init__(self, network: LocalNetwork) -> None:
+        self._network = network
+        self._watched: set[str] = set()
+        self.node: Node
+
+    def attach(self, node: Node) -> None:
+        self.node = node
+        node.mesh = self
+        self._network.add(self)
+
+    def close(self) -> None:
+        self._network.remove(self)
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+        return self._network.deliver(self.node, to, data)
+
+    def announce(self, address: str, hosted: bool) -> None:
+        """Nothing to do: delivery looks the address up."""
+
+    def watch(self, address: str) -> None:
+        self._watched.add(address)
+
+    def peer_gone(self, peer: Node) -> None:
+        for address in [address for address in self._watched if address in peer.cells]:
+            self._watched.discard(address)
+            self.node.lost(address)

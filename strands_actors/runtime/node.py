@@ -1,0 +1,410 @@
+"""A node: the actors of one process, and the ways out of it.
+
+A message to an address of this node goes straight into the mailbox. Otherwise it leaves as a frame: over
+the link (inherited socket) whose other end announced the address, else over the mesh. Semantics are the
+same on every way: ``tell`` never waits, ``ask`` has a deadline, ``watch`` answers with ``Down``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol as TypingProtocol
+from typing import TypeVar, cast
+
+import msgspec
+import outcome
+import trio
+
+from .actor import Actor, Cell
+from .clock import Clock
+from .frames import (
+    ASK,
+    DOWN,
+    HOSTS,
+    REPLY,
+    TELL,
+    WATCH,
+    Down,
+    Frame,
+    Protocol,
+    decode_frame,
+    frame,
+    protocol_of,
+)
+from .mailbox import ReplyTo
+from .messages import MAX_MESSAGE_BYTES, Message, Refused
+
+PREFIX = "strands"
+
+
+class AskTimeout(Exception):
+    """No answer before the deadline. What was asked may still have happened: follow with a stop."""
+
+
+class Unreachable(Exception):
+    """Nobody hosts the address. Nothing was delivered."""
+
+
+class Way(TypingProtocol):
+    """A link or a mesh: carries frames between nodes."""
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+        """Send without waiting; False when nobody there hosts ``to``. What is not ``prompt`` may share a
+        packet with what follows."""
+        ...
+
+    def announce(self, address: str, hosted: bool) -> None: ...
+
+    def watch(self, address: str) -> None:
+        """Call ``node.lost(address)`` when the node that hosts it is gone."""
+        ...
+
+
+class DeadLetter(msgspec.Struct, frozen=True):
+    to: str
+    what: str
+    why: str
+
+
+class Answer:
+    """The slot an ask waits on. The reply may come before the asker has parked."""
+
+    __slots__ = ("_task", "_value", "decode", "done", "expires_at")
+
+    def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
+        self.decode = decode
+        self.done = False
+        self.expires_at = 0.0
+        self._task: trio.lowlevel.Task | None = None
+        self._value: outcome.Outcome[Message | None] | None = None
+
+    def send(self, answer: Message | None) -> None:
+        self._settle(outcome.Value(answer))
+
+    def fail(self, error: Exception) -> None:
+        self._settle(outcome.Error(error))
+
+    def _settle(self, value: outcome.Outcome[Message | None]) -> None:
+        if self.done:
+            return
+        self.done = True
+        if self._task is None:
+            self._value = value
+        else:
+            trio.lowlevel.reschedule(self._task, value)
+            self._task = None
+
+    async def wait(self) -> Message | None:
+        if self._value is not None:
+            await trio.lowlevel.checkpoint_if_cancelled()
+            return self._value.unwrap()
+
+        def abort(_: object) -> trio.lowlevel.Abort:
+            self.done = True
+            self._task = None
+            return trio.lowlevel.Abort.SUCCEEDED
+
+        self._task = trio.lowlevel.current_task()
+        return cast("Message | None", await trio.lowlevel.wait_task_rescheduled(abort))
+
+
+class _Deadlines:
+    """Asks of one duration expire in the order they were made: a queue per duration, one sweeper task.
+    (``trio.fail_after`` around each ask costs twice the ask.)"""
+
+    def __init__(self) -> None:
+        self._queues: dict[float, deque[Answer]] = {}
+        self._wake = trio.Event()
+
+    def add(self, answer: Answer, duration_s: float) -> None:
+        queue = self._queues.setdefault(duration_s, deque())
+        while queue and queue[0].done:
+            queue.popleft()
+        answer.expires_at = trio.current_time() + duration_s
+        queue.append(answer)
+        if len(queue) == 1:
+            self._wake.set()
+
+    async def run(self) -> None:
+        while True:
+            now = trio.current_time()
+            next_at = float("inf")
+            for duration_s in list(self._queues):
+                queue = self._queues[duration_s]
+                while queue and (queue[0].done or queue[0].expires_at <= now):
+                    queue.popleft().fail(AskTimeout(f"no answer within {duration_s:g} s"))
+                if queue:
+                    next_at = min(next_at, queue[0].expires_at)
+                else:
+                    del self._queues[duration_s]
+            self._wake = trio.Event()
+            with trio.move_on_at(next_at):
+                await self._wake.wait()
+
+
+class _RemoteReply:
+    __slots__ = ("_cid", "_node", "_to")
+
+    def __init__(self, node: Node, to: str, cid: int) -> None:
+        self._node, self._to, self._cid = node, to, cid
+
+    def send(self, answer: Message | None) -> None:
+        self._node.send_frame(self._to, REPLY, self._cid, "", answer)
+
+
+M = TypeVar("M", bound=Message)
+
+
+class Ref:
+    """A way to reach one actor. Cheap; make as many as you like."""
+
+    __slots__ = ("_node", "_protocol", "_sender", "address")
+
+    def __init__(self, node: Node, address: str, protocol: type[Actor] | None, sender: str) -> None:
+        self.address = address
+        self._node = node
+        self._protocol: Protocol | None = None if protocol is None else protocol_of(protocol)
+        self._sender = sender
+
+    def tell(self, message: Message) -> None:
+        """Send and forget. What cannot be delivered becomes a dead letter."""
+        cell = self._node.cells.get(self.address)
+        if cell is not None:
+            self._node.put(cell, message, None, self._sender)
+        elif not self._node.send_frame(self.address, TELL, 0, self._sender, message):
+            self._node.dead(self.address, message, "nobody hosts it")
+
+    async def ask(self, message: Message, deadline_s: float) -> Message | None:
+        """Send and wait for the answer. Raise ``AskTimeout`` or ``Unreachable``; a refusal is an answer."""
+        node = self._node
+        answer = Answer(self._protocol.decode_reply if self._protocol else None)
+        cell = self._node.cells.get(self.address)
+        if cell is not None:
+            node.put(cell, message, answer, self._sender)
+            if not answer.done:
+                node.deadlines.add(answer, deadline_s)
+            return await answer.wait()
+        cid = node.new_cid()
+        node.pending[cid] = answer
+        try:
+            if not node.send_frame(self.address, ASK, cid, self._sender, message):
+                raise Unreachable(f"nobody hosts {self.address}")
+            node.deadlines.add(answer, deadline_s)
+            return await answer.wait()
+        finally:
+            node.pending.pop(cid, None)
+
+
+class Node:
+    """The actors of one process. Enter with ``async with open_nursery() as n: await n.start(node.run)``."""
+
+    def __init__(self, name: str, clock: Clock, mesh: Way | None = None) -> None:
+        self.name = name
+        self.address = f"{PREFIX}/node/{name}"
+        self.clock = clock
+        self.mesh = mesh
+        self.cells: dict[str, Cell] = {}
+        self.pending: dict[int, Answer] = {}
+        self.deadlines = _Deadlines()
+        self.dead_letters: deque[DeadLetter] = deque(maxlen=256)
+        self.dead_letter_count = 0
+        self.refused_count = 0
+        self._routes: dict[str, Way] = {}
+        self._watchers: dict[str, set[str]] = {}
+        self._cids = itertools.count(1)
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Serve deadlines; runs as long as the node."""
+        task_status.started()
+        await self.deadlines.run()
+
+    # -- actors of this node
+
+    def cell(self, path: str, factory: Callable[[], Actor], role: str = "") -> Cell:
+        """A cell not yet running; give its ``run`` to a supervisor. ``path`` is ``<robot>/actor/<name>``."""
+        return Cell(self, f"{PREFIX}/{path}", factory, role)
+
+    def host(self, cell: Cell) -> None:
+        known = self.cells.get(cell.address)
+        if known is not None and known is not cell:
+            raise ValueError(f"{cell.address} is already hosted here")
+        if known is None:
+            self.cells[cell.address] = cell
+            for way in self._ways():
+                way.announce(cell.address, True)
+
+    def unhost(self, cell: Cell, reason: str) -> None:
+        """An incarnation ended; the address stays hosted, its mailbox waits for the next."""
+        self._notify_down(cell.address, reason)
+
+    def release(self, cell: Cell) -> None:
+        """The address is given up: what waits in the mailbox is refused."""
+        if self.cells.pop(cell.address, None) is None:
+            return
+        for way in self._ways():
+            way.announce(cell.address, False)
+        while (entry := cell.mailbox.pop()) is not None:
+            message, reply = entry
+            self.dead(cell.address, message, "the actor ended")
+            if reply is not None:
+                reply.send(Refused("gone", f"{cell.address} ended before it read this"))
+
+    def ref(self, address: str, protocol: type[Actor] | None = None, sender: str = "") -> Ref:
+        return Ref(self, address, protocol, sender or self.address)
+
+    def put(self, cell: Cell, message: Message, reply: ReplyTo | None, sender: str) -> None:
+        if type(message) not in cell.protocol.accepts:
+            self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
+        elif not cell.mailbox.put(message, reply, sender):
+            full = Refused("mailbox_full", f"{cell.address} has {len(cell.mailbox)} messages waiting", "wait")
+            self._refuse(cell.address, message, full, reply)
+
+    def dead(self, to: str, what: object, why: str) -> None:
+        self.dead_letter_count += 1
+        self.dead_letters.append(DeadLetter(to, type(what).__name__, why))
+
+    def _refuse(self, to: str, what: object, refusal: Refused, reply: ReplyTo | None) -> None:
+        self.refused_count += 1
+        self.dead(to, what, refusal.reason)
+        if reply is not None:
+            reply.send(refusal)
+
+    # -- ways out
+
+    def new_cid(self) -> int:
+        return next(self._cids)
+
+    def attach(self, way: Way) -> None:
+        """A link came up: tell its other end what lives here."""
+        way.announce(self.address, True)
+        for address in self.cells:
+            way.announce(address, True)
+
+    def learn(self, address: str, way: Way, hosted: bool) -> None:
+        """The other end of a link hosts ``address`` (or no longer does)."""
+        if hosted:
+            self._routes[address] = way
+        elif self._routes.get(address) is way:
+            del self._routes[address]
+            self.lost(address)
+
+    def detach(self, way: Way) -> None:
+        """A link went down: everything behind it is gone."""
+        for address in [known for known, route in self._routes.items() if route is way]:
+            self.learn(address, way, False)
+
+    def _ways(self) -> set[Way]:
+        ways = set(self._routes.values())
+        if self.mesh is not None:
+            ways.add(self.mesh)
+        return ways
+
+    def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
+        way = self._routes.get(to) or self.mesh
+        if way is None:
+            return False
+        descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
+        return way.send(to, frame(to, kind, cid, sender, self.address, body), descriptors, kind != TELL)
+
+    def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
+        """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
+        try:
+            head = decode_frame(data)
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+            self.refused_count += 1
+            self.dead(self.address, data, f"not a frame: {error}")
+            return
+        kind = head.kind
+        if kind in (TELL, ASK):
+            self._receive_message(head, len(data), descriptors)
+        elif kind == REPLY:
+            self._receive_reply(head)
+        elif kind == HOSTS:
+            self.learn(head.sender, way, head.cid == 1)
+        elif kind == WATCH:
+            self._watchers.setdefault(head.to, set()).add(head.sender)
+            if head.to not in self.cells:
+                self._notify_down(head.to, "not hosted here")
+        elif kind == DOWN:
+            self._deliver_down(head)
+        else:
+            self.refused_count += 1
+            self.dead(head.to, head, f"unknown frame kind {kind}")
+
+    def _receive_message(self, head: Frame, size: int, descriptors: tuple[int, ...]) -> None:
+        reply = _RemoteReply(self, head.reply_to, head.cid) if head.kind == ASK else None
+        cell = self.cells.get(head.to)
+        if cell is None:
+            refusal = Refused("unknown_address", f"nobody hosts {head.to} here")
+            self._refuse(head.to, head, refusal, reply)
+            return
+        if size > MAX_MESSAGE_BYTES:
+            refusal = Refused(
+                "oversized",
+                f"{size} bytes",
+                f"send at most {MAX_MESSAGE_BYTES}",
+                str(size),
+                str(MAX_MESSAGE_BYTES),
+            )
+            self._refuse(head.to, head, refusal, reply)
+            return
+        try:
+            message = cell.protocol.decode(head.body)
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+            accepted = ", ".join(sorted(kind.__name__ for kind in cell.protocol.accepts))
+            refusal = Refused(
+                "malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}"
+            )
+            self._refuse(head.to, head, refusal, reply)
+            return
+        if descriptors:
+            message = msgspec.structs.replace(message, descriptors=descriptors)
+        self.put(cell, message, reply, head.sender)
+
+    def _receive_reply(self, head: Frame) -> None:
+        answer = self.pending.get(head.cid)
+        if answer is None or answer.done:
+            self.dead(head.to, head, "the asker no longer waits")
+            return
+        try:
+            answer.send(None if answer.decode is None else answer.decode(head.body))
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+            answer.send(Refused("malformed_reply", f"the answer cannot be read: {error}"))
+
+    def hosts_frame(self, address: str, hosted: bool) -> bytes:
+        """What a link tells its other end: ``address`` lives here, or no longer does."""
+        return frame("", HOSTS, int(hosted), address, self.address, None)
+
+    # -- watching
+
+    def watch(self, address: str, watcher: str) -> None:
+        self._watchers.setdefault(address, set()).add(watcher)
+        if address in self.cells:
+            return
+        if not self.send_frame(address, WATCH, 0, watcher, None):
+            self._notify_down(address, "nobody hosts it")
+        elif (way := self._routes.get(address) or self.mesh) is not None:
+            way.watch(address)
+
+    def lost(self, address: str) -> None:
+        """The node that hosted ``address`` cannot be reached any more."""
+        self._notify_down(address, "unreachable")
+
+    def _notify_down(self, address: str, reason: str) -> None:
+        for watcher in self._watchers.pop(address, ()):
+            down = Down(address, reason)
+            cell = self.cells.get(watcher)
+            if cell is not None:
+                self.put(cell, down, None, address)
+            else:
+                self.send_frame(watcher, DOWN, 0, address, down)
+
+    def _deliver_down(self, head: Frame) -> None:
+        watchers = self._watchers.get(head.sender)
+        if watchers is not None and head.to in watchers:
+            watchers.discard(head.to)
+            self._receive_message(
+                Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body), len(head.body), ()
+            )

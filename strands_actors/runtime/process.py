@@ -1,0 +1,122 @@
+"""A child process: started with a link, watched by a pidfd, fenced with SIGKILL.
+
+The child is a process group of its own, so that Ctrl-C in a terminal reaches only the user's script; what
+the script's end means is then decided by the tree, not by who else got the signal.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import trio
+
+from .link import Link
+from .node import Node
+
+_BOOT = "import sys; from strands_actors.runtime.child import main; main(int(sys.argv[1]))"
+
+
+class ChildSpecification(msgspec.Struct, frozen=True):
+    """What a child is told first. ``entry`` is ``module:function``, called with (args, socket)."""
+
+    entry: str
+    args: dict[str, Any]
+
+
+class ChildProcess:
+    """A running child and the link to it."""
+
+    def __init__(self, popen: subprocess.Popen[bytes], link_socket: socket.socket) -> None:
+        self._popen = popen
+        self.pid = popen.pid
+        self.socket = link_socket
+        self._pidfd = os.pidfd_open(popen.pid) if hasattr(os, "pidfd_open") else -1
+
+    def link(self, node: Node) -> Link:
+        """The parent's end; run its ``run``."""
+        return Link(node, self.socket)
+
+    @property
+    def alive(self) -> bool:
+        return self._popen.poll() is None
+
+    def kill(self, sig: int = signal.SIGKILL) -> None:
+        """Signal the child; harmless when it is already gone."""
+        self._popen.send_signal(sig)
+
+    async def wait(self) -> int:
+        """Wait until the process is gone; its exit code (negative: the signal)."""
+        if self._pidfd >= 0:
+            await trio.lowlevel.wait_readable(self._pidfd)
+        else:
+            await _poll_until(lambda: not self.alive)
+        return self._popen.wait()
+
+    async def fence(self) -> int:
+        """Make sure it never writes again: SIGKILL, and wait for it."""
+        self.kill()
+        with trio.CancelScope(shield=True):
+            code = await self.wait()
+        return code
+
+    def close(self) -> None:
+        """Release the descriptors of a process that is gone."""
+        if self._pidfd >= 0:
+            trio.lowlevel.notify_closing(self._pidfd)
+            os.close(self._pidfd)
+            self._pidfd = -1
+
+
+def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:
+    """Start a child by exec. Blocks for a few milliseconds. Raise ``OSError`` when it cannot be started."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        # The child imports what its parent could: a user's own modules included.
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        popen = subprocess.Popen(
+            [sys.executable, "-c", _BOOT, str(theirs.fileno())],
+            pass_fds=(theirs.fileno(), *pass_fds),
+            stdin=subprocess.DEVNULL,
+            process_group=0,
+            env=environment,
+        )
+    specification = msgspec.msgpack.encode(ChildSpecification(entry, dict(args)))
+    ours.sendall(len(specification).to_bytes(4, "little") + specification)
+    return ChildProcess(popen, ours)
+
+
+async def wait_for_end_of(pid: int) -> None:
+    """Return when a process that is not our child has ended (or never was)."""
+    if not hasattr(os, "pidfd_open"):
+        await _poll_until(lambda: not _exists(pid))
+        return
+    try:
+        fd = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        await trio.lowlevel.wait_readable(fd)
+    finally:
+        trio.lowlevel.notify_closing(fd)
+        os.close(fd)
+
+
+async def _poll_until(condition: Callable[[], bool]) -> None:
+    """Where there is no pidfd (macOS), a death is noticed 5 ms later."""
+    while not condition():  # noqa: ASYNC110  # no event to wait for: that is why we are here
+        await trio.sleep(0.005)
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

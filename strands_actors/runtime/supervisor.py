@@ -1,0 +1,170 @@
+"""Supervision: what is started again when a child ends, and when to stop trying.
+
+A child is an async function that says ``task_status.started()`` once it is up and then runs until it is
+cancelled. What it *is* (an actor, a process, another supervisor) does not matter here.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import trio
+
+from .actor import describe
+
+Restart = Literal["permanent", "transient", "temporary"]
+Strategy = Literal["one_for_one", "rest_for_one", "one_for_all"]
+
+
+class BudgetSpent(Exception):
+    """A child failed too often. The supervisor has stopped all its children."""
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """``permanent``: always restarted; ``transient``: only after a failure; ``temporary``: never."""
+
+    name: str
+    run: Callable[..., Awaitable[None]]
+    restart: Restart = "permanent"
+    shutdown_s: float = 2.0
+
+
+@dataclass(frozen=True)
+class Budget:
+    """At most ``restarts`` within ``within_s``; the pause before each restart doubles from ``backoff_s``
+    while failures follow each other within ``within_s``."""
+
+    restarts: int = 3
+    within_s: float = 5.0
+    backoff_s: float = 0.0
+    backoff_max_s: float = 1.0
+
+
+class _Child:
+    def __init__(self, spec: ChildSpec) -> None:
+        self.spec = spec
+        self.scope = trio.CancelScope()
+        self.done = trio.Event()
+        self.done.set()
+        self.starts = 0
+
+
+class Supervisor:
+    """Starts children in order, restarts them by strategy and kind, stops them in reverse order."""
+
+    def __init__(
+        self,
+        specs: Sequence[ChildSpec],
+        strategy: Strategy = "one_for_one",
+        budget: Budget | None = None,
+        on_restart: Callable[[str, str], None] | None = None,
+    ) -> None:
+        self._children = [_Child(spec) for spec in specs]
+        self._strategy = strategy
+        self._budget = budget or Budget()
+        self._on_restart = on_restart
+        self._failures: deque[float] = deque()
+        self._ended: trio.MemorySendChannel[tuple[_Child, BaseException | None]]
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """How often each child was started again."""
+        return {child.spec.name: max(0, child.starts - 1) for child in self._children}
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Raise ``BudgetSpent`` when a child keeps failing; return when every child has ended for good."""
+        self._ended, ended = trio.open_memory_channel[tuple[_Child, BaseException | None]](float("inf"))
+        async with trio.open_nursery() as nursery:
+            try:
+                for child in self._children:
+                    await self._start(nursery, child)
+                task_status.started()
+                await self._supervise(nursery, ended)
+            finally:
+                await self._stop(self._children)
+
+    async def _supervise(
+        self,
+        nursery: trio.Nursery,
+        ended: trio.MemoryReceiveChannel[tuple[_Child, BaseException | None]],
+    ) -> None:
+        while any(not child.done.is_set() for child in self._children):
+            child, error = await ended.receive()
+            if child.scope.cancel_called or not child.done.is_set():
+                continue  # stopped by us, or already started again with its siblings
+            kind = child.spec.restart
+            if kind == "temporary" or (kind == "transient" and error is None):
+                continue
+            why = "ended" if error is None else describe(error)
+            pause_s = self._spend(child, why, error)
+            group = self._group(child)
+            await self._stop(group)
+            if pause_s:
+                await trio.sleep(pause_s)
+            for member in group:
+                await self._start(nursery, member)
+            if self._on_restart is not None:
+                self._on_restart(child.spec.name, why)
+
+    def _spend(self, child: _Child, why: str, error: BaseException | None) -> float:
+        now = trio.current_time()
+        while self._failures and self._failures[0] <= now - self._budget.within_s:
+            self._failures.popleft()
+        if len(self._failures) >= self._budget.restarts:
+            count, within_s = len(self._failures) + 1, self._budget.within_s
+            raise BudgetSpent(f"{child.spec.name} failed {count} times in {within_s:g} s: {why}") from error
+        self._failures.append(now)
+        doubled: float = self._budget.backoff_s * 2 ** (len(self._failures) - 1)
+        return min(doubled, self._budget.backoff_max_s)
+
+    def _group(self, failed: _Child) -> list[_Child]:
+        if self._strategy == "one_for_one":
+            return [failed]
+        if self._strategy == "rest_for_one":
+            return self._children[self._children.index(failed) :]
+        return self._children
+
+    async def _start(self, nursery: trio.Nursery, child: _Child) -> None:
+        child.scope = trio.CancelScope(shield=True)
+        child.done = trio.Event()
+        child.starts += 1
+        await nursery.start(self._run_child, child)
+
+    async def _run_child(
+        self, child: _Child, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
+    ) -> None:
+        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse order.
+        error: BaseException | None = None
+        started = _StartedOnce(task_status)
+        scope, done = child.scope, child.done
+        try:
+            with scope:
+                await child.spec.run(task_status=started)
+        except Exception as failure:
+            error = failure
+        finally:
+            started.started()
+            done.set()
+            self._ended.send_nowait((child, error))
+
+    async def _stop(self, children: Sequence[_Child]) -> None:
+        for child in reversed(children):
+            child.scope.cancel()
+            with trio.move_on_after(child.spec.shutdown_s, shield=True):
+                await child.done.wait()
+
+
+class _StartedOnce:
+    """A child that fails before it is up still lets its supervisor go on to decide."""
+
+    def __init__(self, task_status: trio.TaskStatus[None]) -> None:
+        self._task_status: trio.TaskStatus[None] | None = task_status
+
+    def started(self, value: None = None) -> None:
+        if self._task_status is not None:
+            self._task_status.started()
+            self._task_status = None
