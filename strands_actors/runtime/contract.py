@@ -102,9 +102,10 @@ class Wire(ABC):
         Raise ``WireDown``."""
 
     @abstractmethod
-    async def arm(self) -> Observation:
-        """Energise without a jump: goal := measured position first, then torque. Return what was measured.
-        Raise ``WireDown``; what was energised before the failure the caller makes safe."""
+    async def arm(self, permit: Permit) -> Observation:
+        """Energise without a jump: goal := measured position first, then torque; ``permit.check()`` before
+        each motor is energised, so that a stop during bring-up wins. Return what was measured. Raise ``WireDown``;
+        what was energised before a failure the caller makes safe."""
 
     @abstractmethod
     async def read(self) -> Observation:

@@ -59,12 +59,11 @@ class ChildProcess:
             await _poll_until(lambda: not self.alive)
         return self._popen.wait()
 
-    async def fence(self) -> int:
+    async def fence(self) -> None:
         """Make sure it never writes again: SIGKILL, and wait for it."""
         self.kill()
         with trio.CancelScope(shield=True):
-            code = await self.wait()
-        return code
+            await self.wait()
 
     def close(self) -> None:
         """Release the descriptors of a process that is gone."""

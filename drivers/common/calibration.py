@@ -1,0 +1,118 @@
+"""lerobot calibration files: one JSON per robot id, ``{motor: {id, drive_mode, homing_offset, range_min,
+range_max}}``, integers, in encoder counts. Read once, in the caller; what travels on is plain data.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+
+class MotorCalibration(msgspec.Struct, frozen=True):
+    """One motor of the file. ``range_min`` and ``range_max``: its real travel."""
+
+    id: int
+    drive_mode: int
+    homing_offset: int
+    range_min: int
+    range_max: int
+
+    def __post_init__(self) -> None:
+        _within("id", self.id, 0, 253)
+        _within("drive_mode", self.drive_mode, 0, 1)
+        _within("range_min", self.range_min, 0, 4095)
+        _within("range_max", self.range_max, 0, 4095)
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min} must be below range_max {self.range_max}")
+
+
+FIELDS = MotorCalibration.__struct_fields__
+
+
+def _within(field: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{field} is {value}, must be {low}..{high}")
+
+
+def folder(environ: Mapping[str, str] = os.environ) -> Path:
+    """Where lerobot keeps its calibration files, by lerobot's own variables."""
+    if root := environ.get("HF_LEROBOT_CALIBRATION"):
+        return Path(root).expanduser()
+    if home := environ.get("HF_LEROBOT_HOME"):
+        return Path(home).expanduser() / "calibration"
+    cache = environ.get("HF_HOME") or Path(environ.get("XDG_CACHE_HOME") or "~/.cache") / "huggingface"
+    return Path(cache).expanduser() / "lerobot" / "calibration"
+
+
+def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None) -> Path | None:
+    """The file of robot ``robot_id`` under the first of ``robot_types`` that has one."""
+    base = folder() if root is None else root
+    for robot_type in robot_types:
+        path = base / "robots" / robot_type / f"{robot_id}.json"
+        if path.is_file():
+            return path
+    return None
+
+
+def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, MotorCalibration]:
+    """Read a file and ``check`` it. Raise ``ValueError``."""
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file"
+        ) from None
+    return check(content, motors, max_offset, str(path))
+
+
+def check(
+    content: Any, motors: Mapping[str, int], max_offset: int, source: str
+) -> dict[str, MotorCalibration]:
+    """Check the content of a file, or a dict given instead of one. ``motors``: the names and ids it must
+    have; ``max_offset``: what the servo's homing offset register can hold. Raise ``ValueError``."""
+    expected = ", ".join(motors)
+    if not isinstance(content, Mapping):
+        raise ValueError(f"calibration {source}: must be an object with one entry per motor: {expected}")
+    missing = [name for name in motors if name not in content]
+    unknown = [str(name) for name in content if name not in motors]
+    if missing or unknown:
+        wrong = [f"lacks {', '.join(missing)}"] * bool(missing) + [
+            f"has unknown {', '.join(unknown)}"
+        ] * bool(unknown)
+        raise ValueError(f"calibration {source}: {' and '.join(wrong)}. It must have exactly {expected}")
+    checked = {name: _motor(content[name], f"calibration {source}: {name}") for name in motors}
+    for name, motor in checked.items():
+        if abs(motor.homing_offset) > max_offset:
+            raise ValueError(
+                f"calibration {source}: {name}: homing_offset is {motor.homing_offset}, "
+                f"must be {-max_offset}..{max_offset}"
+            )
+        if motor.id != motors[name]:
+            raise ValueError(
+                f"calibration {source}: {name} has id {motor.id}, this robot has {motors[name]} there. "
+                "Use the file of this robot"
+            )
+    return checked
+
+
+def _motor(entry: Any, where: str) -> MotorCalibration:
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"{where} must be an object with {', '.join(FIELDS)}")
+    for field in FIELDS:
+        value = entry.get(field)
+        if type(value) is not int:
+            said = repr(value) if field in entry else "missing"
+            raise ValueError(f"{where}: {field} is {said}, must be an integer")
+    if unknown := [str(field) for field in entry if field not in FIELDS]:
+        raise ValueError(
+            f"{where}: unknown field {', '.join(unknown)}. It must have exactly {', '.join(FIELDS)}"
+        )
+    try:
+        return MotorCalibration(**{field: entry[field] for field in FIELDS})
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None

@@ -1,0 +1,140 @@
+"""A serial port as bytes: writes that are complete or fail, reads that wait under trio.
+
+The port that opens the device owns it (an exclusive lock on the open file). A duplicate of its
+descriptor, handed to another process, is adopted: same open file, same lock, same speed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import termios
+from typing import Protocol
+
+import trio
+
+from strands_actors.runtime.contract import WireDown
+
+_READ_SIZE = 4096
+
+
+class BytePort(Protocol):
+    """What a bus needs of its port. Everything raises ``WireDown`` once the port is gone."""
+
+    def write(self, data: bytes) -> None:
+        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves late."""
+        ...
+
+    async def read(self) -> bytes:
+        """At least one byte, as soon as there is one."""
+        ...
+
+    def discard_input(self) -> None:
+        """Forget what was received and not yet read."""
+        ...
+
+    def discard_output(self) -> None:
+        """Forget what was written and has not left yet. May cut a frame in two."""
+        ...
+
+    def fileno(self) -> int: ...
+
+    def close(self) -> None: ...
+
+
+class SerialPort:
+    """A ``BytePort`` over the descriptor of an open terminal device. Closes it."""
+
+    def __init__(self, fd: int, name: str, owner: bool) -> None:
+        self._fd = fd
+        self._owner = owner
+        self.name = name
+        os.set_blocking(fd, False)
+        try:
+            attributes = termios.tcgetattr(fd)
+            # with VMIN 0, as pyserial leaves it, "no data" and "unplugged" both read as b""
+            attributes[6][termios.VMIN] = 1
+            attributes[6][termios.VTIME] = 0
+            termios.tcsetattr(fd, termios.TCSANOW, attributes)
+        except termios.error as error:
+            raise WireDown(f"{name}: not a serial port ({error.args[-1]}). Check port=") from None
+
+    def write(self, data: bytes) -> None:
+        try:
+            written = os.write(self._fd, data)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            raise self._gone(error) from None
+        if written != len(data):
+            raise WireDown(
+                f"{self.name}: output is blocked ({written} of {len(data)} bytes left). "
+                "Check that the adapter is alive, then reconnect"
+            )
+
+    async def read(self) -> bytes:
+        while True:
+            try:
+                await trio.lowlevel.wait_readable(self._fd)
+                data = os.read(self._fd, _READ_SIZE)
+            except BlockingIOError:
+                continue
+            except (OSError, ValueError) as error:
+                raise self._gone(error) from None
+            if not data:
+                raise self._gone(None)
+            return data
+
+    def discard_input(self) -> None:
+        self._flush(termios.TCIFLUSH)
+
+    def discard_output(self) -> None:
+        self._flush(termios.TCOFLUSH)
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def close(self) -> None:
+        if self._fd < 0:
+            return
+        if self._owner:
+            # a duplicate in another process would keep the lock, and us from opening the device again
+            with contextlib.suppress(OSError):
+                fcntl.flock(self._fd, fcntl.LOCK_UN)
+        os.close(self._fd)
+        self._fd = -1
+
+    def _flush(self, queue: int) -> None:
+        try:
+            termios.tcflush(self._fd, queue)
+        except (termios.error, ValueError) as error:
+            raise self._gone(error) from None
+
+    def _gone(self, error: Exception | None) -> WireDown:
+        if self._fd < 0:
+            return WireDown(f"{self.name}: the port is closed. Reconnect")
+        why = error.args[-1] if error and error.args else "end of file"
+        return WireDown(f"{self.name}: the port is gone ({why}). Check cable and power, then reconnect")
+
+
+def open_serial(path: str, baud: int) -> SerialPort:
+    """Open ``path`` raw, 8N1, locked against a second master. Raise ``WireDown``."""
+    import serial  # here: the root process adopts a descriptor and never needs it
+
+    try:
+        device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise WireDown(
+            f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it"
+        ) from None
+    try:
+        fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
+    finally:
+        device.close()
+    return SerialPort(fd, path, owner=True)
+
+
+def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:
+    """Take over an open descriptor, already configured by whoever opened the device."""
+    return SerialPort(fd, name, owner=False)

@@ -1,0 +1,134 @@
+"""The robot's end of a cable: what a twin reads from and writes to."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import fcntl
+import os
+import select
+import shutil
+import sys
+import tempfile
+import termios
+import time
+import tty
+from typing import Protocol
+
+import trio
+
+CHUNK = 4096
+
+
+class Line(Protocol):
+    @property
+    def address(self) -> str:
+        """Where a client connects. Stays the same when the cable is pulled and put back."""
+        ...
+
+    def bits_per_s(self) -> int | None:
+        """The rate the client speaks at; None on a wire where bytes cost no time."""
+        ...
+
+    async def receive(self) -> tuple[int, bytes]:
+        """The next bytes and when they were read (CLOCK_MONOTONIC ns). Waits while unplugged."""
+        ...
+
+    def send(self, data: bytes) -> None:
+        """Never waits: what nobody takes is lost, as on any wire."""
+        ...
+
+    def quiet_for(self, seconds: float) -> bool:
+        """Block until then; False at once when bytes wait to be received."""
+        ...
+
+    def plug(self) -> None: ...
+
+    def unplug(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class PtyLine:
+    """A serial port: a pseudo-terminal behind a symbolic link.
+
+    The link is the address: it goes when the cable is pulled and points to a new terminal when it is put
+    back, as /dev entries of USB adapters do.
+    """
+
+    def __init__(self, link: str | None = None) -> None:
+        """``link``: where the port appears; default: in a temporary directory."""
+        self._directory = None if link else tempfile.mkdtemp(prefix="strands-twin-")
+        self._link = link or os.path.join(self._directory or "", "port")
+        self._master = -1
+        self._slave = -1
+        self._plugged = trio.Event()
+
+    @property
+    def address(self) -> str:
+        return self._link
+
+    def plug(self) -> None:
+        if self._master >= 0:
+            return
+        # we keep the client's side open too: else its close would be our end of file
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        new = f"{self._link}.{os.getpid()}.new"
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(new)
+        os.symlink(os.ttyname(self._slave), new)
+        os.replace(new, self._link)
+        self._plugged.set()
+
+    def unplug(self) -> None:
+        if self._master < 0:
+            return
+        self._plugged = trio.Event()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._link)  # the terminal's number may soon be somebody else's
+        trio.lowlevel.notify_closing(self._master)
+        os.close(self._master)
+        os.close(self._slave)
+        self._master = self._slave = -1
+
+    def close(self) -> None:
+        self.unplug()
+        if self._directory:
+            shutil.rmtree(self._directory, ignore_errors=True)
+
+    def bits_per_s(self) -> int | None:
+        return None if self._slave < 0 else terminal_rate(self._slave)
+
+    async def receive(self) -> tuple[int, bytes]:
+        while True:
+            await self._plugged.wait()
+            with contextlib.suppress(trio.ClosedResourceError, BlockingIOError):
+                await trio.lowlevel.wait_readable(self._master)
+                if self._master >= 0:
+                    data = os.read(self._master, CHUNK)
+                    return time.monotonic_ns(), data
+
+    def quiet_for(self, seconds: float) -> bool:
+        waiting, _, _ = select.select([self._master] if self._master >= 0 else [], [], [], seconds)
+        return not waiting
+
+    def send(self, data: bytes) -> None:
+        if self._master >= 0:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._master, data)
+
+
+_TCGETS2 = 0x802C542A
+"""asm-generic/ioctls.h: struct termios2, 44 bytes, whose last word is the output rate in bit/s. Unlike
+tcgetattr it knows rates that have no B constant: 250 000, 128 000, 76 800."""
+
+
+def terminal_rate(fd: int) -> int:
+    """The rate, bit/s, that whoever opened this terminal has set."""
+    if not sys.platform.startswith("linux"):
+        return int(termios.tcgetattr(fd)[5])
+    words = array.array("I", bytes(44))
+    fcntl.ioctl(fd, _TCGETS2, words)
+    return words[10]

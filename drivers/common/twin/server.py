@@ -1,0 +1,142 @@
+"""Between line and robot: stamps and logs what comes, hands it over, sends replies when they are due."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import trio
+
+from .alarm import NS, new_alarm
+from .faults import Fault, Reply, parse_fault
+from .line import Line
+from .wirelog import WireLog
+
+BITS_PER_BYTE = 10  # 8N1
+
+SHORT_WAIT_S = 0.002
+"""Waits up to this block the process, unless the host speaks: half the price of a turn of the event loop,
+and a twin has nothing else to do."""
+
+
+class Exchange(NamedTuple):
+    """One frame of the host, as it was on the wire, and the replies to it, in their order."""
+
+    kind: str
+    request: bytes
+    replies: Sequence[Reply]
+
+
+class Robot(Protocol):
+    """What a wire's twin is to the server. Pure but for the time its plant reads."""
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        """Act on bytes of the host, in any pieces. One exchange per frame; its request is logged before
+        the next is asked for. ``bits_per_s``: the host's rate, where there is one."""
+        ...
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None: ...
+
+    def power_cycle(self) -> None: ...
+
+
+class _Departure(NamedTuple):
+    due_ns: int
+    order: int
+    frames: list[tuple[str, bytes]]
+
+
+class Server:
+    """Serves one robot on one line. Its methods are what may happen to the robot while it runs."""
+
+    def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
+        """``wire_time``: replies take the time their bytes take at the client's rate."""
+        self._robot = robot
+        self._line = line
+        self._log = log
+        self._wire_time = wire_time
+        self._alarm = new_alarm()
+        self._departures: list[_Departure] = []
+        self._order = itertools.count()
+        self._line_free_ns = 0
+        self._thaw_s = 0.0
+
+    def set_fault(self, text: str) -> None:
+        """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""
+        self._robot.set_fault(*parse_fault(text))
+
+    def power_cycle(self) -> None:
+        self._robot.power_cycle()
+
+    def unplug(self) -> None:
+        """Pull the cable. The robot itself does not notice."""
+        self._line.unplug()
+
+    def plug(self) -> None:
+        self._line.plug()
+
+    def freeze(self, seconds: float) -> None:
+        """The robot neither reads nor answers for so long; then it takes up what waited."""
+        self._thaw_s = trio.current_time() + seconds
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        try:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._read)
+                nursery.start_soon(self._send)
+        finally:
+            self._alarm.close()
+
+    async def _read(self) -> None:
+        while True:
+            t_ns, data = await self._line.receive()
+            await self._thawed()
+            rate = self._line.bits_per_s()
+            for exchange in self._robot.receive(data, rate):
+                self._log.write(t_ns, "host", [(exchange.kind, exchange.request)])
+                self._schedule(exchange, t_ns, rate)
+
+    def _schedule(self, exchange: Exchange, t_ns: int, rate: int | None) -> None:
+        byte_ns = BITS_PER_BYTE * NS // rate if rate and self._wire_time else 0
+        due_ns = max(t_ns, self._line_free_ns) + len(exchange.request) * byte_ns
+        in_time: list[tuple[str, bytes]] = []
+        for reply in exchange.replies:
+            frame = (reply.kind, reply.data)
+            on_wire_ns = round(reply.delay_s * NS) + len(reply.data) * byte_ns
+            if reply.late_s:
+                self._depart(due_ns + on_wire_ns + round(reply.late_s * NS), [frame])
+                continue
+            due_ns += on_wire_ns
+            in_time.append(frame)
+        self._line_free_ns = due_ns
+        if in_time:  # in one piece, as an adapter's buffer would hand them over
+            self._depart(due_ns, in_time)
+
+    def _depart(self, due_ns: int, frames: list[tuple[str, bytes]]) -> None:
+        wait_s = (due_ns - time.monotonic_ns()) / NS
+        if wait_s <= 0 or (wait_s < SHORT_WAIT_S and self._line.quiet_for(wait_s)):
+            self._write(frames)
+            return
+        heapq.heappush(self._departures, _Departure(due_ns, next(self._order), frames))
+        self._alarm.set(self._departures[0].due_ns)
+
+    async def _send(self) -> None:
+        while True:
+            await self._alarm.ring()
+            await self._thawed()
+            while self._departures and self._departures[0].due_ns <= time.monotonic_ns():
+                self._write(heapq.heappop(self._departures).frames)
+            if self._departures:
+                self._alarm.set(self._departures[0].due_ns)
+
+    def _write(self, frames: list[tuple[str, bytes]]) -> None:
+        self._line.send(b"".join(data for _, data in frames))
+        self._log.write(time.monotonic_ns(), "robot", frames)
+
+    async def _thawed(self) -> None:
+        if trio.current_time() < self._thaw_s:
+            await trio.sleep_until(self._thaw_s)

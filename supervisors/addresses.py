@@ -1,0 +1,32 @@
+"""Where the actors of a robot live: ``strands/<robot>/actor/<path>``."""
+
+from __future__ import annotations
+
+from ..runtime.node import PREFIX
+
+
+class Addresses:
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self.gate = self.address("gate")
+        self.watchdog = self.address("watchdog")
+        self.transport = self.address("transport")
+        self.guardian = self.address("guardian")
+        self.root = self.address("root")
+        self.tasks = self.address("tasks")
+        self.policy = self.address("policy")
+
+    def path(self, name: str) -> str:
+        """As ``Node.cell`` takes it."""
+        return f"{self._robot}/actor/{name}"
+
+    def census(self, process: str) -> str:
+        """Path of the actor that answers for one process: root, wire or policy."""
+        return self.path(f"census/{process}")
+
+    def address(self, name: str) -> str:
+        return f"{PREFIX}/{self.path(name)}"
+
+
+def of(robot: str) -> Addresses:
+    return Addresses(robot)

@@ -1,0 +1,120 @@
+"""The failsafe machine: states, events, epoch and actions as data. No I/O, no clock.
+
+This table *is* the machine: the gate steps it, the property tests drive it, the docs show it. An event
+with no row in a mode changes nothing there. ``raises`` says whether the epoch rises: what was prepared in
+an older epoch is refused at the wire.
+
+Which event a reason becomes is the driver's ladder: a rung that keeps motors energised makes it HOLD, any
+other makes it STOP; an e-stop is a stop that also locks.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+import msgspec
+
+
+class Mode(enum.StrEnum):
+    DOWN = "down"  # no link; nothing of ours is energised
+    LOST = "lost"  # no link; it was lost while energised, or before the safe state was confirmed
+    DISARMED = "disarmed"  # link up, de-energised, waiting for a resume
+    ARMING = "arming"  # being energised at the measured position
+    ARMED = "armed"  # energised, setpoints are accepted
+    HOLDING = "holding"  # energised at the measured position; the last writer is gone or late
+    STOPPING = "stopping"  # safe frames are out, not yet confirmed
+    UNCONFIRMED = "unconfirmed"  # a motor did not confirm the safe state
+    FAILED = "failed"  # the restart budget is spent; only a new tree helps
+
+
+class Event(enum.StrEnum):
+    LINK_UP = "link up"
+    LINK_LOST = "link lost"
+    RESUME = "resume"
+    ARM_DONE = "arm done"
+    ARM_FAILED = "arm failed"
+    SETPOINT = "setpoint accepted"
+    HOLD = "hold"  # any reason whose rung keeps the motors energised
+    STOP = "stop"  # any reason whose rung does not
+    SAFE_CONFIRMED = "safe confirmed"
+    SAFE_UNCONFIRMED = "safe unconfirmed"
+    GIVE_UP = "give up"
+
+
+class Action(enum.StrEnum):
+    NONE = ""
+    ARM = "arm"
+    MAKE_SAFE = "make safe"
+
+
+class Row(NamedTuple):
+    mode: Mode
+    raises: bool = False
+    action: Action = Action.NONE
+
+
+_STOP = Row(Mode.STOPPING, True, Action.MAKE_SAFE)
+_LOST = Row(Mode.LOST, True)
+_FAILED = Row(Mode.FAILED, True, Action.MAKE_SAFE)
+
+TRANSITIONS: dict[tuple[Mode, Event], Row] = {
+    (Mode.DOWN, Event.LINK_UP): Row(Mode.DISARMED),
+    (Mode.DOWN, Event.STOP): Row(Mode.DOWN, True, Action.MAKE_SAFE),
+    (Mode.DOWN, Event.GIVE_UP): _FAILED,
+    # What was energised when the link went is still energised when it comes back: safe first.
+    (Mode.LOST, Event.LINK_UP): _STOP,
+    (Mode.LOST, Event.STOP): Row(Mode.LOST, True, Action.MAKE_SAFE),
+    (Mode.LOST, Event.GIVE_UP): _FAILED,
+    (Mode.DISARMED, Event.RESUME): Row(Mode.ARMING, True, Action.ARM),
+    (Mode.DISARMED, Event.STOP): _STOP,
+    (Mode.DISARMED, Event.LINK_LOST): Row(Mode.DOWN, True),
+    (Mode.DISARMED, Event.GIVE_UP): _FAILED,
+    (Mode.ARMING, Event.ARM_DONE): Row(Mode.ARMED),
+    (Mode.ARMING, Event.ARM_FAILED): _STOP,
+    (Mode.ARMING, Event.STOP): _STOP,
+    (Mode.ARMING, Event.LINK_LOST): _LOST,
+    (Mode.ARMING, Event.GIVE_UP): _FAILED,
+    (Mode.ARMED, Event.SETPOINT): Row(Mode.ARMED),
+    (Mode.ARMED, Event.HOLD): Row(Mode.HOLDING, True, Action.MAKE_SAFE),
+    (Mode.ARMED, Event.STOP): _STOP,
+    (Mode.ARMED, Event.LINK_LOST): _LOST,
+    (Mode.ARMED, Event.GIVE_UP): _FAILED,
+    (Mode.HOLDING, Event.SETPOINT): Row(Mode.ARMED),
+    (Mode.HOLDING, Event.STOP): _STOP,
+    (Mode.HOLDING, Event.LINK_LOST): _LOST,
+    (Mode.HOLDING, Event.GIVE_UP): _FAILED,
+    (Mode.STOPPING, Event.SAFE_CONFIRMED): Row(Mode.DISARMED),
+    (Mode.STOPPING, Event.SAFE_UNCONFIRMED): Row(Mode.UNCONFIRMED),
+    (Mode.STOPPING, Event.STOP): _STOP,
+    (Mode.STOPPING, Event.LINK_LOST): _LOST,
+    (Mode.STOPPING, Event.GIVE_UP): _FAILED,
+    # Arming reads every motor back, so one that is still wrong fails it and is stopped again.
+    (Mode.UNCONFIRMED, Event.RESUME): Row(Mode.ARMING, True, Action.ARM),
+    (Mode.UNCONFIRMED, Event.STOP): _STOP,
+    (Mode.UNCONFIRMED, Event.LINK_LOST): _LOST,
+    (Mode.UNCONFIRMED, Event.GIVE_UP): _FAILED,
+    (Mode.FAILED, Event.STOP): _FAILED,
+}
+
+WRITABLE = frozenset({Mode.ARMED, Mode.HOLDING})
+LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED}
+
+
+class State(msgspec.Struct, frozen=True):
+    """``locked_by`` names who pressed e-stop; it outlives every transition but a resume."""
+
+    mode: Mode = Mode.DOWN
+    epoch: int = 1
+    locked_by: str = ""
+
+
+def step(state: State, event: Event, locked_by: str = "") -> tuple[State, Action]:
+    """The next state and what to do. ``locked_by`` (with ``STOP``) makes the stop an e-stop."""
+    row = TRANSITIONS.get((state.mode, event))
+    lock = locked_by or state.locked_by
+    if row is None:
+        return State(state.mode, state.epoch, lock), Action.NONE
+    if event is Event.RESUME:
+        lock = ""
+    return State(row.mode, state.epoch + row.raises, lock), row.action

@@ -1,0 +1,395 @@
+"""The gate decides. Every writer, local or on the mesh, comes through here.
+
+It holds the failsafe state, the one lease, and the last observation; it knows the time only from what the
+watchdog's probe and the kernel's clock say. It never waits: a stop is answered when the transport reports,
+and setpoints, status and further stops are handled meanwhile.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from ..runtime.actor import Actor, Deferred
+from ..runtime.clock import NS
+from ..runtime.contract import Driver, GateState, Observation, Reason
+from ..runtime.messages import Refused
+from ..runtime.node import Ref
+from . import failsafe
+from .failsafe import Action, Event, Mode
+from .messages import (
+    LEASE_TTL_S,
+    MAX_LIFETIME_S,
+    Accepted,
+    Acquire,
+    Alive,
+    Arm,
+    ArmDone,
+    Beat,
+    GetObservation,
+    GetStatus,
+    Lease,
+    LinkLost,
+    LinkUp,
+    MakeSafe,
+    Observed,
+    Probe,
+    Release,
+    Resume,
+    Resumed,
+    SafeDone,
+    Setpoint,
+    StateIs,
+    Status,
+    Stop,
+    StopReport,
+    Write,
+)
+
+_LEASE_TTL_NS = round(LEASE_TTL_S * NS)
+_MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
+
+
+class _Held(msgspec.Struct):
+    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it writes for."""
+
+    id: int
+    holder: str
+    expires_ns: int
+    under: _Held | None = None
+
+    @property
+    def owner(self) -> _Held:
+        return self.under or self
+
+
+class Gate(Actor):
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had."""
+
+    def __init__(
+        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State
+    ) -> None:
+        self._driver = driver
+        self._addresses = transport, watchdog, guardian
+        self._state = start
+        self._lease: _Held | None = None
+        self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
+        self._observation: Observation | None = None
+        self._target: tuple[float, ...] = ()
+        self._target_ns = 0
+        self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
+        self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
+        self._resumes: list[Deferred] = []
+        self._cause = ""
+        self._connect_error = "not connected yet"
+        self._facts: dict[str, object] = {}
+        self._last_stop: StopReport | None = None
+        self._writes = self._reads = self._refusals = 0
+        self._last_refusal = ""
+
+    async def started(self) -> None:
+        transport, watchdog, guardian = self._addresses
+        self._transport: Ref = self.context.ref(transport)
+        self._watchdog: Ref = self.context.ref(watchdog)
+        self._guardian: Ref = self.context.ref(guardian)
+        self._tell_state()
+
+    def receive(
+        self,
+        message: Setpoint
+        | Stop
+        | Resume
+        | Acquire
+        | Beat
+        | Release
+        | GetObservation
+        | GetStatus
+        | Probe
+        | Observed
+        | SafeDone
+        | ArmDone
+        | LinkUp
+        | LinkLost,
+    ) -> Accepted | Refused | StopReport | Resumed | Lease | Observation | Status | Deferred | None:
+        match message:
+            case Setpoint():
+                return self._setpoint(message)
+            case Probe():
+                self._probe(message)
+            case Observed():
+                self._observation = message.observation
+                self._writes, self._reads = message.writes, message.reads
+            case Stop():
+                return self._stop(message)
+            case Resume():
+                return self._resume(message)
+            case Beat():
+                self._beat(message.lease)
+            case Acquire():
+                return self._acquire(message)
+            case Release():
+                self._release(message.lease)
+            case GetObservation():
+                return self._observation or Refused("no_observation", "observe: nothing was read yet")
+            case GetStatus():
+                return self._status()
+            case SafeDone():
+                self._safe_done(message.report)
+            case ArmDone():
+                self._arm_done(message)
+            case LinkUp():
+                self._link_up(message)
+            case LinkLost():
+                self._link_lost(message.why)
+        return None
+
+    # -- setpoints
+
+    def _setpoint(self, message: Setpoint) -> Accepted | Refused:
+        answer = self._admit(message)
+        if isinstance(answer, Refused):
+            self._refusals += 1
+            self._last_refusal = answer.text
+        return answer
+
+    def _admit(self, message: Setpoint) -> Accepted | Refused:
+        now_ns = self.context.clock.now_ns()
+        refusal = self._refuse_by_mode() or self._refuse_by_lease(message, now_ns)
+        if refusal is not None:
+            return refusal
+        observation = self._observation
+        if observation is None:
+            return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
+        state = GateState(
+            now_ns, observation, self._target, self._target_ns, message.period_s > 0, message.period_s
+        )
+        candidate = self._driver.parse(message.action, state)
+        if isinstance(candidate, Refused):
+            return candidate
+        for gate in self._driver.gates:
+            refusal = gate(candidate, state)
+            if refusal is not None:
+                return refusal
+        self._advance(Event.SETPOINT)
+        self._target, self._target_ns = candidate.values, now_ns
+        self._live_until_ns = -1 if message.latched else message.deadline_ns
+        if self._lease is not None:
+            self._lease.expires_ns = now_ns + _LEASE_TTL_NS
+        expires_ns = 0 if message.latched else message.deadline_ns
+        self._transport.tell(Write(self._state.epoch, message.deadline_ns, candidate.values, expires_ns))
+        return Accepted(self._state.epoch, candidate.values)
+
+    def _refuse_by_mode(self) -> Refused | None:
+        mode = self._state.mode
+        if self._state.locked_by:
+            return Refused(
+                "locked_out", f"move: e-stopped by {self._state.locked_by}", "resume() lifts the lockout"
+            )
+        if mode in failsafe.WRITABLE:
+            return None
+        if mode not in failsafe.LINKED:
+            why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
+            return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
+        if mode is Mode.ARMING:
+            return Refused("arming", "move: the robot is being energised", "try again when it is armed")
+        cause = f" ({self._cause})" if self._cause else ""
+        return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_by_lease(self, message: Setpoint, now_ns: int) -> Refused | None:
+        held = self._lease
+        if held is None:
+            return Refused("no_lease", "move: nobody holds the lease", "acquire it first")
+        if held.id != message.lease:
+            return Refused("lease", f"move: {held.holder} holds the lease", "wait until it is released")
+        if message.epoch != self._state.epoch:
+            return Refused(
+                "stale_epoch",
+                f"move: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
+                "acquire the lease again and start from the measured position",
+                str(message.epoch),
+                str(self._state.epoch),
+            )
+        late_ns = now_ns - message.deadline_ns
+        if late_ns >= 0:
+            return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
+        if -late_ns > _MAX_LIFETIME_NS:
+            return Refused(
+                "too_distant",
+                f"move: the deadline is {-late_ns / NS:.1f} s away",
+                f"ask for at most {MAX_LIFETIME_S:g} s",
+            )
+        return None
+
+    # -- the lease
+
+    def _acquire(self, message: Acquire) -> Lease | Refused:
+        now_ns = self.context.clock.now_ns()
+        held = self._lease
+        under: _Held | None = None
+        if held is not None and held.owner.expires_ns > now_ns:
+            if held.id == message.over:
+                under = held.owner
+            elif held.holder != message.holder or held.under is not None:
+                return Refused(
+                    "lease",
+                    f"acquire: {held.holder} holds the lease",
+                    "wait until it is released, or stop it",
+                )
+        elif message.over:
+            return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
+        self._leases += 1
+        self._lease = _Held(self._leases, message.holder, now_ns + _LEASE_TTL_NS, under)
+        return Lease(self._leases, self._state.epoch)
+
+    def _beat(self, lease: int) -> None:
+        held = self._lease
+        while held is not None:
+            if held.id == lease:
+                held.expires_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
+            held = held.under
+
+    def _release(self, lease: int) -> None:
+        if self._lease is not None and self._lease.id == lease:
+            self._lease = self._lease.under
+
+    # -- time
+
+    def _probe(self, probe: Probe) -> None:
+        live_until = self._live_until_ns
+        if live_until:
+            held = self._lease
+            if live_until > 0 and probe.now_ns >= live_until:
+                self._trip(Reason.EXPIRED, "the setpoint expired")
+            elif held is None or probe.now_ns >= held.owner.expires_ns:
+                self._trip(Reason.LEASE, f"{held.holder if held else 'the writer'} stopped answering")
+        state = self._state
+        live = self._live_until_ns != 0 and state.mode is Mode.ARMED
+        self._watchdog.tell(Alive(probe.number, state.epoch, live))
+
+    # -- stop, resume
+
+    def _stop(self, message: Stop) -> StopReport | Deferred | None:
+        deferred = self.context.defer()
+        by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
+        lock = (message.by or "an operator") if message.lock else ""
+        if self._trip(message.reason, by, lock):
+            self._stops.append((self._state.epoch, deferred))
+            return deferred
+        # Nothing to do: already holding, or nothing energised to hold.
+        rung = self._driver.ladder[message.reason]
+        return StopReport(message.reason, rung, self._state.epoch, True, ())
+
+    def _trip(self, reason: Reason, cause: str, lock: str = "") -> bool:
+        """Order the rung of ``reason``; False when the machine has nothing to do for it."""
+        rung = self._driver.ladder[reason]
+        event = Event.HOLD if self._driver.energised(rung) else Event.STOP
+        return self._step(event, rung, reason, cause, lock)
+
+    def _step(self, event: Event, rung: str, reason: Reason, cause: str, lock: str = "") -> bool:
+        row = failsafe.TRANSITIONS.get((self._state.mode, event))
+        if row is not None and row.action is Action.MAKE_SAFE:
+            self._cause = cause
+        if self._advance(event, lock) is not Action.MAKE_SAFE:
+            return False
+        self._live_until_ns = 0
+        for resume in self._resumes:
+            resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+        self._resumes.clear()
+        self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
+        return True
+
+    def _safe_done(self, report: StopReport) -> None:
+        self._last_stop = report
+        for epoch, stop in self._stops:
+            if epoch <= report.epoch:
+                stop.send(report)
+        self._stops = [waiting for waiting in self._stops if waiting[0] > report.epoch]
+        if report.epoch == self._state.epoch:
+            self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
+            if self._state.mode is Mode.HOLDING and self._observation is not None:
+                self._aim_at_measured(self._observation)
+
+    def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
+        mode = self._state.mode
+        if mode in failsafe.WRITABLE and self._observation is not None:
+            return Resumed(self._state.epoch, self._observation)
+        action = self._advance(Event.RESUME)
+        if action is not Action.ARM:
+            if mode not in failsafe.LINKED:
+                return Refused("not_connected", f"resume: not connected: {self._connect_error}")
+            return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
+        deferred = self.context.defer()
+        self._resumes.append(deferred)
+        self._transport.tell(Arm(self._state.epoch))
+        return deferred
+
+    def _arm_done(self, message: ArmDone) -> None:
+        if message.epoch != self._state.epoch or self._state.mode is not Mode.ARMING:
+            return  # a stop during bring-up has won
+        if message.observation is None:
+            cause = f"arming failed: {message.error}"
+            self._step(Event.ARM_FAILED, self._driver.ladder[Reason.STOP], Reason.FAULT, cause)
+            return
+        self._cause = ""
+        self._advance(Event.ARM_DONE)
+        self._aim_at_measured(message.observation)
+        for resume in self._resumes:
+            resume.send(Resumed(self._state.epoch, message.observation))
+        self._resumes.clear()
+
+    def _aim_at_measured(self, observation: Observation) -> None:
+        """The present position is the first target: no jump."""
+        self._observation = observation
+        self._target = observation.position
+        self._target_ns = self.context.clock.now_ns()
+        self._live_until_ns = 0
+
+    # -- the link
+
+    def _link_up(self, message: LinkUp) -> None:
+        self._facts = dict(message.facts)
+        self._connect_error = ""
+        self._observation = message.observation
+        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, "the link was lost")
+
+    def _link_lost(self, why: str) -> None:
+        self._connect_error = why
+        if self._state.mode in failsafe.LINKED:
+            self._cause = f"the link was lost: {why}"
+        self._live_until_ns = 0
+        self._advance(Event.LINK_LOST)
+        for resume in self._resumes:
+            resume.send(Refused("not_connected", f"resume: {why}"))
+        self._resumes.clear()
+
+    def _advance(self, event: Event, lock: str = "") -> Action:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        if self._state != before:
+            self._tell_state()
+        return action
+
+    def _tell_state(self) -> None:
+        state = self._state
+        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._cause))
+
+    def _status(self) -> Status:
+        observation = self._observation
+        age_s = -1.0 if observation is None else (self.context.clock.now_ns() - observation.t_ns) / NS
+        return Status(
+            self._state.mode,
+            self._state.epoch,
+            self._state.mode in failsafe.LINKED,
+            self._connect_error,
+            self._state.locked_by,
+            self._cause,
+            self._lease.holder if self._lease else "",
+            observation,
+            age_s,
+            self._target,
+            self._writes,
+            self._reads,
+            self._refusals,
+            self._last_refusal,
+            self._last_stop,
+            self._facts,
+        )

@@ -1,0 +1,178 @@
+"""The guardian keeps the wire group, and holds the second path to the hardware.
+
+When the wire process dies or stops beating: **fence** it (SIGKILL, and wait for its end: a paused owner
+that resumes would write again), *then* write the safe frames by its own descriptors, then confirm, then
+let the supervisor start the wire anew, closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import trio
+
+from ..runtime.actor import Actor, Deferred
+from ..runtime.clock import NS
+from ..runtime.contract import Driver, MotorReport, Reason, SecondPath
+from ..runtime.node import Ref
+from .failsafe import Mode, State
+from .messages import Fence, HandedOver, Handover, RootBeat, StateIs, StopReport, WireBeat
+from .watchdog import BEAT_EVERY, BEAT_TTL_S, BEAT_TTL_TICKS, TICK_S, Tick
+
+START_DEADLINE_S = 10.0
+
+
+class WireBroken(Exception):
+    """The wire group has ended; it was fenced and the robot made safe."""
+
+
+class Place(Protocol):
+    """Where the wire group lives: a process of its own, or this one (tests)."""
+
+    async def ended(self) -> str:
+        """Return when it has ended by itself, with the reason."""
+        ...
+
+    async def fence(self) -> None:
+        """Return when it can never write again."""
+        ...
+
+
+class Guardian(Actor):
+    """``start_wire(start)`` starts the wire group from a failsafe state and returns its place."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        watchdog: str,
+        start_wire: Callable[[State], Place],
+        on_state: Callable[[StateIs], None] | None = None,
+    ) -> None:
+        self._driver = driver
+        self._watchdog_address = watchdog
+        self._start_wire = start_wire
+        self._on_state = on_state
+        self._second: SecondPath | None = None
+        self.state = StateIs(Mode.DOWN, 0, "", "")
+        self.last_report: StopReport | None = None
+        self._confirmed = True
+        self._orderly = False
+        self._beats = 0
+        self._quiet_ticks = 0
+        self._heard_ns = 0
+        self._broken = trio.Event()
+        self._why = (Reason.WIRE, "")
+        self.idle = trio.Event()  # no wire group runs, and the last one was made safe
+        self.idle.set()
+        self._waiting: list[Deferred] = []
+
+    async def started(self) -> None:
+        self._watchdog: Ref = self.context.ref(self._watchdog_address)
+        self.context.every(TICK_S, Tick)
+
+    def receive(
+        self, message: Tick | WireBeat | StateIs | Handover | Fence
+    ) -> HandedOver | StopReport | Deferred | None:
+        match message:
+            case Tick():
+                self._tick(message.now_ns)
+            case WireBeat():
+                self._heard_ns = self.context.clock.now_ns()
+                self._quiet_ticks = 0
+            case StateIs():
+                self.state = message
+                self._confirmed = message.mode in (Mode.DOWN, Mode.DISARMED)
+                if self._on_state is not None:
+                    self._on_state(message)
+            case Handover():
+                if self._second is not None:
+                    self._second.close()
+                self._second = self._driver.second_path(message.descriptors, self.context.clock)
+                return HandedOver()
+            case Fence():
+                return self._fence(message)
+        return None
+
+    def _tick(self, now_ns: int) -> None:
+        self._beats += 1
+        if self._beats % BEAT_EVERY == 0:
+            self._watchdog.tell(RootBeat(self._beats))
+        if self._heard_ns:
+            self._quiet_ticks += 1
+            if now_ns - self._heard_ns > BEAT_TTL_S * NS and self._quiet_ticks >= BEAT_TTL_TICKS:
+                self._break(Reason.WIRE, "the wire process stopped answering")
+
+    def _break(self, reason: Reason, why: str) -> None:
+        if not self._broken.is_set():
+            self._why = reason, why
+            self._broken.set()
+
+    def _fence(self, message: Fence) -> StopReport | Deferred:
+        lock = (message.by or "an operator") if message.lock else self.state.locked_by
+        self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
+        if self.idle.is_set() and self.last_report is not None:
+            return self.last_report
+        self._break(message.reason, f"{message.reason}: no answer from the wire")
+        deferred = self.context.defer()
+        self._waiting.append(deferred)
+        return deferred
+
+    def leave(self) -> None:
+        """The tree is being shut down and the gate has confirmed the safe state: fence without writing."""
+        self._orderly = True
+
+    async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """The supervisor's child: one life of the wire group. Always raises ``WireBroken`` or ``Cancelled``."""
+        self._broken = trio.Event()
+        self.idle = trio.Event()
+        self._heard_ns = self._quiet_ticks = 0
+        locked_by = self.state.locked_by
+        start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
+        place = self._start_wire(start)
+        try:
+            task_status.started()
+            await self._until_broken(place)
+        finally:
+            with trio.CancelScope(shield=True):
+                await place.fence()
+                self._heard_ns = 0
+                if not self._orderly:
+                    await self._make_safe(start.epoch)
+                self.idle.set()
+        raise WireBroken(self._why[1])
+
+    async def _until_broken(self, place: Place) -> None:
+        async with trio.open_nursery() as nursery:
+
+            async def watch() -> None:
+                self._break(Reason.WIRE, await place.ended())
+
+            async def watch_start() -> None:
+                await trio.sleep(START_DEADLINE_S)
+                if not self._heard_ns:
+                    self._break(Reason.WIRE, f"the wire did not start within {START_DEADLINE_S:g} s")
+
+            nursery.start_soon(watch)
+            nursery.start_soon(watch_start)
+            await self._broken.wait()
+            nursery.cancel_scope.cancel()
+
+    async def _make_safe(self, epoch: int) -> None:
+        reason, why = self._why
+        rung = self._driver.ladder[Reason.WIRE]
+        began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] = ()
+        if self._second is not None:
+            motors = await self._second.make_safe(rung)
+        took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
+        # Without a second path the wire had not come so far as to energise anything.
+        self._confirmed = all(motor.safe for motor in motors)
+        epoch = max(epoch, self.state.epoch) + 1
+        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms)
+        self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
+        if self._on_state is not None:
+            self._on_state(self.state)
+        for waiting in self._waiting:
+            waiting.send(self.last_report)
+        self._waiting.clear()

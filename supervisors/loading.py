@@ -1,0 +1,30 @@
+"""A driver travels between processes as plain data, and is built anew in each."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from ..runtime.contract import Driver
+
+
+def describe_driver(
+    driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]
+) -> dict[str, Any]:
+    where = f"{driver_class.__module__}:{driver_class.__qualname__}"
+    return {"class": where, "robot": robot, "port": port, "options": options}
+
+
+def load(where: str) -> Any:
+    """The object at ``module:qualified.name``."""
+    module, _, name = where.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
+
+
+def load_driver(description: dict[str, Any]) -> Driver:
+    driver_class = load(description["class"])
+    driver: Driver = driver_class(description["robot"], description["port"], description["options"])
+    return driver

@@ -1,0 +1,378 @@
+"""What the actors of one robot say to each other.
+
+Times are CLOCK_MONOTONIC nanoseconds of the robot's host. An *epoch* is the robot's count of safety
+events; a *lease* is the right to write, one holder at a time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from ..runtime.contract import MotorReport, Observation, Reason
+from ..runtime.messages import Message
+
+LEASE_TTL_S = 1.0
+"""A caller that has not been heard of for this long has lost its lease."""
+
+MAX_LIFETIME_S = 10.0
+"""No setpoint may ask to live longer: such a deadline is a wrong clock, not a wish."""
+
+
+# -- from writers to the gate
+
+
+class Acquire(Message, frozen=True):
+    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under."""
+
+    holder: str
+    over: int = 0
+
+
+class Lease(Message, frozen=True):
+    id: int
+    epoch: int
+
+
+class Beat(Message, frozen=True):
+    """The holder lives."""
+
+    lane = "latest"
+
+    lease: int
+
+
+class Release(Message, frozen=True):
+    """Give the lease up. One that writes under another (``over``) is then held before."""
+
+    lease: int
+
+
+class Setpoint(Message, frozen=True):
+    """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease lives,
+    otherwise kept until the deadline."""
+
+    lane = "latest"
+
+    lease: int
+    epoch: int
+    deadline_ns: int
+    action: dict[str, Any]  # checked by the driver: a wrong value is refused by its name
+    period_s: float = 0.0  # of the stream this is part of; 0 for a one-shot
+    latched: bool = False
+
+
+class Accepted(Message, frozen=True):
+    epoch: int
+    values: tuple[float, ...]  # the whole target, axis order, the driver's units
+
+
+class Stop(Message, frozen=True):
+    """Make safe. ``lock``: an e-stop, which stays until a resume."""
+
+    lane = "urgent"
+
+    reason: Reason
+    by: str = ""
+    lock: bool = False
+
+
+class StopReport(Message, frozen=True):
+    """What became of a stop. ``confirmed`` only when every motor was read back safe."""
+
+    reason: Reason
+    rung: str
+    epoch: int
+    confirmed: bool
+    motors: tuple[MotorReport, ...]
+    path: str = "wire"  # or "second": the root's own way
+    took_ms: float = 0.0
+
+    @property
+    def unconfirmed(self) -> list[str]:
+        return [motor.axis for motor in self.motors if not motor.safe]
+
+
+class Resume(Message, frozen=True):
+    """Lift a lockout and energise at the measured position. Restarts no motion."""
+
+    lane = "urgent"
+
+    by: str = ""
+
+
+class Resumed(Message, frozen=True):
+    epoch: int
+    observation: Observation
+
+
+class GetObservation(Message, frozen=True):
+    pass
+
+
+class GetStatus(Message, frozen=True):
+    pass
+
+
+class Status(Message, frozen=True):
+    mode: str
+    epoch: int
+    connected: bool
+    connect_error: str
+    locked_by: str
+    cause: str  # why it is safe: the last reason
+    holder: str
+    observation: Observation | None
+    age_s: float  # of the observation; -1 when there is none
+    target: tuple[float, ...]
+    writes: int
+    reads: int
+    refusals: int
+    last_refusal: str
+    last_stop: StopReport | None
+    facts: dict[str, Any] = msgspec.field(default_factory=dict)
+
+
+# -- inside the wire group
+
+
+class Probe(Message, frozen=True):
+    """The watchdog asks the gate to show that it lives, and to look at its deadlines."""
+
+    lane = "latest"
+
+    number: int
+    now_ns: int
+
+
+class Alive(Message, frozen=True):
+    """The gate's answer. ``live``: there is a setpoint whose writer and lifetime still stand."""
+
+    lane = "latest"
+
+    number: int
+    epoch: int
+    live: bool
+
+
+class Write(Message, frozen=True):
+    """A gated setpoint. The transport checks epoch and deadline again just before the bytes leave."""
+
+    lane = "latest"
+
+    epoch: int
+    deadline_ns: int
+    values: tuple[float, ...]
+    expires_ns: int = 0  # when a re-send is no longer allowed; 0: latched
+
+
+class Cycle(Message, frozen=True):
+    """One turn of the wire: re-send the last setpoint if told so, then read."""
+
+    lane = "latest"
+
+    number: int
+    resend_epoch: int = 0  # 0: read only
+
+
+class Cycled(Message, frozen=True):
+    """The transport's answer; ``busy_until_ns``: it is in a bounded operation (connecting, confirming)."""
+
+    lane = "latest"
+
+    number: int
+    busy_until_ns: int = 0
+
+
+class Observed(Message, frozen=True):
+    lane = "latest"
+
+    observation: Observation
+    writes: int
+    reads: int
+
+
+class MakeSafe(Message, frozen=True):
+    lane = "urgent"
+
+    epoch: int
+    rung: str
+    reason: Reason
+
+
+class SafeDone(Message, frozen=True):
+    lane = "urgent"
+
+    report: StopReport
+
+
+class Arm(Message, frozen=True):
+    epoch: int
+
+
+class ArmDone(Message, frozen=True):
+    lane = "urgent"
+
+    epoch: int
+    observation: Observation | None
+    error: str = ""
+
+
+class LinkUp(Message, frozen=True):
+    lane = "urgent"
+
+    facts: dict[str, Any]
+    observation: Observation
+
+
+class LinkLost(Message, frozen=True):
+    lane = "urgent"
+
+    why: str
+
+
+# -- between the wire group and the guardian
+
+
+class WireBeat(Message, frozen=True):
+    """Earned: sent only while gate and transport both answer the watchdog."""
+
+    lane = "latest"
+
+    number: int
+
+
+class StateIs(Message, frozen=True):
+    """The gate's failsafe state, told at each change: what a restarted wire must go on from."""
+
+    lane = "urgent"
+
+    mode: str
+    epoch: int
+    locked_by: str
+    cause: str
+
+
+class RootBeat(Message, frozen=True):
+    lane = "latest"
+
+    number: int
+
+
+class RootGone(Message, frozen=True):
+    """The link to the root has closed."""
+
+    lane = "urgent"
+
+
+class Handover(Message, frozen=True):
+    """Descriptors for the root's second path. They travel with the message."""
+
+    lane = "urgent"
+
+    descriptors: tuple[int, ...]
+
+
+class HandedOver(Message, frozen=True):
+    pass
+
+
+# -- to and from the root
+
+
+class Fence(Message, frozen=True):
+    """End the wire process and make safe by the second path: for who got no answer to a stop."""
+
+    lane = "urgent"
+
+    reason: Reason
+    by: str = ""
+    lock: bool = False
+
+
+class Shutdown(Message, frozen=True):
+    """Make safe, then end the whole tree."""
+
+    lane = "urgent"
+
+    reason: Reason
+    by: str = ""
+
+
+class Rollout(Message, frozen=True):
+    """What a policy actor needs to run. ``over``: the caller's lease it writes under."""
+
+    robot: str
+    axes: tuple[str, ...]
+    instruction: str
+    period_s: float
+    ttl_s: float
+    duration_s: float
+    n_steps: int = 0  # 0: until the duration ends
+    over: int = 0
+
+
+class StartTask(Message, frozen=True):
+    """Run a policy in a process of its own. ``provider``: ``module:factory``."""
+
+    provider: str
+    options: dict[str, Any]
+    rollout: Rollout
+
+
+class StopTask(Message, frozen=True):
+    lane = "urgent"
+
+
+class GetTask(Message, frozen=True):
+    pass
+
+
+class TaskStatus(Message, frozen=True):
+    """One shape for every driver. ``exit_reason``: stopped, n_steps, duration, policy, gate, publish, stop,
+    cleanup or refused; empty while running and before the first task."""
+
+    lane = "latest"
+
+    running: bool = False
+    steps: int = 0
+    elapsed_s: float = 0.0
+    exit_reason: str = ""
+    exit_detail: str = ""
+    refusal: str = ""
+    instruction: str = ""
+    hz: float = 0.0
+
+
+class Describe(Message, frozen=True):
+    pass
+
+
+class ActorInfo(Message, frozen=True):
+    address: str
+    role: str
+    pid: int
+    state: str
+    restarts: int
+
+
+class ProcessInfo(Message, frozen=True):
+    role: str
+    pid: int
+    restarts: int
+
+
+class Census(Message, frozen=True):
+    """The actors of one process."""
+
+    pid: int
+    actors: tuple[ActorInfo, ...]
+
+
+class TreeReport(Message, frozen=True):
+    robot: str
+    state: str
+    epoch: int
+    processes: tuple[ProcessInfo, ...]
+    actors: tuple[ActorInfo, ...]

@@ -1,0 +1,216 @@
+"""The policy actor turns observations into setpoints.
+
+Inference runs in a worker thread, which may block or spin: the loop that sends setpoints does not wait for
+it. A chunk of actions is buffered and executed at the control rate while the next inference runs. When the
+policy is late the buffer runs dry, the last setpoint expires, and the robot holds: nobody has to notice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import trio
+
+from ..runtime.actor import Actor, describe
+from ..runtime.clock import NS
+from ..runtime.contract import Observation
+from ..runtime.messages import Message, Refused
+from ..runtime.node import AskTimeout, Ref, Unreachable
+from . import addresses
+from .gate import Gate
+from .messages import (
+    Accepted,
+    Acquire,
+    GetObservation,
+    GetTask,
+    Lease,
+    Release,
+    Rollout,
+    Setpoint,
+    StopTask,
+    TaskStatus,
+)
+
+Action = Mapping[str, Any]
+Infer = Callable[[dict[str, float], str], Sequence[Action]]
+
+ASK_S = 0.5
+
+
+def as_infer(policy: Any) -> Infer:
+    """Any object with ``get_actions_sync``, ``get_actions``, ``.step(obs)``, or a callable, as one function
+    from (observation, instruction) to a chunk of actions. Raise ``TypeError`` for anything else."""
+    if hasattr(policy, "get_actions_sync"):
+        return lambda observation, instruction: _chunk(policy.get_actions_sync(observation, instruction))
+    if hasattr(policy, "get_actions"):
+        return lambda observation, instruction: _chunk(policy.get_actions(observation, instruction))
+    if hasattr(policy, "step"):
+        return lambda observation, _: _chunk(policy.step(observation))
+    if callable(policy):
+        return lambda observation, _: _chunk(policy(observation))
+    raise TypeError(
+        f"run_policy: {type(policy).__name__} is no policy. "
+        "give an object with get_actions_sync, get_actions or step, or a callable"
+    )
+
+
+def _chunk(result: Any) -> Sequence[Action]:
+    if inspect.isawaitable(result):
+        result = asyncio.run(_await(result))
+    if isinstance(result, Mapping):
+        return (result,)
+    if isinstance(result, Sequence) and all(isinstance(action, Mapping) for action in result):
+        return result
+    raise TypeError(f"the policy returned {type(result).__name__}, not an action or a list of actions")
+
+
+async def _await(result: Any) -> Any:
+    return await result
+
+
+class _Tick(Message, frozen=True):
+    lane = "latest"
+
+    now_ns: int
+
+
+class Policy(Actor):
+    """One rollout. Tells ``report`` its status as it goes, and once more when it has ended."""
+
+    def __init__(
+        self, rollout: Rollout, make: Callable[[], Any], report: Callable[[TaskStatus], None]
+    ) -> None:
+        self._rollout = rollout
+        self._make = make
+        self._report = report
+        self._buffer: deque[Action] = deque()
+        self._wanted = trio.Event()
+        self._wanted.set()
+        self._chunk_size = 1
+        self._lease: Lease | None = None
+        self._steps = 0
+        self._began_ns = 0
+        self._last_ns = 0
+        self._ended: TaskStatus | None = None
+
+    async def started(self) -> None:
+        self._gate: Ref = self.context.ref(addresses.of(self._rollout.robot).gate, Gate)
+        self._began_ns = self.context.clock.now_ns()
+        self.context.start_soon(self._infer)
+        self.context.every(self._rollout.period_s, _Tick)
+        self._report(self._status())
+
+    async def receive(self, message: _Tick | StopTask | GetTask) -> TaskStatus | None:
+        match message:
+            case _Tick():
+                await self._tick(message.now_ns)
+            case StopTask():
+                await self._end("stopped", "")
+                return self._status()
+            case GetTask():
+                return self._status()
+        return None
+
+    async def _tick(self, now_ns: int) -> None:
+        rollout = self._rollout
+        if self._ended is not None:
+            return
+        if now_ns - self._began_ns >= rollout.duration_s * NS and not rollout.n_steps:
+            await self._end("duration", f"{rollout.duration_s:g} s are over")
+        elif self._buffer and self._lease is not None:
+            await self._send(self._buffer.popleft(), now_ns)
+        elif self._steps and now_ns - self._last_ns > rollout.ttl_s * NS:
+            await self._end("policy", f"no action for {rollout.ttl_s * 1e3:g} ms")
+        if len(self._buffer) <= self._chunk_size // 2:
+            self._wanted.set()
+
+    async def _send(self, action: Action, now_ns: int) -> None:
+        assert self._lease is not None
+        rollout = self._rollout
+        deadline_ns = now_ns + round(rollout.ttl_s * NS)
+        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, dict(action), rollout.period_s)
+        try:
+            answer = await self._gate.ask(setpoint, ASK_S)
+        except (AskTimeout, Unreachable) as failure:
+            await self._end("publish", f"the gate does not answer: {failure}")
+            return
+        if isinstance(answer, Refused):
+            reason = "stop" if answer.code in ("stale_epoch", "disarmed", "locked_out") else "gate"
+            await self._end(reason, answer.text, answer.code)
+            return
+        assert isinstance(answer, Accepted)
+        self._steps += 1
+        self._last_ns = now_ns
+        if rollout.n_steps and self._steps >= rollout.n_steps:
+            await self._end("n_steps", f"{self._steps} steps are done")
+        elif self._steps % 8 == 1:
+            self._report(self._status())
+
+    async def _infer(self) -> None:
+        try:
+            infer = as_infer(await trio.to_thread.run_sync(self._make, abandon_on_cancel=True))
+            while self._ended is None:
+                await self._wanted.wait()
+                self._wanted = trio.Event()
+                observation = await self._observe()
+                if observation is None:
+                    return
+                chunk = await trio.to_thread.run_sync(
+                    infer, observation, self._rollout.instruction, abandon_on_cancel=True
+                )
+                if self._lease is None and not await self._acquire():
+                    return
+                self._chunk_size = len(chunk)
+                self._buffer.extend(chunk)
+                if not chunk:
+                    await trio.sleep(self._rollout.period_s)
+                    self._wanted.set()
+        except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
+            await self._end("policy", describe(error))
+
+    async def _observe(self) -> dict[str, float] | None:
+        try:
+            observation = await self._gate.ask(GetObservation(), ASK_S)
+        except (AskTimeout, Unreachable) as failure:
+            await self._end("publish", f"the gate does not answer: {failure}")
+            return None
+        if not isinstance(observation, Observation):
+            await self._end("gate", getattr(observation, "text", "no observation"))
+            return None
+        return dict(zip(self._rollout.axes, observation.position, strict=True))
+
+    async def _acquire(self) -> bool:
+        """Only when the first action is there: until then the robot is the caller's."""
+        rollout = self._rollout
+        lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over), ASK_S)
+        if isinstance(lease, Lease):
+            self._lease = lease
+            return True
+        await self._end("refused", getattr(lease, "text", "no lease"), getattr(lease, "code", ""))
+        return False
+
+    async def _end(self, reason: str, detail: str, refusal: str = "") -> None:
+        if self._ended is not None:
+            return
+        status = self._status()
+        self._ended = TaskStatus(
+            False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz
+        )
+        if self._lease is not None:
+            # The gate holds the robot where it is before it gives the lease back.
+            try:
+                await self._gate.ask(Release(self._lease.id), ASK_S)
+            except (AskTimeout, Unreachable):
+                pass  # the lease lapses by itself; the status below says why the rollout ended
+        self._report(self._ended)
+
+    def _status(self) -> TaskStatus:
+        if self._ended is not None:
+            return self._ended
+        elapsed_s = (self.context.clock.now_ns() - self._began_ns) / NS
+        hz = self._steps / elapsed_s if elapsed_s > 0 else 0.0
+        return TaskStatus(True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz)

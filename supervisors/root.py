@@ -1,0 +1,182 @@
+"""The root process: robot supervisor, guardian, tasks. Tiny: no numpy, no SDK, no user code.
+
+It belongs to the process that started it. When that one ends, for whatever reason, the robot is made safe
+and the whole tree goes.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from typing import Any
+
+import trio
+
+from ..runtime.actor import Actor, Deferred, describe
+from ..runtime.clock import MonotonicClock
+from ..runtime.contract import Reason
+from ..runtime.link import Link
+from ..runtime.messages import Refused
+from ..runtime.node import AskTimeout, Node, Ref, Unreachable
+from ..runtime.process import wait_for_end_of
+from ..runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from ..runtime.zenoh_mesh import ZenohMesh
+from . import addresses
+from .census import CensusTaker
+from .failsafe import Mode, State
+from .gate import Gate
+from .guardian import Guardian
+from .loading import load_driver
+from .messages import ActorInfo, Census, Describe, ProcessInfo, Shutdown, Stop, StopReport, TreeReport
+from .tasks import Tasks
+from .wire import ProcessPlace
+
+WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
+STOP_S = 0.25
+"""How long the root waits for the wire's own stop before it fences."""
+
+
+class Root(Actor):
+    """Answers for the whole tree, and ends it."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+
+    def receive(self, message: Describe | Shutdown) -> TreeReport | StopReport | Refused | Deferred | None:
+        deferred = self.context.defer()
+        if isinstance(message, Describe):
+            self.context.start_soon(self._describe, deferred)
+        else:
+            self._tree.shut_down(message.reason, message.by, deferred)
+        return deferred
+
+    async def _describe(self, deferred: Deferred) -> None:
+        deferred.send(await self._tree.describe(self.context.address))
+
+
+class Tree:
+    """What runs in the root process."""
+
+    def __init__(self, args: dict[str, Any]) -> None:
+        self.robot: str = args["robot"]
+        self.args = args
+        self.at = addresses.of(self.robot)
+        self.driver = load_driver(args["driver"])
+        self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
+        self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]])
+        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire)
+        self.wire: ProcessPlace | None = None
+        self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
+        self.failed = ""
+        self._shutdown = trio.Event()
+        self._end: tuple[Reason, str] = (Reason.CLEANUP, "")
+        self._waiting: list[Deferred] = []
+
+    def start_wire(self, state: State) -> ProcessPlace:
+        args = {
+            "robot": self.robot,
+            "driver": self.args["driver"],
+            "mode": state.mode,
+            "epoch": state.epoch,
+            "locked_by": state.locked_by,
+            "listen": [self.args["wire_listen"]],
+            "connect": self.args["connect"],
+        }
+        self.wire = ProcessPlace(self.node, self.nursery, args)
+        return self.wire
+
+    async def run(self, sock: socket.socket) -> None:
+        async with trio.open_nursery() as nursery:
+            self.nursery = nursery
+            await nursery.start(self.node.run)
+            nursery.start_soon(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
+            nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
+            nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
+            nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
+            nursery.start_soon(self._watch_caller, self.args["caller_pid"])
+            link = Link(self.node, sock, on_closed=lambda: self.shut_down(Reason.CALLER, "the caller ended"))
+            nursery.start_soon(link.run)
+            nursery.start_soon(self._supervise)
+            nursery.start_soon(self._join_mesh)
+            await self._shutdown.wait()
+            await self._leave()
+
+    async def _supervise(self) -> None:
+        try:
+            await self.supervisor.run()
+        except* BudgetSpent as spent:
+            # Each end of the wire was made safe by the guardian; it stays so.
+            self.failed = describe(spent)
+
+    async def _join_mesh(self) -> None:
+        mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
+        mesh.attach(self.node)
+        await mesh.run()
+
+    async def _watch_caller(self, pid: int) -> None:
+        await wait_for_end_of(pid)
+        self.shut_down(Reason.CALLER, "the caller ended")
+
+    # -- the end
+
+    def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
+        if deferred is not None:
+            self._waiting.append(deferred)
+        if not self._shutdown.is_set():
+            self._end = reason, by
+            self._shutdown.set()
+
+    async def _leave(self) -> None:
+        """The gate's own stop first, then the fence; the guardian writes again unless that was confirmed."""
+        reason, by = self._end
+        report: StopReport | None = None
+        try:
+            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
+        except (AskTimeout, Unreachable):
+            answer = None
+        if isinstance(answer, StopReport) and answer.confirmed:
+            report = answer
+            self.guardian.leave()
+        if self.tasks.process is not None:
+            self.tasks.process.kill()
+        if self.wire is not None:
+            await self.wire.process.fence()
+            with trio.move_on_after(3.0):
+                await self.guardian.idle.wait()
+        report = report or self.guardian.last_report
+        for waiting in self._waiting:
+            waiting.send(report)
+        await trio.sleep(0.02)  # let the report leave
+        os._exit(0)
+
+    # -- the tree, described
+
+    async def describe(self, asker: str) -> TreeReport:
+        state = self.guardian.state
+        mode = Mode.FAILED if self.failed else Mode(state.mode)
+        report = [ProcessInfo("caller", self.args["caller_pid"], 0), ProcessInfo("root", os.getpid(), 0)]
+        if self.wire is not None and self.wire.process.alive:
+            report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
+        if self.tasks.process is not None:
+            report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
+        if self.args.get("twin_pid"):
+            report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
+        actors: list[ActorInfo] = []
+        for process in ("root", "wire", "policy"):
+            try:
+                ref: Ref = self.node.ref(f"strands/{self.at.census(process)}", CensusTaker)
+                census = await ref.ask(Describe(), 0.1)
+            except (AskTimeout, Unreachable):
+                continue
+            if isinstance(census, Census):
+                actors.extend(census.actors)
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), tuple(actors))
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the root process."""
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    await Tree(args).run(sock)

@@ -1,0 +1,162 @@
+"""Named policies, each in a process of its own: the root's part (``Tasks``) and the process itself."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import trio
+
+from ..runtime.actor import Actor
+from ..runtime.clock import MonotonicClock
+from ..runtime.contract import Reason
+from ..runtime.link import Link
+from ..runtime.messages import Refused
+from ..runtime.node import AskTimeout, Node, Ref, Unreachable
+from ..runtime.process import ChildProcess, start
+from ..runtime.zenoh_mesh import ZenohMesh
+from . import addresses
+from .census import CensusTaker
+from .gate import Gate
+from .loading import load
+from .messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .policy import Policy
+
+STOP_S = 0.3
+"""A policy process that has not ended its rollout by then is killed."""
+
+
+class Tasks(Actor):
+    """At most one policy process. Its death, by whatever cause, is told to the gate at once."""
+
+    def __init__(self, robot: str, connect: Callable[[], list[str]]) -> None:
+        self._robot = robot
+        self._connect = connect
+        self.process: ChildProcess | None = None
+        self.starts = 0
+        self._status = TaskStatus()
+        self._stopping = False
+
+    async def started(self) -> None:
+        at = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(at.gate, Gate)
+        self._policy: Ref = self.context.ref(at.policy, Policy)
+
+    async def receive(
+        self, message: StartTask | StopTask | GetTask | TaskStatus
+    ) -> TaskStatus | Refused | None:
+        match message:
+            case TaskStatus():
+                self._status = message
+            case GetTask():
+                return self._status
+            case StartTask():
+                return self._start(message)
+            case StopTask():
+                return await self._stop()
+        return None
+
+    def _start(self, message: StartTask) -> TaskStatus | Refused:
+        if self.process is not None:
+            return Refused("running", "start_task: a task is already running", "stop it first")
+        args = {
+            "robot": self._robot,
+            "provider": message.provider,
+            "options": message.options,
+            "rollout": msgspec.to_builtins(message.rollout),
+            "connect": self._connect(),
+        }
+        self.process = start("strands_actors.supervisors.tasks:main", args)
+        self.starts += 1
+        self._stopping = False
+        self._status = TaskStatus(running=True, instruction=message.rollout.instruction)
+        self.context.start_soon(self._attend, self.process)
+        return self._status
+
+    async def _attend(self, process: ChildProcess) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(process.link(self.context.node).run)
+            code = await process.wait()
+            nursery.cancel_scope.cancel()
+        process.close()
+        self.process = None
+        if self._status.running:
+            how = f"signal {-code}" if code < 0 else f"code {code}"
+            reason, detail = (
+                ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
+            )
+            self._status = msgspec.structs.replace(
+                self._status, running=False, exit_reason=reason, exit_detail=detail
+            )
+            self._gate.tell(Stop(Reason.POLICY, detail or "the task was stopped"))
+
+    async def _stop(self) -> TaskStatus:
+        process = self.process
+        if process is None:
+            return self._status
+        self._stopping = True
+        try:
+            status = await self._policy.ask(StopTask(), STOP_S)
+        except (AskTimeout, Unreachable):
+            status = None
+        if isinstance(status, TaskStatus):
+            self._status = status
+        else:
+            await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
+            self._status = msgspec.structs.replace(
+                self._status, running=False, exit_reason="stopped", exit_detail="the policy did not answer"
+            )
+        await process.fence()
+        return self._status
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the policy process."""
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    robot: str = args["robot"]
+    at = addresses.of(robot)
+    node = Node(f"{robot}.policy.{os.getpid()}", MonotonicClock())
+    rollout = msgspec.convert(args["rollout"], Rollout)
+    tasks = node.ref(at.tasks, Tasks)
+    ended = trio.Event()
+
+    def report(status: TaskStatus) -> None:
+        tasks.tell(status)
+        if not status.running:
+            ended.set()
+
+    def make() -> Any:
+        return load(args["provider"])(**args["options"])
+
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
+        await nursery.start(link.run)
+        mesh = await ZenohMesh.open(connect=args["connect"])
+        mesh.attach(node)
+        await nursery.start(mesh.run)
+        await _until_reachable(node, at.gate)
+        nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
+        nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)
+        await ended.wait()
+        await trio.sleep(0.05)  # let the last status leave
+        os._exit(0)
+
+
+async def _until_reachable(node: Node, gate: str) -> None:
+    from .messages import GetStatus
+
+    ref = node.ref(gate, Gate)
+    with trio.fail_after(5.0):
+        while True:
+            try:
+                await ref.ask(GetStatus(), 0.5)
+                return
+            except (AskTimeout, Unreachable):
+                await trio.sleep(0.01)

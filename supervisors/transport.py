@@ -1,0 +1,206 @@
+"""The transport is the only writer of the wire.
+
+It checks epoch and deadline immediately before each write, through the permit that the wire calls as the
+last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at once. It
+reports every write, reads observations with their age, and opens the wire again, with backoff, when it was
+lost; it never arms by itself.
+"""
+
+from __future__ import annotations
+
+import os
+
+import trio
+
+from ..runtime.actor import Actor
+from ..runtime.clock import NS
+from ..runtime.contract import Driver, MotorReport, Observation, PermitDenied, Wire, WireDown
+from ..runtime.node import AskTimeout, Ref, Unreachable
+from .messages import (
+    Arm,
+    ArmDone,
+    Cycle,
+    Cycled,
+    Handover,
+    LinkLost,
+    LinkUp,
+    MakeSafe,
+    Observed,
+    SafeDone,
+    StopReport,
+    Write,
+)
+
+OPEN_DEADLINE_S = 5.0
+SAFE_DEADLINE_S = 1.5
+BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+
+class _Permit:
+    """A setpoint may leave while its epoch is the present one, its deadline ahead, and no stop waits."""
+
+    __slots__ = ("_deadline_ns", "_epoch", "_transport")
+
+    def __init__(self, transport: Transport, epoch: int, deadline_ns: int) -> None:
+        self._transport = transport
+        self._epoch = epoch
+        self._deadline_ns = deadline_ns
+
+    def check(self) -> None:
+        transport = self._transport
+        if transport.epoch != self._epoch:
+            raise PermitDenied(f"prepared in epoch {self._epoch}, now it is {transport.epoch}")
+        if self._deadline_ns and transport.context.clock.now_ns() >= self._deadline_ns:
+            raise PermitDenied("past its deadline")
+        if transport.context.urgent_waiting:
+            raise PermitDenied("a stop is waiting")
+
+
+class Transport(Actor):
+    def __init__(self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int) -> None:
+        self._driver = driver
+        self._addresses = gate, watchdog, guardian
+        self.epoch = epoch
+        self._wire: Wire | None = None
+        self._last: Write | None = None
+        self._writes = 0
+        self._reads = 0
+        self._denied = 0
+        self._attempts = 0
+        self._open_at_ns = 0
+
+    async def started(self) -> None:
+        gate, watchdog, guardian = self._addresses
+        self._gate: Ref = self.context.ref(gate)
+        self._watchdog: Ref = self.context.ref(watchdog)
+        self._guardian: Ref = self.context.ref(guardian)
+
+    async def receive(self, message: Write | Cycle | MakeSafe | Arm) -> None:
+        match message:
+            case Write():
+                self._last = message
+                await self._write(message, message.deadline_ns)
+            case Cycle():
+                await self._cycle(message)
+            case MakeSafe():
+                await self._make_safe(message)
+            case Arm():
+                await self._arm(message.epoch)
+
+    async def _write(self, write: Write, deadline_ns: int) -> None:
+        if self._wire is None:
+            return
+        try:
+            await self._wire.write(write.values, _Permit(self, write.epoch, deadline_ns))
+        except PermitDenied:
+            self._denied += 1
+        except WireDown as down:
+            self._lose(down)
+        else:
+            self._writes += 1
+
+    async def _cycle(self, cycle: Cycle) -> None:
+        if self._wire is None:
+            await self._open(cycle.number)
+        else:
+            last = self._last
+            if last is not None and cycle.resend_epoch == last.epoch:
+                await self._write(last, last.expires_ns)
+            await self._read()
+        self._watchdog.tell(Cycled(cycle.number))
+
+    async def _read(self) -> None:
+        if self._wire is None:
+            return
+        try:
+            observation = await self._wire.read()
+        except WireDown as down:
+            self._lose(down)
+        else:
+            self._reads += 1
+            self._gate.tell(Observed(observation, self._writes, self._reads))
+
+    # -- safe and armed
+
+    async def _make_safe(self, message: MakeSafe) -> None:
+        self.epoch = max(self.epoch, message.epoch)
+        self._last = None
+        began_ns = self._busy(SAFE_DEADLINE_S)
+        if self._wire is None:
+            motors = _not_reached(self._driver)
+        else:
+            motors = await self._wire.make_safe(message.rung)
+        took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
+        confirmed = bool(motors) and all(motor.safe for motor in motors)
+        report = StopReport(message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms)
+        self._gate.tell(SafeDone(report))
+
+    async def _arm(self, epoch: int) -> None:
+        if epoch <= self.epoch:
+            return
+        self.epoch = epoch
+        self._last = None
+        self._busy(OPEN_DEADLINE_S)
+        observation: Observation | None = None
+        error = "the link was lost"
+        try:
+            if self._wire is not None:
+                observation = await self._wire.arm(_Permit(self, epoch, 0))
+        except (WireDown, PermitDenied) as failure:
+            error = str(failure)
+        self._gate.tell(ArmDone(epoch, observation, error))
+
+    # -- the link
+
+    async def _open(self, number: int) -> None:
+        now_ns = self.context.clock.now_ns()
+        if now_ns < self._open_at_ns:
+            return
+        self._busy(OPEN_DEADLINE_S, number)
+        wire = self._driver.open_wire(self.context.clock)
+        try:
+            with trio.fail_after(OPEN_DEADLINE_S):
+                facts = await wire.open()
+                observation = await wire.read()
+                await self._hand_over(wire)
+        except (WireDown, trio.TooSlowError) as failure:
+            wire.close()
+            why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
+            self._back_off(why)
+        else:
+            self._wire = wire
+            self._attempts = 0
+            self._gate.tell(LinkUp(facts, observation))
+
+    async def _hand_over(self, wire: Wire) -> None:
+        """No arming before the root has its own way to the hardware."""
+        descriptors = tuple(os.dup(fd) for fd in wire.handover())
+        try:
+            await self._guardian.ask(Handover(descriptors), 1.0)
+        except (AskTimeout, Unreachable) as failure:
+            raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
+
+    def _lose(self, down: WireDown) -> None:
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
+            self._back_off(str(down))
+
+    def _back_off(self, why: str) -> None:
+        pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
+        self._attempts += 1
+        self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
+        self._gate.tell(LinkLost(why))
+
+    def _busy(self, at_most_s: float, number: int = 0) -> int:
+        """Tell the watchdog that a bounded operation begins, so that its silence is no sign of death."""
+        now_ns = self.context.clock.now_ns()
+        self._watchdog.tell(Cycled(number, now_ns + round(at_most_s * NS)))
+        return now_ns
+
+
+def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:
+    return tuple(
+        MotorReport(axis, motor_id, False, False, False, "no link")
+        for axis, motor_id in zip(driver.axes, driver.ids, strict=True)
+    )

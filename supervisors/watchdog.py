@@ -1,0 +1,137 @@
+"""The watchdog owns time: it re-sends, expires and beats, each only when earned.
+
+Every tick it probes the gate; the gate looks at its deadlines and answers. Every cycle it asks the
+transport to read, and to re-send the last setpoint *only if* in this period the writer (its lifetime and
+lease stand, says the gate), the gate (it answered) and the transport (it answered the last cycle) are all
+alive. A frozen link in that chain therefore stops the keepalive by itself.
+
+To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
+not answer is fenced from outside, whatever it believes of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..runtime.actor import Actor
+from ..runtime.clock import NS
+from ..runtime.contract import Reason, Timing
+from ..runtime.messages import Message
+from ..runtime.node import Ref
+from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
+
+TICK_S = 0.01
+BEAT_EVERY = 2
+"""Ticks per beat to the root."""
+BEAT_TTL_S = 0.1
+"""Without a beat for this long, the other process counts as frozen."""
+BEAT_TTL_TICKS = 6
+"""...but only after this many ticks of our own without one: when the whole machine paused, everybody was
+late, and nobody is frozen."""
+
+
+class Tick(Message, frozen=True):
+    lane = "latest"
+
+    now_ns: int
+
+
+class Watchdog(Actor):
+    """``orphaned`` is called when the root is gone and the wire has been made safe (or could not be)."""
+
+    def __init__(
+        self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[], None]
+    ) -> None:
+        self._addresses = gate, transport, guardian
+        self._cycle_ns = round(NS / timing.control_hz)
+        self._keepalive_ns = round(timing.keepalive_s * NS)
+        self._orphaned = orphaned
+        self._probe = 0
+        self._cycle = 0
+        self._cycle_at_ns = 0
+        self._resent_at_ns = 0
+        self._gate_answered = 0
+        self._transport_answered = 0
+        self._answers_ns = [0, 0]  # when gate and transport were last heard
+        self._busy_until_ns = 0
+        self._alive = Alive(0, 0, False)
+        self._root_heard_ns = 0  # 0: no root has been heard yet, none can be lost
+        self._root_quiet_ticks = 0
+        self._root_lost = False
+
+    async def started(self) -> None:
+        gate, transport, guardian = self._addresses
+        self._gate: Ref = self.context.ref(gate)
+        self._transport: Ref = self.context.ref(transport)
+        self._guardian: Ref = self.context.ref(guardian)
+        self._answers_ns = [self.context.clock.now_ns()] * 2
+        self.context.every(TICK_S, Tick)
+
+    def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | StopReport) -> None:
+        match message:
+            case Tick():
+                self._tick(message.now_ns)
+            case Alive():
+                self._gate_alive(message)
+            case Cycled():
+                self._transport_answered = max(self._transport_answered, message.number)
+                self._busy_until_ns = message.busy_until_ns
+                self._answers_ns[1] = self.context.clock.now_ns()
+            case RootBeat():
+                self._root_heard_ns = self.context.clock.now_ns()
+                self._root_quiet_ticks = 0
+            case RootGone():
+                self._lose_root("the root process ended")
+            case StopReport():
+                pass
+
+    def _tick(self, now_ns: int) -> None:
+        self._probe += 1
+        self._gate.tell(Probe(self._probe, now_ns))
+        if self._root_heard_ns and not self._root_lost:
+            self._root_quiet_ticks += 1
+            if now_ns - self._root_heard_ns > BEAT_TTL_S * NS and self._root_quiet_ticks >= BEAT_TTL_TICKS:
+                self._lose_root("the root process stopped answering")
+
+    def _gate_alive(self, alive: Alive) -> None:
+        now_ns = self.context.clock.now_ns()
+        self._gate_answered = alive.number
+        self._answers_ns[0] = now_ns
+        self._alive = alive
+        if now_ns >= self._cycle_at_ns:
+            self._start_cycle(now_ns)
+        if alive.number % BEAT_EVERY == 0 and self._chain_answered(now_ns):
+            self._guardian.tell(WireBeat(alive.number))
+
+    def _start_cycle(self, now_ns: int) -> None:
+        resend = 0
+        if (
+            self._alive.live
+            and self._transport_answered == self._cycle
+            and now_ns - self._resent_at_ns >= self._keepalive_ns
+        ):
+            resend = self._alive.epoch
+            self._resent_at_ns = now_ns
+        self._cycle += 1
+        self._cycle_at_ns = max(self._cycle_at_ns + self._cycle_ns, now_ns)
+        self._transport.tell(Cycle(self._cycle, resend))
+
+    def _chain_answered(self, now_ns: int) -> bool:
+        """Gate and transport have both been heard within the beat's lifetime, or the transport said until
+        when it is busy."""
+        gate_ns, transport_ns = self._answers_ns
+        limit_ns = now_ns - round(BEAT_TTL_S * NS) // 2 - self._cycle_ns
+        return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
+
+    def _lose_root(self, why: str) -> None:
+        if self._root_lost:
+            return
+        self._root_lost = True
+        self.context.start_soon(self._leave, why)
+
+    async def _leave(self, why: str) -> None:
+        """Nobody is left who could fence us: make safe, then end."""
+        try:
+            await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
+        finally:
+            self._orphaned()

@@ -1,0 +1,133 @@
+"""The wire group: gate, watchdog and transport, in one loop, with nothing else in it.
+
+If one of the three breaks, the group ends as a whole and the guardian takes over: half a chain is never
+repaired in place.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import trio
+
+from ..runtime.actor import describe
+from ..runtime.clock import Clock, MonotonicClock
+from ..runtime.contract import Driver
+from ..runtime.link import Link
+from ..runtime.node import Node
+from ..runtime.process import ChildProcess, start
+from ..runtime.supervisor import Budget, ChildSpec, Supervisor
+from ..runtime.zenoh_mesh import ZenohMesh
+from . import addresses
+from .census import CensusTaker
+from .failsafe import Mode, State
+from .gate import Gate
+from .loading import load_driver
+from .messages import RootGone
+from .transport import Transport
+from .watchdog import Watchdog
+
+
+async def run_group(
+    node: Node,
+    driver: Driver,
+    robot: str,
+    start_state: State,
+    orphaned: Callable[[], None],
+    task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+) -> None:
+    """Run until cancelled; raise when any of the three fails."""
+    at = addresses.of(robot)
+    cells = [
+        node.cell(
+            at.path("transport"),
+            lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
+        ),
+        node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state)),
+        node.cell(
+            at.path("watchdog"),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned),
+        ),
+    ]
+    try:
+        supervisor = Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=Budget(restarts=0))
+        await supervisor.run(task_status=task_status)
+    finally:
+        for cell in cells:
+            node.release(cell)
+
+
+class ProcessPlace:
+    """The wire group in a child process."""
+
+    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any]) -> None:
+        self.process: ChildProcess = start("strands_actors.supervisors.wire:main", args)
+        nursery.start_soon(self.process.link(node).run)
+
+    async def ended(self) -> str:
+        code = await self.process.wait()
+        return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+
+    async def fence(self) -> None:
+        await self.process.fence()
+        self.process.close()
+
+
+class InlinePlace:
+    """The wire group in this process's loop: for tests, under virtual time too."""
+
+    def __init__(self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State) -> None:
+        self._scope = trio.CancelScope()
+        self._ended = trio.Event()
+        self._why = "the wire group ended"
+        nursery.start_soon(self._run, node, driver, robot, state)
+
+    async def _run(self, node: Node, driver: Driver, robot: str, state: State) -> None:
+        try:
+            with self._scope:
+                await run_group(node, driver, robot, state, self._scope.cancel)
+        except Exception as error:
+            self._why = describe(error)
+        finally:
+            self._ended.set()
+
+    async def ended(self) -> str:
+        await self._ended.wait()
+        return self._why
+
+    async def fence(self) -> None:
+        self._scope.cancel()
+        await self._ended.wait()
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the wire process."""
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    clock: Clock = MonotonicClock()
+    robot: str = args["robot"]
+    at = addresses.of(robot)
+    driver = load_driver(args["driver"])
+    node = Node(f"{robot}.wire.{os.getpid()}", clock)
+    state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
+    link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
+
+    def end() -> None:
+        os._exit(0)
+
+    async def join_mesh() -> None:
+        mesh = await ZenohMesh.open(args["listen"], args["connect"])
+        mesh.attach(node)
+        await mesh.run()
+
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(run_group, node, driver, robot, state, end)
+        nursery.start_soon(link.run)
+        nursery.start_soon(join_mesh)
+        nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
