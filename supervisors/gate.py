@@ -127,7 +127,7 @@ class Gate(Actor):
             case Acquire():
                 return self._acquire(message)
             case Release():
-                self._release(message.lease)
+                return self._release(message.lease)
             case GetObservation():
                 return self._observation or Refused("no_observation", "observe: nothing was read yet")
             case GetStatus():
@@ -247,9 +247,17 @@ class Gate(Actor):
                 held.expires_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
             held = held.under
 
-    def _release(self, lease: int) -> None:
-        if self._lease is not None and self._lease.id == lease:
-            self._lease = self._lease.under
+    def _release(self, lease: int) -> Deferred | None:
+        """Answered when what wrote under another lease has been held."""
+        held = self._lease
+        if held is None or held.id != lease:
+            return None
+        self._lease = held.under
+        deferred = self.context.defer()
+        if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
+            self._stops.append((self._state.epoch, deferred))
+            return deferred
+        return None
 
     # -- time
 

@@ -57,7 +57,7 @@ class Guardian(Actor):
         self.state = StateIs(Mode.DOWN, 0, "", "")
         self.last_report: StopReport | None = None
         self._confirmed = True
-        self._orderly = False
+        self._orderly = self._leaving = False
         self._beats = 0
         self._quiet_ticks = 0
         self._heard_ns = 0
@@ -118,12 +118,17 @@ class Guardian(Actor):
         self._waiting.append(deferred)
         return deferred
 
-    def leave(self) -> None:
-        """The tree is being shut down and the gate has confirmed the safe state: fence without writing."""
-        self._orderly = True
+    def leave(self, confirmed: bool) -> None:
+        """The tree is being shut down: no new wire. ``confirmed``: the gate's own stop was, so fence without
+        writing again."""
+        self._leaving = True
+        self._orderly = confirmed
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """The supervisor's child: one life of the wire group. Always raises ``WireBroken`` or ``Cancelled``."""
+        if self._leaving:
+            task_status.started()
+            await trio.sleep_forever()
         self._broken = trio.Event()
         self.idle = trio.Event()
         self._heard_ns = self._quiet_ticks = 0

@@ -89,7 +89,7 @@ class Tree:
         async with trio.open_nursery() as nursery:
             self.nursery = nursery
             await nursery.start(self.node.run)
-            nursery.start_soon(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
+            await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
@@ -136,7 +136,7 @@ class Tree:
             answer = None
         if isinstance(answer, StopReport) and answer.confirmed:
             report = answer
-            self.guardian.leave()
+        self.guardian.leave(confirmed=report is not None)
         if self.tasks.process is not None:
             self.tasks.process.kill()
         if self.wire is not None:

@@ -81,7 +81,6 @@ class Tasks(Actor):
             nursery.start_soon(process.link(self.context.node).run)
             code = await process.wait()
             nursery.cancel_scope.cancel()
-        process.close()
         self.process = None
         if self._status.running:
             how = f"signal {-code}" if code < 0 else f"code {code}"

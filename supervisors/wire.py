@@ -73,7 +73,6 @@ class ProcessPlace:
 
     async def fence(self) -> None:
         await self.process.fence()
-        self.process.close()
 
 
 class InlinePlace:

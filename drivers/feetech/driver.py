@@ -91,7 +91,7 @@ class Feetech(Driver):
         self._index = {key: at for at, key in enumerate(self.axes)}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return parse(action, self.joints, self._index, state)
+        return parse(action, self.robot, self.joints, self._index, state)
 
     def open_wire(self, clock: Clock) -> FeetechWire:
         from .wire import FeetechWire

@@ -34,7 +34,7 @@ def all_gates(axes: Axes, state_ttl_s: float) -> tuple[GateCheck, ...]:
 
 
 def parse(
-    action: Mapping[str, object], axes: Axes, index: Mapping[str, int], state: GateState
+    action: Mapping[str, object], robot: str, axes: Axes, index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
     """Names and numbers to a whole target. ``x`` and ``x.pos`` name the same joint; both at once are refused."""
     keys = ", ".join(axis.key for axis in axes)
@@ -45,9 +45,9 @@ def parse(
     for key, value in action.items():
         at = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
         if at is None:
-            shown = str(key)[:40]
+            shown = str(key)[:40] or "''"
             return Refused(
-                "unknown_joint", f"move: {shown} is not a joint of this robot", f"use {keys}", shown, keys
+                "unknown_joint", f"move: {shown} is not a joint of {robot}", f"use {keys}", shown, keys
             )
         name = axes[at].key
         if at in named:

@@ -14,6 +14,9 @@ from strands_actors.drivers.common.twin import Exchange, Fault, Faults, PtyLine,
 from . import protocol as p
 from .servo import Reading, Servo
 
+TORN_FRAME_S = 0.01
+"""A frame whose rest does not come for so long is given up [assumed]."""
+
 OPTIONS = {
     "link": "path at which the serial port appears (default: in a temporary directory)",
     "wire_time": "replies take the time a UART takes (default: true)",
@@ -54,6 +57,7 @@ class FeetechBus:
         self.faults = Faults()
         self._now_s = now_s
         self._decoder = p.Decoder()
+        self._heard_s = now_s()
 
     @classmethod
     def for_robot(cls, robot: str, now_s: Callable[[], float] = time.monotonic) -> FeetechBus:
@@ -69,6 +73,10 @@ class FeetechBus:
         )
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        now_s = self._now_s()
+        if now_s - self._heard_s > TORN_FRAME_S:
+            self._decoder.clear()  # else a damaged length would swallow the frames that follow
+        self._heard_s = now_s
         for packet in self._decoder.feed(data):
             yield Exchange(p.classify(packet), p.frame(*packet), self.handle(packet, bits_per_s))
 
@@ -80,7 +88,7 @@ class FeetechBus:
             if servo.fault is not Fault.OFF and bits_per_s in (None, servo.bits_per_s):
                 hearing.setdefault(servo.id, []).append(servo)
         if packet.code == p.SYNC_READ:
-            replies = _sync_read(hearing, packet.params)
+            replies: list[Reply | None] = _sync_read(hearing, packet.params)
         elif packet.code == p.SYNC_WRITE:
             _sync_write(hearing, packet.params)
             replies = []
@@ -90,8 +98,7 @@ class FeetechBus:
                 replies = []
         else:
             replies = [_answer(servo, packet) for servo in hearing.get(packet.id, ())]
-        kind = p.classify(packet)
-        faulty = (self.faults.apply(reply._replace(kind=kind)) for reply in replies if reply)
+        faulty = (self.faults.apply(reply) for reply in replies if reply)
         return [reply for reply in faulty if reply]
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
@@ -115,8 +122,8 @@ class FeetechBus:
             servo.protect(now_s)
 
 
-def _status(servo: Servo, servo_id: int, params: bytes = b"") -> Reply:
-    return Reply(servo.return_delay_s, p.frame(servo_id, servo.error, params), servo_id)
+def _status(servo: Servo, params: bytes = b"", kind: str = "read") -> Reply:
+    return Reply(servo.return_delay_s, p.frame(servo.id, servo.error, params), servo.id, kind)
 
 
 def _sync_read(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> list[Reply | None]:
@@ -124,7 +131,7 @@ def _sync_read(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> list[Re
     if len(params) < 2:
         return []
     address, size, *ids = params
-    return [_status(s, i, s.read(address, size)) for i in ids for s in hearing.get(i, ())]
+    return [_status(s, s.read(address, size)) for i in ids for s in hearing.get(i, ())]
 
 
 def _sync_write(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> None:
@@ -139,12 +146,12 @@ def _sync_write(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> None:
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     """Do what a request to one servo, or to all, says. None: it is not one, or wants no answer."""
     params = packet.params
-    reply = _status(servo, servo.id)  # from the id and with the delay it had when it was asked
+    reply = _status(servo, kind=p.classify(packet))  # with the id and the delay it had when it was asked
     match packet.code, len(params):
         case p.PING, _:
             return reply
         case p.READ, 2:
-            return _status(servo, servo.id, servo.read(*params))
+            return _status(servo, servo.read(*params))
         case p.WRITE, size if size > 1:
             servo.write(params[0], params[1:])
         case p.REG_WRITE, size if size > 1:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import trio
+
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
 
@@ -196,11 +198,11 @@ class FeetechWire(Wire):
     async def read(self) -> Observation:
         session = self._session()
         now_ns = self._clock.now_ns()
-        if session.bus.quiet:
-            return session.observation
-        asked = session.health.to_ask(now_ns)
+        asked = () if session.bus.quiet else session.health.to_ask(now_ns)
         if asked:
             await self._measure(session, asked, now_ns)
+        else:
+            await trio.lowlevel.checkpoint()  # a caller in a loop lets others run in the quiet time too
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:

@@ -103,8 +103,8 @@ class Wire(ABC):
 
     @abstractmethod
     async def arm(self, permit: Permit) -> Observation:
-        """Energise without a jump: goal := measured position first, then torque; ``permit.check()`` before
-        each motor is energised, so that a stop during bring-up wins. Return what was measured. Raise ``WireDown``;
+        """Energise without a jump: goal := measured position first, then torque. ``permit.check()`` before
+        each motor is energised: a stop during bring-up wins. Return what was measured. Raise ``WireDown``;
         what was energised before a failure the caller makes safe."""
 
     @abstractmethod

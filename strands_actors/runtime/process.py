@@ -37,7 +37,6 @@ class ChildProcess:
         self._popen = popen
         self.pid = popen.pid
         self.socket = link_socket
-        self._pidfd = os.pidfd_open(popen.pid) if hasattr(os, "pidfd_open") else -1
 
     def link(self, node: Node) -> Link:
         """The parent's end; run its ``run``."""
@@ -53,10 +52,8 @@ class ChildProcess:
 
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
-        if self._pidfd >= 0:
-            await trio.lowlevel.wait_readable(self._pidfd)
-        else:
-            await _poll_until(lambda: not self.alive)
+        if self._popen.poll() is None:
+            await wait_for_end_of(self.pid)
         return self._popen.wait()
 
     async def fence(self) -> None:
@@ -64,13 +61,6 @@ class ChildProcess:
         self.kill()
         with trio.CancelScope(shield=True):
             await self.wait()
-
-    def close(self) -> None:
-        """Release the descriptors of a process that is gone."""
-        if self._pidfd >= 0:
-            trio.lowlevel.notify_closing(self._pidfd)
-            os.close(self._pidfd)
-            self._pidfd = -1
 
 
 def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:
@@ -92,7 +82,7 @@ def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> 
 
 
 async def wait_for_end_of(pid: int) -> None:
-    """Return when a process that is not our child has ended (or never was)."""
+    """Return when a process has ended (or never was)."""
     if not hasattr(os, "pidfd_open"):
         await _poll_until(lambda: not _exists(pid))
         return

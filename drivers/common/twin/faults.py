@@ -74,7 +74,7 @@ class Faults:
     def apply(self, reply: Reply) -> Reply | None:
         """What becomes of a reply; None: nothing is heard. The n-th reply always fares alike."""
         fault = self.of(reply.unit)
-        if fault in (Fault.OK, Fault.STUCK, Fault.WRONG):
+        if fault is Fault.OK or fault is Fault.STUCK or fault is Fault.WRONG:
             return reply
         if fault is Fault.OFF:
             return None

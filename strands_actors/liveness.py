@@ -1,0 +1,59 @@
+"""Does the caller still answer? Its lease is beaten only if so.
+
+A beat that came from a thread alone would prove nothing: such a thread outlives a main thread that has
+crashed, and runs happily beside one that spins. So a beat is earned by the thread that last commanded the
+robot: it lives, and it either waits (sleeps, reads, sits in a prompt) or has called us since the last beat.
+A thread that only computes, without a call, for as long as the lease lasts, no longer looks after its
+robot, which then holds still; its next command simply takes the lease again.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+BUSY_SHARE = 0.5
+"""Of the time between two beats spent computing; a thread that polls with short sleeps stays below."""
+
+
+class Liveness:
+    """Call ``note`` at each verb, ``answers`` at each beat."""
+
+    def __init__(self) -> None:
+        self._thread = threading.current_thread()
+        self._calls = 0
+        self._seen_calls = 0
+        self._cpu_ns = 0
+        self._at_ns = time.monotonic_ns()
+        self._inside = 0
+
+    def enter(self) -> None:
+        """The present thread calls a verb."""
+        self._thread = threading.current_thread()
+        self._calls += 1
+        self._inside += 1
+
+    def leave(self) -> None:
+        self._inside -= 1
+
+    def answers(self) -> bool:
+        if not threading.main_thread().is_alive():
+            return False
+        thread = self._thread if self._thread.is_alive() else threading.main_thread()
+        now_ns = time.monotonic_ns()
+        cpu_ns = _cpu_ns(thread)
+        computed_ns, passed_ns = cpu_ns - self._cpu_ns, now_ns - self._at_ns
+        called = self._calls != self._seen_calls or self._inside > 0
+        self._cpu_ns, self._at_ns, self._seen_calls = cpu_ns, now_ns, self._calls
+        return called or computed_ns < BUSY_SHARE * passed_ns
+
+
+def _cpu_ns(thread: threading.Thread) -> int:
+    """CPU time of a thread; 0 where the system does not tell (macOS)."""
+    if not sys.platform.startswith("linux") or thread.ident is None:
+        return 0
+    try:
+        return time.clock_gettime_ns(time.pthread_getcpuclockid(thread.ident))
+    except OSError:  # it ended between the two calls
+        return 0

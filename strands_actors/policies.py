@@ -1,0 +1,79 @@
+"""Policies by name. Each is built in a process of its own, from ``module:factory`` and plain options.
+
+Another package adds one by the entry point group ``strands_actors.policies``.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from importlib.metadata import entry_points
+
+PROVIDERS = {
+    "mock": "strands_actors.policies:Mock",
+    "sine": "strands_actors.policies:Sine",
+}
+
+
+def list_providers() -> dict[str, str]:
+    """Name to ``module:factory``."""
+    return PROVIDERS | {point.name: point.value for point in entry_points(group="strands_actors.policies")}
+
+
+def resolve_provider(name: str) -> str:
+    """Raise ``ValueError`` with the names there are."""
+    known = list_providers()
+    if name not in known:
+        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted(known))}")
+    return known[name]
+
+
+class Mock:
+    """The drivers page's mock: chunks of 8 actions 0.02 s apart, amplitude 0.5 in the driver's units around
+    where each axis was first seen, f_j = 0.3 + 0.15 j Hz, phase j pi/3."""
+
+    CHUNK = 8
+    DT_S = 0.02
+
+    def __init__(self, axes: Sequence[str], amplitude: float = 0.5) -> None:
+        self._axes = axes
+        self._amplitude = amplitude
+        self._step = 0
+        self._center: dict[str, float] = {}
+
+    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
+        if not self._center:
+            self._center = {axis: observation[axis] for axis in self._axes}
+        actions = []
+        for _ in range(self.CHUNK):
+            t_s = self._step * self.DT_S
+            self._step += 1
+            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._axes)})
+        return actions
+
+    def _at(self, j: int, axis: str, t_s: float) -> float:
+        phase = j * math.pi / 3
+        wave = math.sin(2 * math.pi * (0.3 + 0.15 * j) * t_s + phase) - math.sin(phase)
+        return self._center[axis] + self._amplitude * wave
+
+
+class Sine:
+    """A slow sine on every axis around where it was first seen, starting at rest. One action a call."""
+
+    def __init__(
+        self, axes: Sequence[str], amplitude: float = 15.0, hz: float = 0.25, only: Sequence[str] = ()
+    ) -> None:
+        self._axes = list(only) or list(axes)
+        self._amplitude = amplitude
+        self._hz = hz
+        self._center: dict[str, float] = {}
+        self._began_s = 0.0
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        now_s = time.monotonic()
+        if not self._center:
+            self._center = {axis: observation[axis] for axis in self._axes}
+            self._began_s = now_s
+        wave = self._amplitude * math.sin(2 * math.pi * self._hz * (now_s - self._began_s))
+        return {axis: center + wave for axis, center in self._center.items()}

@@ -1,0 +1,111 @@
+"""The caller's one thread: a trio loop with a node and a mesh, shared by every robot of the process.
+
+It is a daemon thread with no exit handler of its own: when the script ends, by whatever cause, nothing here
+keeps the process (or a lease) alive, and the trees see their caller's end and make the robots safe.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import threading
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+import trio
+
+from .rundir import run_dir
+from .runtime.clock import MonotonicClock
+from .runtime.node import Node
+from .runtime.zenoh_mesh import ZenohMesh, unix_endpoint
+
+T = TypeVar("T")
+
+
+class Portal:
+    """Runs async functions in the loop, from any thread."""
+
+    def __init__(self) -> None:
+        self._ready: Future[None] = Future()
+        self._thread = threading.Thread(target=self._main, name="strands-actors", daemon=True)
+        self._thread.start()
+        self._ready.result()
+
+    def _main(self) -> None:
+        try:
+            trio.run(self._serve)
+        except BaseException as error:
+            if self._ready.done():
+                raise
+            self._ready.set_exception(error)
+
+    async def _serve(self) -> None:
+        self._token = trio.lowlevel.current_trio_token()
+        async with open_caller() as (node, nursery, endpoint):
+            self.node, self.nursery, self.endpoint = node, nursery, endpoint
+            self._ready.set_result(None)
+            await trio.sleep_forever()
+
+    def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
+        """Start ``function(*args)`` in the loop; its result as a future of any thread."""
+        future: Future[T] = Future()
+
+        async def run() -> None:
+            try:
+                future.set_result(await function(*args))
+            except Exception as error:  # the caller's to handle, not the loop's
+                future.set_exception(error)
+
+        self._token.run_sync_soon(self.nursery.start_soon, run)
+        return future
+
+    def call(self, function: Callable[..., Awaitable[T]], *args: Any) -> T:
+        """Run ``function(*args)`` in the loop and wait for it, from any other thread."""
+        return self.submit(function, *args).result()
+
+
+@contextlib.asynccontextmanager
+async def open_caller() -> Any:
+    """A node with a mesh for a process that starts robots: (node, nursery, endpoint)."""
+    path = f"{run_dir()}/caller-{os.getpid()}-{threading.get_ident() & 0xFFFF:x}.sock"
+    endpoint = unix_endpoint(path)
+    node = Node(f"caller.{os.getpid()}.{threading.get_ident() & 0xFFFF:x}", MonotonicClock())
+    mesh = await ZenohMesh.open([endpoint])
+    try:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            mesh.attach(node)
+            await nursery.start(mesh.run)
+            yield node, nursery, endpoint
+            nursery.cancel_scope.cancel()
+    finally:
+        with trio.CancelScope(shield=True):
+            await trio.to_thread.run_sync(mesh.close)
+        for leftover in (path, f"{path}.lock"):
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(leftover)
+
+
+_portal: Portal | None = None
+_portal_pid = 0
+_lock = threading.Lock()
+
+
+def portal() -> Portal:
+    """This process's portal, started at first use (again in a forked child)."""
+    global _portal, _portal_pid
+    with _lock:
+        if _portal is None or _portal_pid != os.getpid():
+            _portal, _portal_pid = Portal(), os.getpid()
+            atexit.register(_remove_socket, _portal.endpoint, os.getpid())
+        return _portal
+
+
+def _remove_socket(endpoint: str, pid: int) -> None:
+    if os.getpid() == pid:
+        path = endpoint.partition("/")[2]
+        for leftover in (path, f"{path}.lock"):
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(leftover)

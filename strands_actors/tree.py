@@ -1,0 +1,487 @@
+"""The caller's end of one robot's tree, on trio: starts it, writes to it, ends it.
+
+``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import AsyncIterator, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import trio
+
+from .rundir import Name, Note
+from .runtime.contract import Driver, Observation, Reason
+from .runtime.messages import Refused
+from .runtime.node import AskTimeout, Node, Ref, Unreachable
+from .runtime.process import ChildProcess, start
+from .runtime.zenoh_mesh import unix_endpoint
+from .supervisors import addresses
+from .supervisors.failsafe import LINKED, Mode
+from .supervisors.gate import Gate
+from .supervisors.guardian import Guardian
+from .supervisors.loading import describe_driver
+from .supervisors.messages import (
+    Accepted,
+    Acquire,
+    Beat,
+    Fence,
+    GetObservation,
+    GetStatus,
+    GetTask,
+    Lease,
+    Resume,
+    Resumed,
+    Rollout,
+    Setpoint,
+    Shutdown,
+    StartTask,
+    Status,
+    Stop,
+    StopReport,
+    StopTask,
+    TaskStatus,
+)
+from .supervisors.policy import Policy, as_infer
+from .supervisors.root import Root
+from .supervisors.tasks import Tasks
+
+BEAT_S = 0.04
+COMMAND_S = 0.25
+"""A command that has not reached the wire by then never will."""
+ASK_S = 0.5
+STOP_S = 2.0
+CONNECT_S = 12.0
+FENCE_S = 3.0
+
+
+class NotConnected(Exception):
+    """There is no tree, or it does not answer."""
+
+
+class RobotTree:
+    """One robot. All methods belong to the trio loop of ``nursery``."""
+
+    def __init__(
+        self,
+        node: Node,
+        nursery: trio.Nursery,
+        endpoint: str,
+        driver_class: type[Driver],
+        kind: str,
+        wanted_name: str,
+        port: str,
+        options: dict[str, Any],
+        transport: str | None,
+        answers: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.driver: Driver = driver_class(kind, port, options)
+        self.kind = kind
+        self.robot = wanted_name  # until the tree is started: then the name it could get
+        self._wanted_name = wanted_name
+        self._driver_class = driver_class
+        self._node = node
+        self._nursery = nursery
+        self._endpoint = endpoint
+        self._port = port
+        self._options = options
+        self._transport = transport
+        self._answers = answers
+        self._name: Name | None = None
+        self._root_process: ChildProcess | None = None
+        self._twin: ChildProcess | None = None
+        self._lease: Lease | None = None
+        self._scope: trio.CancelScope | None = None
+        self._policy_scope: trio.CancelScope | None = None
+        self._task = TaskStatus()
+        self._task_is_remote = False
+        self.closed = False
+
+    # -- start and end
+
+    async def connect(self) -> str | None:
+        """Start the tree if need be, wait for the link, take the lease, arm. None, or why not."""
+        if self.closed:
+            return "connect: this robot was cleaned up. make a new one"
+        try:
+            if self._root_process is None:
+                await self._start()
+            status = await self._wait_linked()
+            if status.mode not in (Mode.ARMED, Mode.HOLDING):
+                if status.locked_by:
+                    return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
+                answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+                if not isinstance(answer, Resumed):
+                    return _text(answer)
+            refusal = await self._acquire()
+        except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
+            return f"connect: {failure}"
+        return None if refusal is None else refusal.text
+
+    async def _start(self) -> None:
+        if self._transport == "twin" and self._twin is None:
+            self._port = await self._start_twin()
+        if self._name is None:
+            self._name = Name(self._wanted_name)
+            self.robot = self._name.name
+        name = self._name
+        at = addresses.of(self.robot)
+        listen, wire_listen = (unix_endpoint(name.socket(role)) for role in ("root", "wire"))
+        args = {
+            "robot": self.robot,
+            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options),
+            "caller_pid": os.getpid(),
+            "twin_pid": self._twin.pid if self._twin else 0,
+            "listen": listen,
+            "wire_listen": wire_listen,
+            "connect": [self._endpoint],
+        }
+        self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
+        name.publish(Note(self.robot, self.kind, self._root_process.pid, [listen, wire_listen]))
+        node = self._node
+        self._gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
+        self._guardian: Ref = node.ref(at.guardian, Guardian)
+        self._root: Ref = node.ref(at.root, Root)
+        self._tasks: Ref = node.ref(at.tasks, Tasks)
+        self._scope = trio.CancelScope()
+        self._nursery.start_soon(self._attend, self._root_process, self._scope)
+
+    async def _start_twin(self) -> str:
+        log = os.environ.get("STRANDS_ACTORS_TWIN_LOG")
+        with tempfile.TemporaryDirectory(prefix="strands-actors-") as directory:
+            port_file = Path(directory) / "port"
+            args = {
+                "twin": self._driver_class.TWIN,
+                "robot": self.kind,
+                "port_file": str(port_file),
+                "log": log,
+            }
+            self._twin = start("strands_actors.twins:main", args)
+            with trio.move_on_after(CONNECT_S):
+                while self._twin.alive:
+                    if port_file.exists():
+                        return port_file.read_text().strip()
+                    await trio.sleep(0.005)
+        raise NotConnected("the twin did not start")
+
+    async def _attend(self, process: ChildProcess, scope: trio.CancelScope) -> None:
+        with scope:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(process.link(self._node).run)
+                nursery.start_soon(self._beat)
+                await process.wait()
+                nursery.cancel_scope.cancel()
+
+    async def _wait_linked(self) -> Status:
+        deadline = trio.current_time() + CONNECT_S
+        status: Status | None = None
+        while trio.current_time() < deadline:
+            assert self._root_process is not None
+            if not self._root_process.alive:
+                raise NotConnected("the root process ended")
+            try:
+                answer = await self._gate.ask(GetStatus(), ASK_S)
+            except (AskTimeout, Unreachable):
+                await trio.sleep(0.005)
+                continue
+            assert isinstance(answer, Status)
+            status = answer
+            if status.mode in LINKED and status.mode != Mode.STOPPING:
+                return status
+            if status.connect_error and status.connect_error != "not connected yet":
+                raise NotConnected(status.connect_error)
+            await trio.sleep(0.01)
+        raise NotConnected(f"no answer within {CONNECT_S:g} s" if status is None else status.connect_error)
+
+    async def _beat(self) -> None:
+        while True:
+            await trio.sleep(BEAT_S)
+            if self._lease is not None and self._answers():
+                self._gate.tell(Beat(self._lease.id))
+
+    async def cleanup(self) -> StopReport | None:
+        """Make safe, end the tree. The report, or None when nothing was running."""
+        self.closed = True
+        self._end_policy("cleanup")
+        process = self._root_process
+        report: StopReport | None = None
+        if process is not None:
+            try:
+                answer = await self._root.ask(Shutdown(Reason.CLEANUP, self._holder), FENCE_S)
+                report = answer if isinstance(answer, StopReport) else None
+            except (AskTimeout, Unreachable):
+                pass  # a root that does not answer is fenced below; the wire then makes itself safe
+            with trio.move_on_after(FENCE_S):
+                await process.wait()
+            await process.fence()
+            await self._forget(process)
+        if self._twin is not None:
+            self._twin.kill(15)
+            with trio.move_on_after(1.0):
+                await self._twin.wait()
+            await self._twin.fence()
+            self._twin = None
+        if self._name is not None:
+            self._name.release()
+            self._name = None
+        return report
+
+    async def _forget(self, process: ChildProcess) -> None:
+        if self._scope is not None:
+            self._scope.cancel()
+        self._root_process = None
+        self._lease = None
+
+    # -- writing
+
+    @property
+    def _holder(self) -> str:
+        return f"{self._wanted_name} in process {os.getpid()}"
+
+    def _require(self) -> None:
+        if self.closed:
+            raise NotConnected("this robot was cleaned up. make a new one")
+        if self._root_process is None:
+            raise NotConnected("not connected. call connect_eagerly() first")
+
+    async def _acquire(self) -> Refused | None:
+        answer = await self._gate.ask(Acquire(self._holder), ASK_S)
+        if isinstance(answer, Lease):
+            self._lease = answer
+            return None
+        return answer if isinstance(answer, Refused) else Refused("lease", "no lease")
+
+    async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
+        """One command: gated, then written, then kept for as long as the driver says."""
+        self._require()
+        if self._task_running():
+            return Refused("running", "move: a task is running", "call stop_task() first")
+        answer = await self._send(action)
+        if isinstance(answer, Refused) and answer.code in ("stale_epoch", "no_lease"):
+            # Held since, or the wire restarted: an explicit new command may take the lease anew. A robot
+            # that is disarmed or locked out refuses it all the same.
+            refusal = await self._acquire()
+            answer = refusal or await self._send(action)
+        return answer
+
+    async def _send(self, action: Mapping[str, Any]) -> Accepted | Refused:
+        lease = self._lease
+        if lease is None:
+            refusal = await self._acquire()
+            if refusal is not None or self._lease is None:
+                return refusal or Refused("lease", "move: no lease")
+            lease = self._lease
+        ttl_s = self.driver.timing.oneshot_ttl_s
+        deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
+        setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, _plain(action), 0.0, ttl_s is None)
+        try:
+            answer = await self._gate.ask(setpoint, ASK_S)
+        except AskTimeout:
+            # It must not execute late: fence and stop.
+            await self._fence(Reason.WIRE, "a command timed out")
+            return Refused(
+                "timeout", f"move: no answer within {ASK_S:g} s; the robot was stopped", "resume()"
+            )
+        except Unreachable as failure:
+            return Refused("unreachable", f"move: {failure}", "resume() when the robot is back")
+        return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
+
+    async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+        """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
+        self._require()
+        try:
+            answer = await self._gate.ask(Stop(reason, self._holder, lock), STOP_S)
+        except (AskTimeout, Unreachable):
+            answer = await self._fence(reason, self._holder, lock)
+        self._end_policy("stop")
+        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+
+    async def _fence(self, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
+        try:
+            answer = await self._guardian.ask(Fence(reason, by, lock), FENCE_S)
+        except (AskTimeout, Unreachable) as failure:
+            # Neither the wire nor the root answers. Without its root the wire makes itself safe.
+            if self._root_process is not None:
+                await self._root_process.fence()
+            why = f"neither wire nor root answers ({failure}); the root was ended"
+            return Refused("unconfirmed", f"stop: {why}", "look at the robot")
+        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+
+    async def resume(self) -> Resumed | Refused:
+        """Lift a lockout, or start again what has died; energise at the measured position. No motion."""
+        if self.closed:
+            raise NotConnected("this robot was cleaned up. make a new one")
+        if not await self._root_answers():
+            if self._root_process is not None:
+                await self._root_process.fence()
+                await self._forget(self._root_process)
+            await self._start()
+        await self._wait_linked()
+        answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+        if isinstance(answer, Resumed):
+            refusal = await self._acquire()
+            return refusal or answer
+        return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+
+    async def _root_answers(self) -> bool:
+        process = self._root_process
+        if process is None or not process.alive:
+            return False
+        try:
+            await self._tasks.ask(GetTask(), ASK_S)
+        except (AskTimeout, Unreachable):
+            return False
+        return True
+
+    # -- reading
+
+    async def observe(self) -> Observation | Refused:
+        self._require()
+        answer = await self._gate.ask(GetObservation(), ASK_S)
+        return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "no answer")
+
+    async def status(self) -> Status | None:
+        """None when the wire does not answer."""
+        if self._root_process is None:
+            return None
+        try:
+            answer = await self._gate.ask(GetStatus(), 0.1)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, Status) else None
+
+    async def observations(self, hz: float) -> AsyncIterator[dict[str, float]]:
+        """Observations at a steady rate, public keys, the driver's units."""
+        async for _ in self._node.clock.ticks(1.0 / hz):
+            answer = await self.observe()
+            if isinstance(answer, Observation):
+                yield self.driver.as_json(answer.position)
+
+    # -- rollouts
+
+    def _task_running(self) -> bool:
+        return self._task.running
+
+    async def run_policy(
+        self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run ``policy`` in this process. Returns at once."""
+        refusal = await self._may_start("run_policy")
+        if refusal is not None:
+            return refusal
+        as_infer(policy)
+        rollout = self._rollout(instruction, duration_s, n_steps, hz)
+        self._task_is_remote = False
+        self._task = TaskStatus(running=True, instruction=instruction)
+        self._policy_scope = trio.CancelScope()
+        self._nursery.start_soon(self._run_policy, rollout, policy, self._policy_scope)
+        return self._task
+
+    async def _run_policy(self, rollout: Rollout, policy: Any, scope: trio.CancelScope) -> None:
+        ended = trio.Event()
+
+        def report(status: TaskStatus) -> None:
+            self._task = status
+            if not status.running:
+                ended.set()
+
+        path = addresses.of(self.robot).path("policy")
+        cell = self._node.cell(path, lambda: Policy(rollout, lambda: policy, report))
+        try:
+            with scope:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(cell.run)
+                    await ended.wait()
+                    nursery.cancel_scope.cancel()
+        finally:
+            self._node.release(cell)
+
+    async def start_task(
+        self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run a named policy in a process of its own. Returns at once."""
+        refusal = await self._may_start("start_task")
+        if refusal is not None:
+            return refusal
+        message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
+        answer = await self._tasks.ask(message, ASK_S * 4)
+        if isinstance(answer, TaskStatus):
+            self._task, self._task_is_remote = answer, True
+        return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+
+    async def _may_start(self, verb: str) -> Refused | None:
+        self._require()
+        if (await self.task()).running:
+            return Refused("running", f"{verb}: a task is already running", "call stop_task() first")
+        status = await self.status()
+        if status is None or status.mode not in (Mode.ARMED, Mode.HOLDING):
+            mode = "not connected" if status is None else status.mode
+            return Refused("not_armed", f"{verb}: the robot is {mode}", "connect_eagerly() or resume() first")
+        return await self._acquire()
+
+    def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
+        timing = self.driver.timing
+        period_s = 1.0 / (hz or timing.control_hz)
+        over = self._lease.id if self._lease else 0
+        ttl_s = max(timing.stream_ttl_s, 2 * period_s)
+        return Rollout(self.robot, self.driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
+
+    async def task(self) -> TaskStatus:
+        """The present task's status, or the last one's."""
+        if self._task_is_remote and self._task.running:
+            try:
+                answer = await self._tasks.ask(GetTask(), 0.1)
+            except (AskTimeout, Unreachable):
+                return self._task
+            if isinstance(answer, TaskStatus):
+                self._task = answer
+        return self._task
+
+    async def stop_task(self) -> TaskStatus | Refused:
+        """End the rollout. Returns when the robot holds, whatever the policy does."""
+        self._require()
+        if not (await self.task()).running:
+            return self._task
+        local = self._node.ref(addresses.of(self.robot).policy, Policy)
+        ref = self._tasks if self._task_is_remote else local
+        try:
+            answer = await ref.ask(StopTask(), ASK_S * 2)
+        except (AskTimeout, Unreachable):
+            answer = await self._gate.ask(Stop(Reason.POLICY, self._holder), STOP_S)
+            self._end_policy("stopped")
+        if isinstance(answer, TaskStatus):
+            self._task = answer
+        return self._task
+
+    def _end_policy(self, reason: str) -> None:
+        if self._policy_scope is not None:
+            self._policy_scope.cancel()
+            self._policy_scope = None
+        task = self._task
+        if task.running:
+            self._task = TaskStatus(
+                False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz
+            )
+
+
+def _plain(action: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers of any library as Python's own; what is no number goes as its text, to be refused by name."""
+    plain: dict[str, Any] = {}
+    for key, value in action.items():
+        if isinstance(value, bool | str) or value is None:
+            plain[str(key)] = value
+        elif isinstance(value, Mapping):
+            plain[str(key)] = _plain(value)
+        else:
+            try:
+                plain[str(key)] = float(value)
+            except (TypeError, ValueError):
+                plain[str(key)] = repr(value)
+    return plain
+
+
+def _text(answer: object) -> str:
+    return answer.text if isinstance(answer, Refused) else "no answer"

@@ -1,0 +1,319 @@
+"""The twin's servos, in virtual time: the control table and what it does to the joints."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from strands_actors.drivers.common.twin import Fault, Reply
+from strands_actors.drivers.feetech import protocol as p
+from strands_actors.drivers.feetech.twin import TORN_FRAME_S, FeetechBus, main, table_of
+
+
+class Bench:
+    """A bus, its clock, and the registers of its servos."""
+
+    def __init__(self, robot: str = "so101") -> None:
+        self.now_s = 0.0
+        self.bus = FeetechBus.for_robot(robot, lambda: self.now_s)
+
+    def ask(self, frame: bytes) -> list[Reply]:
+        return [reply for exchange in self.bus.receive(frame, None) for reply in exchange.replies]
+
+    def status(self, frame: bytes) -> p.Packet:
+        (reply,) = self.ask(frame)
+        (packet,) = p.Decoder().feed(reply.data)
+        return packet
+
+    def get(self, servo_id: int, register: p.Register) -> int:
+        return register.decode(self.status(p.read(servo_id, register.address, register.size)).params)
+
+    def put(self, servo_id: int, register: p.Register, value: int) -> p.Packet:
+        return self.status(p.write(servo_id, register, value))
+
+    def wait(self, seconds: float) -> None:
+        """As a client that looks at the robot at 100 Hz."""
+        for _ in range(round(seconds * 100)):
+            self.now_s += 0.01
+            self.ask(p.ping(1))
+
+    def energise(self) -> None:
+        for servo in self.bus.servos:
+            self.put(servo.id, p.GOAL_POSITION, self.get(servo.id, p.POSITION))
+            self.put(servo.id, p.TORQUE_ENABLE, 1)
+
+
+@pytest.mark.parametrize("robot", ["so100", "so101", "hope_jr", "open_duck_mini", "so101_follower"])
+def test_every_robot_has_its_servos_at_zero(robot: str) -> None:
+    bench = Bench(robot)
+    for joint in table_of(robot)["joints"]:
+        assert p.MODEL_NUMBERS[bench.get(joint["id"], p.MODEL)] == joint["model"]
+        assert bench.get(joint["id"], p.POSITION) == 2048
+        assert bench.get(joint["id"], p.TORQUE_ENABLE) == 0
+        assert bench.get(joint["id"], p.STATUS) == 0
+
+
+def test_an_unknown_robot_or_option_is_refused_by_name() -> None:
+    with pytest.raises(ValueError, match="there are so100, so101"):
+        table_of("so102")
+    with pytest.raises(ValueError, match="link, wire_time"):
+        main("so101", options={"speed": 2})
+
+
+def test_a_goal_moves_the_joint_only_with_torque() -> None:
+    bench = Bench()
+    bench.put(1, p.GOAL_POSITION, 2500)
+    bench.wait(1)
+    assert abs(bench.get(1, p.POSITION) - 2048) < 30
+    bench.energise()
+    bench.put(1, p.GOAL_POSITION, 2500)
+    bench.wait(0.1)
+    assert bench.get(1, p.MOVING) == 1
+    assert bench.get(1, p.VELOCITY) > 0
+    assert bench.get(1, p.LOAD) != 0
+    bench.wait(2)
+    assert abs(bench.get(1, p.POSITION) - 2500) < 5
+    assert bench.get(1, p.MOVING) == 0
+
+
+def test_broadcast_torque_off_lets_every_servo_go() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.put(2, p.GOAL_POSITION, 2048 - 300)
+    bench.wait(2)
+    assert bench.ask(p.LIMP) == []
+    assert [bench.get(servo_id, p.TORQUE_ENABLE) for servo_id in range(1, 7)] == [0] * 6
+    held = bench.get(2, p.POSITION)
+    bench.wait(1)
+    assert bench.get(2, p.POSITION) - held > 50  # it falls
+
+
+def test_goals_are_clamped_to_the_position_limits_with_the_homing_offset() -> None:
+    bench = Bench()
+    bench.put(1, p.MAX_POSITION, 2200)
+    bench.put(1, p.HOMING_OFFSET, -100)
+    assert bench.get(1, p.POSITION) == 2148
+    bench.energise()
+    bench.put(1, p.GOAL_POSITION, 3000)
+    bench.wait(2)
+    assert abs(bench.get(1, p.POSITION) - 2200) < 5
+    assert abs(bench.bus.plant.position_rad[0] - (2100 - 2048) * 2 * 3.14159 / 4096) < 0.01
+    assert bench.get(1, p.GOAL_POSITION) == 3000
+
+
+def test_a_position_below_zero_wraps_unless_the_servo_reports_turns() -> None:
+    bench = Bench()
+    bench.put(1, p.MIN_POSITION, 0)
+    bench.put(1, p.HOMING_OFFSET, 2047)
+    assert bench.get(1, p.POSITION) == 1
+    bench.bus.plant.data.joint("shoulder_pan").qpos[0] = -0.1
+    assert bench.get(1, p.POSITION) == 4096 + 1 - 65
+    bench.put(1, p.PHASE, 0x10)
+    assert bench.get(1, p.POSITION) == 1 - 65
+
+
+def test_128_makes_the_present_position_the_middle() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.put(1, p.GOAL_POSITION, 2300)
+    bench.wait(2)
+    bench.put(1, p.TORQUE_ENABLE, p.MIDDLE_IS_HERE)
+    assert abs(bench.get(1, p.POSITION) - 2048) <= 1
+    assert abs(bench.get(1, p.HOMING_OFFSET) - 252) < 5
+    assert bench.get(1, p.TORQUE_ENABLE) == 0
+
+
+def test_eeprom_survives_only_what_was_written_unlocked() -> None:
+    bench = Bench()
+    assert bench.get(3, p.LOCK) == 1
+    bench.put(3, p.P_GAIN, 16)
+    bench.put(3, p.LOCK, 0)
+    bench.put(3, p.D_GAIN, 8)
+    bench.put(3, p.GOAL_POSITION, 2100)
+    bench.bus.power_cycle()
+    assert bench.get(3, p.P_GAIN) == 32
+    assert bench.get(3, p.D_GAIN) == 8
+    assert bench.get(3, p.LOCK) == 1
+    assert bench.get(3, p.GOAL_POSITION) == bench.get(3, p.POSITION)  # RAM is new
+
+
+def test_an_id_written_unlocked_is_the_id_from_then_on() -> None:
+    bench = Bench()
+    bench.put(6, p.LOCK, 0)
+    assert bench.put(6, p.ID, 16).id == 6
+    assert bench.ask(p.ping(6)) == []
+    bench.bus.power_cycle()
+    assert bench.status(p.ping(16)).id == 16
+    assert bench.status(p.frame(16, p.RESET)).id == 16
+
+
+def test_reboot_is_a_power_cycle_of_one() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.status(p.frame(2, p.REBOOT))
+    assert [bench.get(servo_id, p.TORQUE_ENABLE) for servo_id in range(1, 7)] == [1, 0, 1, 1, 1, 1]
+
+
+def test_read_only_registers_and_the_end_of_the_table_are_safe() -> None:
+    bench = Bench()
+    bench.put(1, p.POSITION, 5)
+    bench.put(1, p.MODEL, 5)
+    assert bench.get(1, p.POSITION) == 2048
+    assert bench.get(1, p.MODEL) == 777
+    assert bench.status(p.read(1, 85, 20)).params[5:] == bytes(15)
+    assert len(bench.status(p.read(1, 250, 200)).params) == 200
+    bench.status(p.frame(1, p.WRITE, bytes((88, 1, 2, 3, 4))))
+    assert bench.status(p.read(1, 88, 4)).params == bytes((1, 2, 0, 0))
+
+
+def test_sync_read_answers_in_the_order_of_the_request_without_the_missing() -> None:
+    bench = Bench()
+    replies = bench.ask(p.sync_read([5, 99, 2, 1], p.POSITION.address, 2))
+    assert [reply.unit for reply in replies] == [5, 2, 1]
+    assert all(len(reply.data) == 8 for reply in replies)
+
+
+def test_broadcast_ping_is_answered_by_all_and_nothing_else_is() -> None:
+    bench = Bench()
+    assert [reply.unit for reply in bench.ask(p.ping(p.BROADCAST))] == [1, 2, 3, 4, 5, 6]
+    assert bench.ask(p.read(p.BROADCAST, 56, 2)) == []
+    assert bench.ask(p.frame(p.BROADCAST, p.ACTION)) == []
+
+
+def test_reg_write_waits_for_action() -> None:
+    bench = Bench()
+    for servo_id in (1, 2):
+        bench.status(p.frame(servo_id, p.REG_WRITE, bytes((p.ACCELERATION.address, 7))))
+    assert bench.get(1, p.ACCELERATION) == 0
+    bench.ask(p.frame(p.BROADCAST, p.ACTION))
+    assert [bench.get(servo_id, p.ACCELERATION) for servo_id in (1, 2, 3)] == [7, 7, 0]
+
+
+def test_return_delay_and_status_level_are_obeyed() -> None:
+    bench = Bench()
+    assert [reply.delay_s for reply in bench.ask(p.ping(1))] == [500e-6]
+    bench.put(1, p.RETURN_DELAY, 0)
+    assert [reply.delay_s for reply in bench.ask(p.ping(1))] == [0]
+    bench.put(2, p.STATUS_LEVEL, 1)
+    assert bench.ask(p.write(2, p.STATUS_LEVEL, 0)) == []
+    assert bench.ask(p.write(2, p.ACCELERATION, 9)) == []
+    assert bench.get(2, p.ACCELERATION) == 9
+
+
+def test_a_servo_at_another_rate_hears_nothing() -> None:
+    bench = Bench()
+    bench.put(4, p.BAUD, 1)
+    (ping,) = p.Decoder().feed(p.ping(4))
+    assert bench.bus.handle(ping, 1_000_000) == []
+    assert len(bench.bus.handle(ping, 500_000)) == 1
+    bench.put(4, p.BAUD, 200)
+    assert bench.bus.handle(ping, 500_000) == []
+
+
+def test_voltage_and_temperature_out_of_bounds_show_in_the_error_byte() -> None:
+    bench = Bench()
+    bench.bus.servos[0].voltage_v = 3.9
+    bench.bus.servos[1].temperature_c = 75
+    assert p.error_words(bench.status(p.ping(1)).code) == "voltage"
+    assert p.error_words(bench.status(p.ping(2)).code) == "overheat"
+    assert (bench.get(1, p.VOLTAGE), bench.get(2, p.TEMPERATURE)) == (39, 75)
+    assert bench.status(p.ping(3)).code == 0
+
+
+def test_overload_lets_go_says_so_and_is_over_when_torque_is_written() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.put(6, p.GOAL_POSITION, 0)  # far past the end of the jaw
+    bench.wait(1)
+    assert bench.get(6, p.TORQUE_ENABLE) == 1
+    assert abs(bench.get(6, p.LOAD)) > 900
+    bench.wait(2)
+    assert bench.get(6, p.TORQUE_ENABLE) == 0
+    assert p.error_words(bench.status(p.ping(6)).code) == "overload"
+    assert bench.get(1, p.TORQUE_ENABLE) == 1
+    bench.put(6, p.GOAL_POSITION, 2048)
+    bench.put(6, p.TORQUE_ENABLE, 1)
+    bench.wait(3)
+    assert bench.status(p.ping(6)).code == 0
+    assert abs(bench.get(6, p.POSITION) - 2048) < 10
+
+
+def test_the_torque_limit_limits() -> None:
+    bench = Bench()
+    bench.put(6, p.TORQUE_LIMIT, 300)
+    bench.energise()
+    bench.put(6, p.GOAL_POSITION, 0)
+    bench.wait(4)
+    assert abs(bench.get(6, p.LOAD)) == 300
+    assert bench.get(6, p.TORQUE_ENABLE) == 1  # under the overload threshold
+
+
+def test_off_hears_nothing_holds_nothing_and_comes_back_as_new() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.bus.set_fault(Fault.OFF, 2)
+    assert bench.ask(p.ping(2)) == []
+    assert [reply.unit for reply in bench.ask(p.sync_read([1, 2, 3], 56, 2))] == [1, 3]
+    bench.ask(p.sync_write(p.TORQUE_ENABLE, {2: 1}))
+    assert not bench.bus.plant.torque(1)
+    assert bench.bus.plant.torque(0)
+    bench.bus.set_fault(Fault.OK, 2)
+    assert bench.get(2, p.TORQUE_ENABLE) == 0
+
+
+def test_stuck_answers_what_it_last_felt_and_does_not_move() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.put(1, p.GOAL_POSITION, 2200)
+    bench.wait(2)
+    bench.bus.set_fault(Fault.STUCK, 1)
+    felt = bench.status(p.read(1, 56, 15)).params
+    bench.put(1, p.GOAL_POSITION, 1800)
+    bench.wait(1)
+    assert bench.status(p.read(1, 56, 15)).params == felt
+    assert abs(bench.bus.plant.position_rad[0] - 0.233) < 0.02
+    bench.bus.set_fault(Fault.OK)
+    bench.wait(2)
+    assert abs(bench.get(1, p.POSITION) - 1800) < 5
+
+
+def test_wrong_is_half_a_turn_away_in_a_frame_that_looks_right() -> None:
+    bench = Bench()
+    bench.bus.set_fault(Fault.WRONG, 1)
+    assert (bench.get(1, p.POSITION), bench.get(2, p.POSITION)) == (0, 2048)
+    bench.bus.set_fault(Fault.OK)
+    assert bench.get(1, p.POSITION) == 2048
+
+
+def test_a_torn_frame_does_not_swallow_the_next_one() -> None:
+    bench = Bench()
+    assert bench.ask(b"\xff\xff\x01\xf0\x03") == []
+    bench.now_s += TORN_FRAME_S * 2
+    assert len(bench.ask(p.ping(1))) == 1
+
+
+requests = st.one_of(
+    st.builds(
+        p.frame,
+        st.sampled_from([1, 2, 6, 99, p.BROADCAST]),
+        st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x82, 0x83, 0x55]),
+        st.binary(max_size=12),
+    ),
+    st.binary(max_size=20),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(requests, st.floats(0, 0.1)), max_size=8))
+def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[bytes, float]]) -> None:
+    bench = Bench()
+    for frame, pause_s in sent:
+        bench.now_s += pause_s
+        for reply in bench.ask(frame):
+            assert len(list(p.Decoder().feed(reply.data))) == 1
+    bench.now_s += 1
+    assert all(0 <= servo.id <= 255 for servo in bench.bus.servos)
+    assert all(a <= b for a, b in pairwise([0.0, bench.now_s]))
