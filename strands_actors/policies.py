@@ -59,14 +59,21 @@ class Mock:
 
 
 class Sine:
-    """A slow sine on every axis around where it was first seen, starting at rest. One action a call."""
+    """A slow sine on every axis around where it was first seen, starting there. One action a call.
+    ``spread``: how far each axis is ahead of the one before, in turns."""
 
     def __init__(
-        self, axes: Sequence[str], amplitude: float = 15.0, hz: float = 0.25, only: Sequence[str] = ()
+        self,
+        axes: Sequence[str],
+        amplitude: float = 15.0,
+        hz: float = 0.25,
+        only: Sequence[str] = (),
+        spread: float = 0.0,
     ) -> None:
         self._axes = list(only) or list(axes)
         self._amplitude = amplitude
         self._hz = hz
+        self._spread = spread
         self._center: dict[str, float] = {}
         self._began_s = 0.0
 
@@ -75,5 +82,12 @@ class Sine:
         if not self._center:
             self._center = {axis: observation[axis] for axis in self._axes}
             self._began_s = now_s
-        wave = self._amplitude * math.sin(2 * math.pi * self._hz * (now_s - self._began_s))
-        return {axis: center + wave for axis, center in self._center.items()}
+        turns = self._hz * (now_s - self._began_s)
+        return {
+            axis: center + self._amplitude * (_sine(turns + j * self._spread) - _sine(j * self._spread))
+            for j, (axis, center) in enumerate(self._center.items())
+        }
+
+
+def _sine(turns: float) -> float:
+    return math.sin(2 * math.pi * turns)

@@ -60,6 +60,11 @@ class RealRobot:
     def tool_name(self) -> str:
         return self._plan.tool_name
 
+    @property
+    def name(self) -> str:
+        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        return self.tool_name if self._tree is None else self._tree.robot
+
     def __repr__(self) -> str:
         return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..runtime.node import PREFIX
+from strands_actors.runtime.node import PREFIX
 
 
 class Addresses:

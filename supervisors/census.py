@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 
-from ..runtime.actor import Actor
-from ..runtime.messages import Message, Refused
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.messages import Message, Refused
+
 from .messages import ActorInfo, Census, Describe
 
 ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"

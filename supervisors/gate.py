@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import msgspec
 
-from ..runtime.actor import Actor, Deferred
-from ..runtime.clock import NS
-from ..runtime.contract import Driver, GateState, Observation, Reason
-from ..runtime.messages import Refused
-from ..runtime.node import Ref
+from strands_actors.runtime.actor import Actor, Deferred
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Driver, GateState, Observation, Reason
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.node import Ref
+
 from . import failsafe
 from .failsafe import Action, Event, Mode
 from .messages import (

@@ -12,10 +12,11 @@ from typing import Protocol
 
 import trio
 
-from ..runtime.actor import Actor, Deferred
-from ..runtime.clock import NS
-from ..runtime.contract import Driver, MotorReport, Reason, SecondPath
-from ..runtime.node import Ref
+from strands_actors.runtime.actor import Actor, Deferred
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath
+from strands_actors.runtime.node import Ref
+
 from .failsafe import Mode, State
 from .messages import Fence, HandedOver, Handover, RootBeat, StateIs, StopReport, WireBeat
 from .watchdog import BEAT_EVERY, BEAT_TTL_S, BEAT_TTL_TICKS, TICK_S, Tick

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from ..runtime.contract import Driver
+from strands_actors.runtime.contract import Driver
 
 
 def describe_driver(

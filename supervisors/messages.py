@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from ..runtime.contract import MotorReport, Observation, Reason
-from ..runtime.messages import Message
+from strands_actors.runtime.contract import MotorReport, Observation, Reason
+from strands_actors.runtime.messages import Message
 
 LEASE_TTL_S = 1.0
 """A caller that has not been heard of for this long has lost its lease."""

@@ -15,11 +15,12 @@ from typing import Any
 
 import trio
 
-from ..runtime.actor import Actor, describe
-from ..runtime.clock import NS
-from ..runtime.contract import Observation
-from ..runtime.messages import Message, Refused
-from ..runtime.node import AskTimeout, Ref, Unreachable
+from strands_actors.runtime.actor import Actor, describe
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Observation
+from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
+
 from . import addresses
 from .gate import Gate
 from .messages import (

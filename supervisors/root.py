@@ -12,15 +12,16 @@ from typing import Any
 
 import trio
 
-from ..runtime.actor import Actor, Deferred, describe
-from ..runtime.clock import MonotonicClock
-from ..runtime.contract import Reason
-from ..runtime.link import Link
-from ..runtime.messages import Refused
-from ..runtime.node import AskTimeout, Node, Ref, Unreachable
-from ..runtime.process import wait_for_end_of
-from ..runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
-from ..runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.actor import Actor, Deferred, describe
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+
 from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State

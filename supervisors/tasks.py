@@ -10,14 +10,15 @@ from typing import Any
 import msgspec
 import trio
 
-from ..runtime.actor import Actor
-from ..runtime.clock import MonotonicClock
-from ..runtime.contract import Reason
-from ..runtime.link import Link
-from ..runtime.messages import Refused
-from ..runtime.node import AskTimeout, Node, Ref, Unreachable
-from ..runtime.process import ChildProcess, start
-from ..runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+
 from . import addresses
 from .census import CensusTaker
 from .gate import Gate

@@ -12,10 +12,11 @@ import os
 
 import trio
 
-from ..runtime.actor import Actor
-from ..runtime.clock import NS
-from ..runtime.contract import Driver, MotorReport, Observation, PermitDenied, Wire, WireDown
-from ..runtime.node import AskTimeout, Ref, Unreachable
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Driver, MotorReport, Observation, PermitDenied, Wire, WireDown
+from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
+
 from .messages import (
     Arm,
     ArmDone,
@@ -63,6 +64,8 @@ class Transport(Actor):
         self.epoch = epoch
         self._wire: Wire | None = None
         self._last: Write | None = None
+        self._keepalive_ns = round(driver.timing.keepalive_s * NS)
+        self._written_ns = 0
         self._writes = 0
         self._reads = 0
         self._denied = 0
@@ -98,13 +101,19 @@ class Transport(Actor):
             self._lose(down)
         else:
             self._writes += 1
+            self._written_ns = self.context.clock.now_ns()
 
     async def _cycle(self, cycle: Cycle) -> None:
         if self._wire is None:
             await self._open(cycle.number)
         else:
             last = self._last
-            if last is not None and cycle.resend_epoch == last.epoch:
+            due_ns = self._written_ns + self._keepalive_ns
+            if (
+                last is not None
+                and cycle.resend_epoch == last.epoch
+                and self.context.clock.now_ns() >= due_ns
+            ):
                 await self._write(last, last.expires_ns)
             await self._read()
         self._watchdog.tell(Cycled(cycle.number))

@@ -1,7 +1,7 @@
 """The watchdog owns time: it re-sends, expires and beats, each only when earned.
 
 Every tick it probes the gate; the gate looks at its deadlines and answers. Every cycle it asks the
-transport to read, and to re-send the last setpoint *only if* in this period the writer (its lifetime and
+transport to read, and to re-send the last setpoint (when one is due) *only if* in this period the writer (its lifetime and
 lease stand, says the gate), the gate (it answered) and the transport (it answered the last cycle) are all
 alive. A frozen link in that chain therefore stops the keepalive by itself.
 
@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..runtime.actor import Actor
-from ..runtime.clock import NS
-from ..runtime.contract import Reason, Timing
-from ..runtime.messages import Message
-from ..runtime.node import Ref
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Reason, Timing
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.node import Ref
+
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
 TICK_S = 0.01
@@ -44,12 +45,10 @@ class Watchdog(Actor):
     ) -> None:
         self._addresses = gate, transport, guardian
         self._cycle_ns = round(NS / timing.control_hz)
-        self._keepalive_ns = round(timing.keepalive_s * NS)
         self._orphaned = orphaned
         self._probe = 0
         self._cycle = 0
         self._cycle_at_ns = 0
-        self._resent_at_ns = 0
         self._gate_answered = 0
         self._transport_answered = 0
         self._answers_ns = [0, 0]  # when gate and transport were last heard
@@ -104,14 +103,8 @@ class Watchdog(Actor):
             self._guardian.tell(WireBeat(alive.number))
 
     def _start_cycle(self, now_ns: int) -> None:
-        resend = 0
-        if (
-            self._alive.live
-            and self._transport_answered == self._cycle
-            and now_ns - self._resent_at_ns >= self._keepalive_ns
-        ):
-            resend = self._alive.epoch
-            self._resent_at_ns = now_ns
+        earned = self._alive.live and self._transport_answered == self._cycle
+        resend = self._alive.epoch if earned else 0
         self._cycle += 1
         self._cycle_at_ns = max(self._cycle_at_ns + self._cycle_ns, now_ns)
         self._transport.tell(Cycle(self._cycle, resend))

@@ -13,14 +13,15 @@ from typing import Any
 
 import trio
 
-from ..runtime.actor import describe
-from ..runtime.clock import Clock, MonotonicClock
-from ..runtime.contract import Driver
-from ..runtime.link import Link
-from ..runtime.node import Node
-from ..runtime.process import ChildProcess, start
-from ..runtime.supervisor import Budget, ChildSpec, Supervisor
-from ..runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.actor import describe
+from strands_actors.runtime.clock import Clock, MonotonicClock
+from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+
 from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State

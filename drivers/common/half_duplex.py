@@ -157,13 +157,12 @@ class Health:
 
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
         """The healthy ones, then at most one suspect whose wait is over: last, where its silence cannot hold
-        up the replies of others. When nobody is healthy, everybody who is due."""
+        up the replies of others. When nobody is healthy there is nobody to hold up: everybody."""
         healthy = tuple(i for i in self._ids if self._misses[i] <= MISSES_TOLERATED)
-        due = sorted(
-            (i for i in self._ids if self._misses[i] > MISSES_TOLERATED and self._due_ns[i] <= now_ns),
-            key=self._due_ns.__getitem__,
-        )
-        return (*healthy, *(due[:1] if healthy else due))
+        if not healthy:
+            return self._ids
+        due = [i for i in self._ids if i not in healthy and self._due_ns[i] <= now_ns]
+        return (*healthy, *sorted(due, key=self._due_ns.__getitem__)[:1])
 
     def update(self, asked: Iterable[int], heard: Iterable[int], now_ns: int) -> None:
         answered = frozenset(heard)

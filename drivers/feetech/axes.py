@@ -11,7 +11,8 @@ from typing import Any
 
 import msgspec
 
-from ..common.calibration import MotorCalibration
+from strands_actors.drivers.common.calibration import MotorCalibration
+
 from .protocol import COUNTS
 
 TOP = COUNTS - 1

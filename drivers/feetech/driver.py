@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.drivers.common import calibration as lerobot
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import (
     HOLDING_REASONS,
@@ -18,7 +19,6 @@ from strands_actors.runtime.contract import (
 )
 from strands_actors.runtime.messages import Refused
 
-from ..common import calibration as lerobot
 from .axes import aliases, axes_of, canonical, motor_ids, robots
 from .gates import all_gates, parse
 from .protocol import BAUD_RATES, HOMING_OFFSET

@@ -7,22 +7,23 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
+from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.runtime.contract import WireDown
 
-from ..common.calibration import MotorCalibration
 from . import protocol
 from .axes import TOP, Axis
 from .safing import Bus
 
-PING_S = 0.05
-"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host."""
+PING_S = 0.15
+"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host. Only a missing
+servo costs it, as ``ANSWER_S``."""
 
 PING_SILENCE_S = 0.004
 ROLL_CALL_S = 0.05
 ROLL_CALL_SLOT_S = 0.003
 """A broadcast ping: servos answer one after the other, in slots by id (assumed, after lerobot's wait)."""
 
-ANSWER_S = 0.1
+ANSWER_S = 0.25
 POSITION_MODE = 0
 
 _MODELS = {name: number for number, name in protocol.MODEL_NUMBERS.items()}

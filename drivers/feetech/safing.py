@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import trio
 
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import MotorReport, WireDown
 
-from ..common.half_duplex import HalfDuplexBus
 from . import protocol
 from .axes import TOP, Axis
 
@@ -17,9 +17,15 @@ REPEATS = 2
 REPEAT_S = 0.002
 """A servo that was just sending a reply talks over the frame: by then six have finished (6 x 17 bytes)."""
 
+RESYNC = b"\0\0"
+"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and 255 bytes be
+waited for; a length of 0 is none, and the parser begins anew."""
+
 ATTEMPTS = 3
+ANSWER_S = 0.04
 CONFIRM_S = 1.0
-"""Limit of the whole confirmation. A silent servo costs the timeout and the quiet time, 0.11 s a question."""
+"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14 s, twice an
+attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than a late one."""
 
 Bus = HalfDuplexBus[protocol.Packet]
 
@@ -139,13 +145,13 @@ class Safing:
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
         """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer: the
-        servos then take our first bytes for its rest. Enough copies to outlast the longest frame, and their
-        parsers have found FF FF again before the last one."""
+        servos then take our first bytes for its rest. ``RESYNC`` and enough copies to outlast the longest frame,
+        and their parsers have found FF FF again before the last one."""
         try:
             self._bus.port.discard_output()
         except WireDown as error:
             tally.failed(str(error))  # worth writing all the same
-        self._bus.send(frame * (self._longest // len(frame) + 2))
+        self._bus.send(RESYNC + frame * (self._longest // len(frame) + 2))
         tally.written = True
         for _ in range(REPEATS):
             await self._pause()
@@ -170,7 +176,7 @@ class Safing:
             (protocol.write(motor, register, 0), 0),
             (protocol.read(motor, register.address, register.size), register.size),
         ):
-            replies = await self._bus.transact(request, {motor: size}, wait=True)
+            replies = await self._bus.transact(request, {motor: size}, ANSWER_S, wait=True)
             if motor not in replies:
                 self._note_missing((motor,), replies, tally)
                 return
@@ -196,7 +202,7 @@ class Safing:
 
     async def _ask(self, ids: Sequence[int], address: int, size: int) -> dict[int, protocol.Packet]:
         request = protocol.sync_read(ids, address, size)
-        return await self._bus.transact(request, dict.fromkeys(ids, size), wait=True)
+        return await self._bus.transact(request, dict.fromkeys(ids, size), ANSWER_S, wait=True)
 
     def _note_missing(self, ids: Iterable[int], replies: Mapping[int, object], tally: Tally) -> None:
         detail = "bad reply" if self._bus.stray_bytes else "silent"

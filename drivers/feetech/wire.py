@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
 
-from ..common.half_duplex import HalfDuplexBus, Health
-from ..common.serial_port import BytePort, adopt_serial, open_serial
 from . import protocol
 from .axes import Axis
 from .identify import ANSWER_S, Identity, answer_at_once, check, command, facts, identify, roll_call
@@ -197,12 +197,10 @@ class FeetechWire(Wire):
 
     async def read(self) -> Observation:
         session = self._session()
-        now_ns = self._clock.now_ns()
-        asked = () if session.bus.quiet else session.health.to_ask(now_ns)
-        if asked:
-            await self._measure(session, asked, now_ns)
+        if session.bus.quiet:
+            await trio.lowlevel.checkpoint()  # so that a caller who reads in a loop lets others run
         else:
-            await trio.lowlevel.checkpoint()  # a caller in a loop lets others run in the quiet time too
+            await self._measure(session)
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -234,7 +232,9 @@ class FeetechWire(Wire):
         self._session_or_none = None
         self._armed = False
 
-    async def _measure(self, session: _Session, asked: Sequence[int], now_ns: int) -> None:
+    async def _measure(self, session: _Session) -> None:
+        now_ns = self._clock.now_ns()
+        asked = session.health.to_ask(now_ns)
         block = _FEEDBACK
         if now_ns >= session.torque_due_ns:
             session.torque_due_ns = now_ns + round(TORQUE_CHECK_S * NS)

@@ -88,7 +88,7 @@ def test_missing_and_unknown_motors_are_named(tmp_path: Path) -> None:
     data = content()
     data["wrist"] = data.pop("wrist_roll")
     with pytest.raises(
-        ValueError, match="lacks wrist_roll and has unknown wrist. It must have exactly shoulder_pan"
+        ValueError, match=r"lacks wrist_roll and has unknown wrist\. It must have exactly shoulder_pan"
     ):
         calibration.load(write(tmp_path / "arm.json", data), MOTORS, 2047)
 
@@ -151,5 +151,5 @@ def test_a_calibration_may_be_a_path_or_a_dict(tmp_path: Path) -> None:
     assert from_path["calibration"] == from_dict["calibration"]
     assert from_path["calibration_source"] == str(path)
     assert from_dict["calibration_source"] == "given as a dict"
-    with pytest.raises(ValueError, match="calibration is 3. Give a path, a dict or None"):
+    with pytest.raises(ValueError, match=r"calibration is 3\. Give a path, a dict or None"):
         Feetech.resolve("so101", {"calibration": 3})

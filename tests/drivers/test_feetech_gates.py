@@ -388,5 +388,5 @@ def test_an_unknown_option_is_refused() -> None:
 
 
 def test_another_wires_robot_is_refused() -> None:
-    with pytest.raises(ValueError, match="koch is not a Feetech robot. Use one of so100, so101"):
+    with pytest.raises(ValueError, match=r"koch is not a Feetech robot\. Use one of so100, so101"):
         Feetech.resolve("koch", {})

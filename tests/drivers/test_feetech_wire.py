@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
-import subprocess
-import sys
-import time
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,12 +14,13 @@ import pytest
 import trio
 from memory_port import MemoryPort, servos
 from trio.testing import MockClock
+from twin_process import TwinProcess, wait_until
 
-import strands_actors
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
+from strands_actors.drivers.feetech.safing import RESYNC
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.feetech.wire import FeetechWire
 from strands_actors.runtime.clock import MonotonicClock, VirtualClock
@@ -92,6 +91,15 @@ def virtual(test: Callable[[], Awaitable[None]]) -> None:
     trio.run(test, clock=MockClock(autojump_threshold=0))
 
 
+async def _until(wire: FeetechWire, true: Callable[[Observation], bool]) -> Observation:
+    with trio.fail_after(20):
+        while True:
+            seen = await wire.read()
+            if true(seen):
+                return seen
+            await trio.sleep(0.01)
+
+
 def verdicts(reports: Iterable[MotorReport]) -> dict[str, bool]:
     return {report.axis: report.safe for report in reports}
 
@@ -111,7 +119,7 @@ def test_open_tells_who_is_there_and_moves_nothing() -> None:
         json.dumps(facts)
         assert rig.requests("setpoint", "enable", "safe", "other") == []
         assert rig.torque() == [0] * 6
-        assert rig.wire.handover() == [rig.port.fileno()] or rig.wire.handover() == (rig.port.fileno(),)
+        assert tuple(rig.wire.handover()) == (rig.port.fileno(),)
 
     virtual(main)
 
@@ -206,7 +214,13 @@ def test_another_servo_is_refused(register: protocol.Register, value: int, says:
 
 def calibration() -> dict[str, dict[str, int]]:
     return {
-        key: {"id": at, "drive_mode": 0, "homing_offset": 11 * at, "range_min": 700 + at, "range_max": 3300 + at}
+        key: {
+            "id": at,
+            "drive_mode": 0,
+            "homing_offset": 11 * at,
+            "range_min": 700 + at,
+            "range_max": 3300 + at,
+        }
         for at, key in enumerate(JOINTS, 1)
     }
 
@@ -410,10 +424,8 @@ def test_a_silent_servo_keeps_its_stamp_and_holds_nobody_up() -> None:
         assert slowest_s < 0.03, "the quiet time held the caller up"
 
         rig.bus.set_fault(Fault.OK, VICTIM)
-        with trio.fail_after(5):
-            while (await rig.wire.read()).faults.get("elbow_flex", "") != "limp":
-                await trio.sleep(0.01)
-        # its power came back, its torque did not: it says so and the others are unharmed
+        await _until(rig.wire, lambda seen: seen.faults == {"elbow_flex": "limp"})
+        # its power came back, its torque did not
 
     virtual(main)
 
@@ -456,7 +468,7 @@ def test_a_bus_that_falls_silent_is_a_lost_link() -> None:
 def test_a_short_silence_of_all_is_survived() -> None:
     async def main() -> None:
         rig = await Rig().armed()
-        rig.filter(lambda packet: not 10.0 < trio.current_time() < 10.3)
+        rig.filter(lambda packet: not 10.0 < trio.current_time() < 10.4)
         await trio.sleep_until(9.9)
         seen = await rig.wire.read()
         while trio.current_time() < 12:
@@ -527,7 +539,7 @@ def test_limp_is_confirmed_motor_by_motor() -> None:
         began = trio.current_time()
         reports = await rig.wire.make_safe("limp")
         assert rig.port.written[0][0] == began, "the first frame waits for nothing"
-        assert rig.port.written[0][1].startswith(protocol.LIMP)
+        assert rig.port.written[0][1].startswith(RESYNC + protocol.LIMP)
         assert [report.id for report in reports] == [1, 2, 3, 4, 5, 6]
         assert all(report.safe and report.written and report.acknowledged for report in reports)
         assert rig.torque() == [0] * 6
@@ -564,7 +576,9 @@ def test_a_motor_that_keeps_its_torque_is_named() -> None:
         rig = await Rig().armed()
         servo = rig.servo()
         keep = servo.write
-        servo.write = lambda address, data: None if address == protocol.TORQUE_ENABLE.address else keep(address, data)
+        servo.write = lambda address, data: (
+            None if address == protocol.TORQUE_ENABLE.address else keep(address, data)
+        )
         victim = (await rig.wire.make_safe("limp"))[VICTIM - 1]
         assert (victim.safe, victim.acknowledged, victim.detail) == (False, True, "still energised")
 
@@ -583,7 +597,7 @@ def test_a_motor_that_missed_the_broadcasts_is_reached_alone() -> None:
 
 
 def test_safe_frames_survive_half_a_setpoint() -> None:
-    """The frame its writer did not finish takes bytes of ours for its own: at every length of the torn one."""
+    """The frame its writer did not finish takes bytes of ours for its own, wherever it was cut."""
 
     async def main() -> None:
         setpoint = protocol.sync_write(protocol.GOAL_POSITION, dict.fromkeys(range(1, 7), 3000))
@@ -610,8 +624,10 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         reports = await rig.wire.make_safe("hold")
         assert all(report.safe for report in reports), reports
         at, first = rig.port.written[0]
-        counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
-        assert at == began and first.startswith(protocol.hold(counts))
+        counts = {
+            axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)
+        }
+        assert at == began and first.startswith(RESYNC + protocol.hold(counts))
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []
         await trio.sleep(1)
@@ -688,45 +704,22 @@ def test_every_robot_opens_arms_moves_and_stops(robot: str) -> None:
 # -- the twin's own process, on a pty
 
 
-class TwinProcess:
-    def __init__(self, folder: Path) -> None:
-        self.log_path = folder / "wire.jsonl"
-        port_file = folder / "port"
-        serve = (
-            "from strands_actors.drivers.feetech.twin import main;"
-            f"main('so101', port_file={str(port_file)!r}, log={str(self.log_path)!r})"
-        )
-        root = Path(strands_actors.__file__).parent.parent
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", serve], stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(root)}
-        )
-        until = time.monotonic() + 60
-        while not port_file.exists():
-            assert self._process.poll() is None and time.monotonic() < until, "the twin did not start"
-            time.sleep(0.02)
-        self.port = port_file.read_text()
-
-    def tell(self, line: str) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(line.encode() + b"\n")
-        self._process.stdin.flush()
-
-    def host_kinds(self) -> list[str]:
-        lines = map(json.loads, self.log_path.read_text().splitlines())
-        return [line["kind"] for line in lines if line["from"] == "host"]
-
-    def close(self) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        self._process.terminate()
-        self._process.wait(30)
-
-
 @pytest.fixture
 def twin(tmp_path: Path) -> Iterator[TwinProcess]:
-    process = TwinProcess(tmp_path)
-    yield process
-    process.close()
+    with TwinProcess(tmp_path) as process:
+        yield process
+
+
+async def connected(wire: FeetechWire) -> dict[str, Any]:
+    """Open, and again if need be, as a supervisor does: on a busy machine the twin may miss a ping."""
+    for _ in range(9):
+        with contextlib.suppress(WireDown):
+            return await wire.open()
+    return await wire.open()
+
+
+def host_kinds(twin: TwinProcess) -> list[str]:
+    return [kind for kind, _ in twin.logged("host")]
 
 
 def on(twin: TwinProcess) -> tuple[Feetech, FeetechWire]:
@@ -734,17 +727,10 @@ def on(twin: TwinProcess) -> tuple[Feetech, FeetechWire]:
     return driver, driver.open_wire(MonotonicClock())
 
 
-async def _until(wire: FeetechWire, true: Callable[[Observation], bool]) -> Observation:
-    with trio.fail_after(20):
-        while not true(seen := await wire.read()):
-            await trio.sleep(0.01)
-    return seen
-
-
 def test_the_process_opens_arms_moves_and_stops(twin: TwinProcess) -> None:
     async def main() -> None:
-        driver, wire = on(twin)
-        facts = await wire.open()
+        _, wire = on(twin)
+        facts = await connected(wire)
         assert facts["port"] == twin.port
         seen = await wire.arm(Permission())
         target = list(seen.position)
@@ -757,7 +743,7 @@ def test_the_process_opens_arms_moves_and_stops(twin: TwinProcess) -> None:
         assert all(verdicts(await wire.make_safe("limp")).values())
         wire.close()
 
-        kinds = twin.host_kinds()
+        kinds = host_kinds(twin)
         assert kinds.index("safe") < kinds.index("enable") < kinds.index("setpoint")
         stopped = len(kinds) - kinds[::-1].index("setpoint")
         assert "safe" in kinds[stopped:] and "enable" not in kinds[stopped:]
@@ -769,16 +755,16 @@ def test_the_process_opens_arms_moves_and_stops(twin: TwinProcess) -> None:
 def test_the_process_with_a_faulty_servo_stops_the_other_five(twin: TwinProcess, fault: str) -> None:
     async def main() -> None:
         _, wire = on(twin)
-        await wire.open()
+        await connected(wire)
         await wire.arm(Permission())
-        twin.tell(f"fault {fault}:{VICTIM}")
+        twin.command(f"fault {fault}:{VICTIM}")
         seen = await _until(wire, lambda seen: "silent" in seen.faults.get("elbow_flex", ""))
         later = await _until(wire, lambda now: now.stamp_ns[0] > seen.stamp_ns[0] + 1_000_000_000)
         assert set(later.faults) == {"elbow_flex"}, "the others go on"
         reports = await wire.make_safe("limp")
         assert verdicts(reports) == {key: key != "elbow_flex" for key in JOINTS}
         assert reports[VICTIM - 1].detail
-        twin.tell(f"fault ok:{VICTIM}")
+        twin.command(f"fault ok:{VICTIM}")
         await _until(wire, lambda seen: not seen.faults)
         await wire.arm(Permission())
         assert all(verdicts(await wire.make_safe("limp")).values())
@@ -790,7 +776,7 @@ def test_the_process_with_a_faulty_servo_stops_the_other_five(twin: TwinProcess,
 def test_the_second_path_makes_the_robot_of_a_dead_owner_limp(twin: TwinProcess) -> None:
     async def main() -> None:
         driver, wire = on(twin)
-        await wire.open()
+        await connected(wire)
         await wire.arm(Permission())
         descriptors = [os.dup(fd) for fd in wire.handover()]
         setpoint = protocol.sync_write(protocol.GOAL_POSITION, dict.fromkeys(driver.ids, 3000))
@@ -798,14 +784,14 @@ def test_the_second_path_makes_the_robot_of_a_dead_owner_limp(twin: TwinProcess)
         os.close(wire.handover()[0])  # as the kernel does it: no goodbye
 
         second = driver.second_path(descriptors, MonotonicClock())
-        before = len(twin.host_kinds())
+        before = len(host_kinds(twin))
         reports = await second.make_safe("limp")
         assert all(report.safe and report.written for report in reports), reports
-        assert "setpoint" not in twin.host_kinds()[before:]
+        assert "setpoint" not in host_kinds(twin)[before:]
         second.close()
 
         again = driver.open_wire(MonotonicClock())
-        facts = await again.open()
+        facts = await connected(again)
         assert not any(facts["energised"].values())
         again.close()
 
@@ -815,7 +801,7 @@ def test_the_second_path_makes_the_robot_of_a_dead_owner_limp(twin: TwinProcess)
 def test_the_second_path_can_hold_too(twin: TwinProcess) -> None:
     async def main() -> None:
         driver, wire = on(twin)
-        await wire.open()
+        await connected(wire)
         await wire.arm(Permission())
         second = driver.second_path([os.dup(fd) for fd in wire.handover()], MonotonicClock())
         assert all(verdicts(await second.make_safe("hold")).values())
@@ -828,13 +814,13 @@ def test_the_second_path_can_hold_too(twin: TwinProcess) -> None:
 def test_two_masters_are_refused_and_a_closed_port_can_be_opened_again(twin: TwinProcess) -> None:
     async def main() -> None:
         driver, wire = on(twin)
-        await wire.open()
+        await connected(wire)
         other = driver.open_wire(MonotonicClock())
         with pytest.raises(WireDown, match="cannot open at 1000000 baud"):
             await other.open()
         kept = os.dup(wire.handover()[0])  # the root's: must not keep us out
         wire.close()
-        await other.open()
+        await connected(other)
         other.close()
         os.close(kept)
 
@@ -844,13 +830,12 @@ def test_two_masters_are_refused_and_a_closed_port_can_be_opened_again(twin: Twi
 def test_an_unplugged_cable_is_a_lost_link_and_comes_back(twin: TwinProcess) -> None:
     async def main() -> None:
         driver, wire = on(twin)
-        await wire.open()
+        await connected(wire)
         await wire.arm(Permission())
-        twin.tell("unplug")
-        with pytest.raises(WireDown), trio.fail_after(20):
-            while True:
-                await wire.read()
-                await trio.sleep(0.01)
+        twin.command("unplug")
+        wait_until(lambda: not os.path.exists(twin.port), "the port is gone")
+        with pytest.raises(WireDown, match="the port is gone"):
+            await wire.read()
         for report in await wire.make_safe("limp"):
             assert not report.safe and not report.written and "the port is gone" in report.detail
         wire.close()
@@ -858,11 +843,9 @@ def test_an_unplugged_cable_is_a_lost_link_and_comes_back(twin: TwinProcess) -> 
         again = driver.open_wire(MonotonicClock())
         with pytest.raises(WireDown, match="cannot open"):
             await again.open()
-        twin.tell("plug")
-        with trio.fail_after(20):
-            while not os.path.exists(twin.port):
-                await trio.sleep(0.02)
-        await again.open()
+        twin.command("plug")
+        wait_until(lambda: os.path.exists(twin.port), "the port is back")
+        await connected(again)
         assert all(verdicts(await again.make_safe("limp")).values())
         again.close()
 

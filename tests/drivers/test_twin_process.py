@@ -12,6 +12,7 @@ import pytest
 import serial
 from twin_process import PATIENCE_S, TwinProcess, wait_until
 
+from strands_actors.drivers.common.twin import PtyLine
 from strands_actors.drivers.feetech import protocol as p
 
 
@@ -95,7 +96,7 @@ def test_a_pulled_cable_hangs_up_and_comes_back_under_the_same_name(twin: TwinPr
     with twin.connect() as port:
         assert answers(port, p.write(1, p.ACCELERATION, 9))
         twin.command("unplug")
-        with pytest.raises(OSError):  # noqa: PT011 - read, write or the hang-up itself, as the timing is
+        with pytest.raises(OSError):  # from the read or from the write, as the timing is
             while True:
                 port.timeout = 0.05
                 port.write(p.ping(1))
@@ -145,6 +146,11 @@ def test_a_signal_ends_it_and_nothing_is_left(tmp_path: Path, number: signal.Sig
         assert (twin.process.returncode, error) == (0, b"")
     assert not link.is_symlink()
     assert not twin.port_file.exists()
+
+
+def test_a_port_never_takes_the_place_of_a_file(tmp_path: Path) -> None:
+    with pytest.raises(FileExistsError, match="choose another name"):
+        PtyLine(str(tmp_path))
 
 
 def test_it_outlives_its_parent_long_enough_to_log_the_end(tmp_path: Path) -> None:

@@ -57,7 +57,10 @@ class PtyLine:
     """
 
     def __init__(self, link: str | None = None) -> None:
-        """``link``: where the port appears; default: in a temporary directory."""
+        """``link``: where the port appears; default: in a temporary directory. Raise ``FileExistsError``
+        when something that is not a link has that name."""
+        if link and os.path.lexists(link) and not os.path.islink(link):
+            raise FileExistsError(f"{link} exists and is not a link: choose another name for the port")
         self._directory = None if link else tempfile.mkdtemp(prefix="strands-twin-")
         self._link = link or os.path.join(self._directory or "", "port")
         self._master = -1
@@ -104,6 +107,8 @@ class PtyLine:
     async def receive(self) -> tuple[int, bytes]:
         while True:
             await self._plugged.wait()
+            if self._master < 0:  # pulled again before we got to run
+                continue
             with contextlib.suppress(trio.ClosedResourceError, BlockingIOError):
                 await trio.lowlevel.wait_readable(self._master)
                 if self._master >= 0:

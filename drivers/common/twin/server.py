@@ -134,8 +134,8 @@ class Server:
                 self._alarm.set(self._departures[0].due_ns)
 
     def _write(self, frames: list[tuple[str, bytes]]) -> None:
+        self._log.write(time.monotonic_ns(), "robot", frames)  # first: what was heard is in the log
         self._line.send(b"".join(data for _, data in frames))
-        self._log.write(time.monotonic_ns(), "robot", frames)
 
     async def _thawed(self) -> None:
         if trio.current_time() < self._thaw_s:

@@ -1,0 +1,194 @@
+"""A robot in memory: two axes, a wire that can be slow, silent or gone, and a record of what was written.
+
+It stands for any driver where the tree itself is tested, in virtual time too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import trio
+
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    MotorReport,
+    Observation,
+    Permit,
+    Reason,
+    SecondPath,
+    Timing,
+    Wire,
+    WireDown,
+)
+from strands_actors.runtime.messages import Refused
+
+AXES = ("a", "b")
+LIMIT = 100.0
+
+
+class Written(NamedTuple):
+    """One frame on the fake wire. ``kind``: setpoint, safe or enable; ``path``: wire or second."""
+
+    t_ns: int
+    kind: str
+    rung: str
+    values: tuple[float, ...]
+    path: str
+
+
+@dataclass
+class FakeHardware:
+    """The robot behind the wire, and the knobs a test turns."""
+
+    position: list[float] = field(default_factory=lambda: [0.0] * len(AXES))
+    energised: list[bool] = field(default_factory=lambda: [False] * len(AXES))
+    written: list[Written] = field(default_factory=list)
+    plugged: bool = True
+    silent: set[str] = field(default_factory=set)  # axes that do not answer
+    read_s: float = 0.001
+    write_s: float = 0.0  # how long a write waits before its bytes leave
+    read_hangs: bool = False
+    opens: int = 0
+
+    def record(
+        self, clock: Clock, kind: str, path: str, rung: str = "", values: Sequence[float] = ()
+    ) -> None:
+        self.written.append(Written(clock.now_ns(), kind, rung, tuple(values), path))
+
+    def of(self, kind: str, since_ns: int = 0) -> list[Written]:
+        return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
+
+    def make_safe(self, clock: Clock, rung: str, path: str) -> tuple[MotorReport, ...]:
+        if not self.plugged:
+            return tuple(
+                MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES)
+            )
+        self.record(clock, "safe", path, rung, self.position)
+        reports = []
+        for at, axis in enumerate(AXES):
+            heard = axis not in self.silent
+            if heard:
+                self.energised[at] = rung == "hold"
+            reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent"))
+        return tuple(reports)
+
+
+HARDWARE: dict[str, FakeHardware] = {}
+"""By port name: what a ``FakeDriver`` finds when it opens one."""
+
+
+class FakeDriver(Driver):
+    """Position robot with the ladder of an arm: hold when a writer is late, limp for the rest."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = ""
+    OPTIONS: ClassVar[Mapping[str, str]] = {}
+
+    unit = "units"
+    timing = Timing(control_hz=50.0, keepalive_s=0.02, stream_ttl_s=0.1)
+    ladder: Mapping[Reason, str] = {  # never changed
+        reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
+    }
+    firmware_watchdog = "none"
+    gates = ()
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        self.robot = robot
+        self.axes = AXES
+        self.ids = tuple(range(len(AXES)))
+        self.hardware = HARDWARE[port]
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        values, named = list(state.target), []
+        for key, value in action.items():
+            if key not in AXES:
+                return Refused("unknown_joint", f"move: {key} is no axis", f"use {', '.join(AXES)}")
+            if not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > LIMIT:
+                return Refused("range", f"move: {key} is {value}", f"stay within {LIMIT}", str(value))
+            values[AXES.index(key)] = float(value)
+            named.append(AXES.index(key))
+        return Candidate(tuple(values), tuple(named))
+
+    def open_wire(self, clock: Clock) -> Wire:
+        return FakeWire(self.hardware, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        return FakeSecondPath(self.hardware, clock)
+
+
+class FakeWire(Wire):
+    def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
+        self._hardware = hardware
+        self._clock = clock
+
+    def _check(self) -> None:
+        if not self._hardware.plugged:
+            raise WireDown("the cable is out")
+
+    async def open(self) -> dict[str, Any]:
+        await trio.sleep(0.001)
+        self._check()
+        self._hardware.opens += 1
+        return {"fake": True}
+
+    async def arm(self, permit: Permit) -> Observation:
+        for at, axis in enumerate(AXES):
+            await trio.sleep(0.001)
+            self._check()
+            permit.check()
+            if axis in self._hardware.silent:
+                raise WireDown(f"{axis} did not confirm")
+            self._hardware.energised[at] = True
+            self._hardware.record(self._clock, "enable", "wire")
+        return self._observe()
+
+    async def read(self) -> Observation:
+        while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is what is wanted
+            await trio.sleep(1.0)
+        await trio.sleep(self._hardware.read_s)
+        self._check()
+        return self._observe()
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        if self._hardware.write_s:
+            await trio.sleep(self._hardware.write_s)
+        self._check()
+        permit.check()
+        self._hardware.record(self._clock, "setpoint", "wire", values=values)
+        for at, value in enumerate(values):
+            if self._hardware.energised[at]:
+                self._hardware.position[at] = value
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        reports = self._hardware.make_safe(self._clock, rung, "wire")
+        await trio.sleep(0.002)
+        return reports
+
+    def close(self) -> None:
+        pass
+
+    def _observe(self) -> Observation:
+        now_ns = self._clock.now_ns()
+        return Observation(now_ns, tuple(self._hardware.position), (now_ns,) * len(AXES))
+
+
+class FakeSecondPath(SecondPath):
+    def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
+        self._hardware = hardware
+        self._clock = clock
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        reports = self._hardware.make_safe(self._clock, rung, "second")
+        await trio.sleep(0.002)
+        return reports
+
+    def close(self) -> None:
+        pass

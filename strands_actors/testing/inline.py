@@ -1,0 +1,104 @@
+"""A robot's whole tree in one process, on one trio loop: under ``MockClock`` it runs in virtual time."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+
+import trio
+import trio.testing
+
+from strands_actors.runtime.clock import Clock, VirtualClock
+from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.node import Node, Ref
+from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.failsafe import State
+from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.messages import GetStatus, Status
+from strands_actors.supervisors.wire import InlinePlace
+
+from .fake import HARDWARE, FakeDriver, FakeHardware
+
+_ports = itertools.count()
+
+
+@dataclass
+class InlineTree:
+    """Guardian, gate, watchdog and transport of one robot, and the hardware behind them."""
+
+    node: Node
+    driver: Driver
+    hardware: FakeHardware
+    gate: Ref
+    guardian: Ref
+    keeper: Guardian
+    places: list[InlinePlace]
+
+    @property
+    def place(self) -> InlinePlace:
+        """The present life of the wire group."""
+        return self.places[-1]
+
+    async def status(self) -> Status:
+        answer = await self.gate.ask(GetStatus(), 1.0)
+        assert isinstance(answer, Status), answer
+        return answer
+
+    async def until(self, mode: str, within_s: float = 10.0) -> Status:
+        """Wait for a mode of the failsafe machine."""
+        with trio.fail_after(within_s):
+            while True:
+                if self.gate.address in self.node.cells:
+                    status = await self.status()
+                    if status.mode == mode:
+                        return status
+                await trio.sleep(0.002)
+
+
+@contextlib.asynccontextmanager
+async def open_inline_tree(
+    hardware: FakeHardware | None = None, clock: Clock | None = None, budget: Budget | None = None
+) -> AsyncIterator[InlineTree]:
+    """The tree of a ``FakeDriver`` robot, connected and disarmed."""
+    hardware = hardware or FakeHardware()
+    port = f"fake-{next(_ports)}"
+    HARDWARE[port] = hardware
+    driver = FakeDriver("fake", port, {})
+    at = addresses.of(port)
+    node = Node(port, clock or VirtualClock())
+    places: list[InlinePlace] = []
+    try:
+        async with trio.open_nursery() as nursery:
+
+            def start_wire(state: State) -> InlinePlace:
+                places.append(InlinePlace(node, nursery, driver, port, state))
+                return places[-1]
+
+            await nursery.start(node.run)
+            guardian = Guardian(driver, at.watchdog, start_wire)
+            await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
+            supervisor = Supervisor([ChildSpec("wire", guardian.keep)], budget=budget or Budget(100, 5.0))
+            nursery.start_soon(supervisor.run)
+            tree = InlineTree(
+                node,
+                driver,
+                hardware,
+                node.ref(at.gate, Gate),
+                node.ref(at.guardian, Guardian),
+                guardian,
+                places,
+            )
+            await tree.until("disarmed")
+            yield tree
+            nursery.cancel_scope.cancel()
+    finally:
+        del HARDWARE[port]
+
+
+def run_virtual(test: Callable[[], Awaitable[None]]) -> None:
+    """Run an async test in virtual time: it waits for nothing, and deadlines are exact."""
+    trio.run(test, clock=trio.testing.MockClock(autojump_threshold=0))

@@ -1,0 +1,56 @@
+"""The twin's log of the wire: what a safety test reads, instead of the program's opinion of itself."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Entry(NamedTuple):
+    t_ns: int  # CLOCK_MONOTONIC, when the bytes were read off the wire
+    sender: str  # "host" or "robot"
+    kind: str  # setpoint, safe, enable, read, config or other
+    data: bytes
+
+
+class WireLog:
+    """Reads the NDJSON log of a twin that may still be writing it."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+
+    def entries(self, since_ns: int = 0) -> Iterator[Entry]:
+        if not self.path.exists():
+            return
+        with self.path.open() as lines:
+            for line in lines:
+                if not line.endswith("\n"):
+                    return  # still being written
+                row = json.loads(line)
+                if row["t_ns"] >= since_ns:
+                    yield Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]))
+
+    def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
+        """What the host wrote of one kind."""
+        return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
+
+    def first_safe(self, since_ns: int) -> Entry | None:
+        return next(iter(self.host("safe", since_ns)), None)
+
+    def safe_within(self, since_ns: int, bound_s: float) -> float:
+        """Seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the bound."""
+        safe = self.first_safe(since_ns)
+        assert safe is not None, "no safe frame on the wire"
+        took_s = (safe.t_ns - since_ns) / 1e9
+        assert took_s <= bound_s, f"safe after {took_s * 1e3:.1f} ms, bound {bound_s * 1e3:.0f} ms"
+        return took_s
+
+    def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
+        """Setpoints behind the first safe frame after ``since_ns``."""
+        safe = self.first_safe(since_ns)
+        assert safe is not None, "no safe frame on the wire"
+        return sum(
+            1 for entry in self.host("setpoint", safe.t_ns) if until_ns is None or entry.t_ns < until_ns
+        )

@@ -1,0 +1,502 @@
+"""The tree in virtual time: each requirement by the frames that reach the wire."""
+
+from __future__ import annotations
+
+import math
+
+import trio
+
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.messages import (
+    Accepted,
+    Beat,
+    Cycle,
+    Fence,
+    GetObservation,
+    Lease,
+    MakeSafe,
+    Probe,
+    Release,
+    Resume,
+    Resumed,
+    Stop,
+    StopReport,
+    Write,
+)
+from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
+
+from .writer import Writer, armed
+
+MS = 1_000_000
+
+
+def setpoints(tree: InlineTree, since_ns: int = 0) -> list[tuple[float, ...]]:
+    return [written.values for written in tree.hardware.of("setpoint", since_ns)]
+
+
+def test_saf_001_deadline_is_checked_at_the_wire() -> None:
+    """The gate lets it in, the bus is slow, the deadline passes: it is not written."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
+            await trio.sleep(0.2)
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
+def test_saf_001_no_setpoint_after_its_deadline_while_resending() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            setpoint = writer.setpoint(ttl_s=0.1, a=5.0)
+            assert isinstance(await writer.ref.ask(setpoint, 1.0), Accepted)
+            await trio.sleep(1.0)
+            written = tree.hardware.of("setpoint")
+            assert len(written) >= 4, "it is re-sent while it lives"
+            assert all(entry.t_ns < setpoint.deadline_ns for entry in written)
+
+    run_virtual(run)
+
+
+def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
+    """A setpoint that was gated before a stop waits in the transport's mailbox while the stop overtakes it."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(a=1.0), Accepted)
+            await trio.sleep(0.01)
+            transport = tree.node.ref(tree.gate.address.replace("gate", "transport"))
+            epoch = writer.lease.epoch
+            now_ns = tree.node.clock.now_ns()
+            transport.tell(MakeSafe(epoch + 1, "limp", Reason.STOP))
+            transport.tell(Write(epoch, now_ns + 100 * MS, (9.0, 9.0)))
+            await trio.sleep(0.05)
+            safe = tree.hardware.of("safe")
+            assert safe and safe[-1].rung == "limp"
+            assert setpoints(tree, safe[-1].t_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_002_a_waiting_stop_revokes_a_write_under_way() -> None:
+    """The write is already waiting for its bus when the stop arrives: its bytes do not leave."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.01)) as tree:
+            writer = await armed(tree)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(writer.send, 0.1, True)
+                await writer.send(latched=True, a=7.0)
+                await trio.sleep(0.002)
+                await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert setpoints(tree) == []
+            assert tree.hardware.of("safe")
+
+    run_virtual(run)
+
+
+def test_saf_003_a_crashed_actor_ends_its_group_and_the_second_path_makes_safe() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.05)
+            crashed_ns = tree.node.clock.now_ns()
+            gate = tree.node.cells[tree.gate.address].actor
+            gate._probe = lambda probe: 1 / 0  # type: ignore[attr-defined]
+            await tree.until("disarmed")
+            safe = tree.hardware.of("safe", crashed_ns)
+            assert safe[0].path == "second" and safe[0].rung == "limp"
+            assert safe[0].t_ns - crashed_ns < 50 * MS
+            assert setpoints(tree, safe[0].t_ns) == []
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def freeze(tree: InlineTree, actor: str) -> None:
+    """From its next message on, the actor never answers again."""
+    cell = tree.node.cells[tree.gate.address.replace("gate", actor)]
+
+    async def stuck(*_: object) -> None:
+        await trio.sleep_forever()
+
+    cell._handle = stuck  # type: ignore[method-assign,assignment]
+
+
+def test_saf_004_frozen_gate_stops_the_keepalive_and_is_fenced() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.1)
+            freeze(tree, "gate")
+            frozen_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.4)
+            assert len(setpoints(tree, frozen_ns + 20 * MS)) == 0
+            safe = tree.hardware.of("safe", frozen_ns)
+            assert safe[0].path == "second"
+            assert safe[0].t_ns - frozen_ns < 250 * MS
+
+    run_virtual(run)
+
+
+def test_saf_004_frozen_transport_stops_the_keepalive_and_is_fenced() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.1)
+            tree.hardware.read_hangs = True
+            frozen_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.4)
+            tree.hardware.read_hangs = False
+            safe = tree.hardware.of("safe", frozen_ns)
+            assert safe[0].path == "second"
+            assert safe[0].t_ns - frozen_ns < 250 * MS
+            assert len(setpoints(tree, frozen_ns + 25 * MS)) == 0
+
+    run_virtual(run)
+
+
+def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
+    """The watchdog asks for a re-send only when the transport answered the last cycle."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(read_s=0.07)) as tree:
+            writer = await armed(tree)
+            await trio.sleep(0.2)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")]
+            asked: list[Cycle] = []
+            put = transport.mailbox.put
+            answered: list[int] = []
+
+            class Spy:
+                def __getattr__(self, name: str) -> object:
+                    return getattr(box, name)
+
+                def put(self, message: object, reply: object, sender: str) -> bool:
+                    if isinstance(message, Cycle):
+                        asked.append(message)
+                        answered.append(watchdog._transport_answered)
+                    return put(message, reply, sender)  # type: ignore[arg-type]
+
+            box = transport.mailbox
+            watchdog = tree.node.cells[tree.gate.address.replace("gate", "watchdog")].actor
+            transport.mailbox = Spy()  # type: ignore[assignment]
+            for _ in range(20):
+                await writer.send(ttl_s=0.3, a=5.0)
+                await trio.sleep(0.02)
+            transport.mailbox = box
+            resends = [cycle for cycle in asked if cycle.resend_epoch]
+            assert resends, "some cycles were answered in time"
+            assert len(resends) < len(asked), "a cycle that follows an unanswered one asks for none"
+            for cycle, last_answer in zip(asked, answered, strict=True):
+                assert (cycle.resend_epoch == 0) or last_answer == cycle.number - 1
+
+    run_virtual(run)
+
+
+def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            sent_ns = tree.node.clock.now_ns()
+            await trio.sleep(3.0)
+            last = tree.hardware.of("setpoint")[-1]
+            assert 900 * MS < last.t_ns - sent_ns <= 1020 * MS, "re-sent while the lease lived, no longer"
+            safe = tree.hardware.of("safe", sent_ns)
+            assert [entry.rung for entry in safe] == ["hold"]
+            status = await tree.status()
+            assert status.mode == "holding" and "stopped answering" in status.cause
+
+    run_virtual(run)
+
+
+def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            for _ in range(50):
+                await trio.sleep(0.1)
+                writer.ref.tell(Beat(writer.lease.id))
+            assert (await tree.status()).mode == "armed"
+            assert tree.hardware.of("safe") == []
+
+    run_virtual(run)
+
+
+def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.silent.add("b")
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport)
+            assert not report.confirmed and report.unconfirmed == ["b"]
+            assert tree.hardware.energised == [False, True], "the other motor was tried and released"
+            assert (await tree.status()).mode == "unconfirmed"
+            tree.hardware.silent.clear()
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed
+
+    run_virtual(run)
+
+
+def test_saf_006_stop_does_not_wait_for_a_flood_of_setpoints() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            for index in range(900):
+                tree.node.ref(tree.gate.address, sender=f"strands/test/{index}").tell(writer.setpoint(a=1.0))
+            asked_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert tree.hardware.of("safe")[0].t_ns - asked_ns < 10 * MS
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
+def test_saf_007_lockout_binds_every_writer_and_outlives_a_crash() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await tree.gate.ask(Stop(Reason.ESTOP, "the operator", lock=True), 1.0)
+            for name in ("writer", "another"):
+                writer.name = name
+                await writer.acquire()
+                answer = await writer.send(a=1.0)
+                assert isinstance(answer, Refused) and answer.code == "locked_out"
+                assert "the operator" in answer.reason
+            tree.place._scope.cancel()
+            await trio.sleep(0.1)
+            status = await tree.until("disarmed")
+            assert status.locked_by == "the operator"
+            locked_ns = tree.node.clock.now_ns()
+            assert isinstance(await tree.gate.ask(Resume("the operator"), 1.0), Resumed)
+            await trio.sleep(0.5)
+            assert setpoints(tree, locked_ns) == [], "a resume restarts no motion"
+
+    run_virtual(run)
+
+
+def test_saf_008_a_restart_resumes_nothing() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.05)
+            old = writer.setpoint(ttl_s=5.0, a=9.0)
+            tree.place._scope.cancel()
+            await trio.sleep(0.05)
+            await tree.until("disarmed")
+            restarted_ns = tree.node.clock.now_ns()
+            assert isinstance(await writer.ref.ask(old, 1.0), Refused)
+            await trio.sleep(1.0)
+            assert setpoints(tree, restarted_ns) == []
+            assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
+            answer = await writer.ref.ask(old, 1.0)
+            assert isinstance(answer, Refused), "nor does what was prepared before it come back to life"
+            assert setpoints(tree, restarted_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_009_second_writer_is_refused_with_the_holders_name() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            first = await armed(tree, "alice")
+            await first.send(a=1.0)
+            second = Writer(tree, "bob")
+            answer = await second.acquire()
+            assert isinstance(answer, Refused) and "alice" in answer.reason
+            answer = await second.send(a=2.0)
+            assert isinstance(answer, Refused) and answer.code == "lease" and "alice" in answer.reason
+            await trio.sleep(0.02)
+            assert all(values[0] == 1.0 for values in setpoints(tree))
+            await trio.sleep(1.5)
+            assert isinstance(await second.acquire(), Lease), "a lapsed lease may be taken"
+
+    run_virtual(run)
+
+
+def test_saf_009_stop_during_bring_up_wins() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            answers: list[object] = []
+
+            async def resume() -> None:
+                answers.append(await tree.gate.ask(Resume(), 2.0))
+
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(resume)
+                await trio.sleep(0.0015)  # one motor of two is energised
+                report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert isinstance(answers[0], Refused)
+            assert tree.hardware.energised == [False, False]
+            assert (await tree.status()).mode == "disarmed"
+
+    run_virtual(run)
+
+
+def test_saf_010_fence_makes_safe_when_the_gate_does_not_answer() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            freeze(tree, "gate")
+            fenced_ns = tree.node.clock.now_ns()
+            report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 2.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.path == "second"
+            assert tree.hardware.of("safe", fenced_ns)[0].t_ns - fenced_ns < 20 * MS
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_011_first_target_is_the_measured_position() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            tree.hardware.position = [42.0, -7.0]
+            writer = await armed(tree)
+            assert (await tree.status()).target == (42.0, -7.0)
+            answer = await writer.send(a=43.0)
+            assert isinstance(answer, Accepted) and answer.values == (43.0, -7.0)
+
+    run_virtual(run)
+
+
+def test_saf_012_link_loss_is_seen_and_comes_back_disarmed() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.05)
+            tree.hardware.plugged = False
+            lost_ns = tree.node.clock.now_ns()
+            await tree.until("lost", within_s=2 / tree.driver.timing.control_hz)
+            status = await tree.status()
+            assert not status.connected and "cable" in status.connect_error
+            await trio.sleep(2.0)
+            tree.hardware.plugged = True
+            await tree.until("disarmed", within_s=5.0)
+            safe = tree.hardware.of("safe", lost_ns)
+            assert safe and safe[0].rung == "limp", "it was left energised: safe comes first"
+            assert setpoints(tree, lost_ns + 40 * MS) == []
+            assert tree.hardware.energised == [False, False]
+            answer = await writer.send(a=1.0)
+            assert isinstance(answer, Refused) and answer.code == "disarmed"
+
+    run_virtual(run)
+
+
+def test_saf_014_bad_input_is_refused_and_nothing_is_written() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            for action in ({"a": math.nan}, {"a": math.inf}, {"a": 1e6}, {"c": 1.0}, {"a": "1"}):
+                assert isinstance(await writer.ref.ask(writer.setpoint(**action), 1.0), Refused)
+            late = writer.setpoint(ttl_s=-0.01, a=1.0)
+            answer = await writer.ref.ask(late, 1.0)
+            assert isinstance(answer, Refused) and answer.code == "expired"
+            answer = await writer.ref.ask(writer.setpoint(ttl_s=3600.0, a=1.0), 1.0)
+            assert isinstance(answer, Refused) and answer.code == "too_distant"
+            await trio.sleep(0.2)
+            assert setpoints(tree) == []
+            assert (await tree.status()).refusals == 7
+
+    run_virtual(run)
+
+
+def test_the_end_of_a_delegate_holds_before_it_is_answered() -> None:
+    """A policy writes under its caller's lease; when it gives its own back the robot holds."""
+
+    async def run() -> None:
+        from strands_actors.supervisors.messages import Acquire
+
+        async with open_inline_tree() as tree:
+            caller = await armed(tree, "caller")
+            policy = Writer(tree, "policy")
+            lease = await policy.ref.ask(Acquire("policy", over=caller.lease.id), 1.0)
+            assert isinstance(lease, Lease)
+            policy.lease = lease
+            assert isinstance(await policy.send(a=3.0), Accepted)
+            answer = await caller.send(a=4.0)
+            assert isinstance(answer, Refused) and "policy" in answer.reason
+            await policy.ref.ask(Release(lease.id), 1.0)
+            assert [entry.rung for entry in tree.hardware.of("safe")] == ["hold"]
+            await caller.acquire()
+            assert isinstance(await caller.send(a=4.0), Accepted)
+
+    run_virtual(run)
+
+
+def test_the_budget_is_for_failures_in_a_row() -> None:
+    """Repeated crashes are each made safe, and the group comes back closed each time."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            for _ in range(3):
+                await armed(tree)
+                crashed_ns = tree.node.clock.now_ns()
+                tree.place._scope.cancel()
+                await trio.sleep(0.02)
+                await tree.until("disarmed")
+                assert tree.hardware.of("safe", crashed_ns)
+                assert tree.hardware.energised == [False, False]
+            assert len(tree.places) == 4
+
+    run_virtual(run)
+
+
+def test_status_and_observation_are_answered_while_a_stop_is_confirmed() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
+            wire = transport._wire  # type: ignore[attr-defined]
+            make_safe = wire.make_safe
+
+            async def slow(rung: str) -> object:
+                reports = await make_safe(rung)
+                await trio.sleep(0.5)
+                return reports
+
+            wire.make_safe = slow
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(tree.gate.ask, Stop(Reason.STOP), 2.0)
+                await trio.sleep(0.01)
+                asked_s = trio.current_time()
+                assert (await tree.status()).mode == "stopping"
+                assert not isinstance(await tree.gate.ask(GetObservation(), 1.0), Refused)
+                assert trio.current_time() - asked_s < 0.01
+            assert len(tree.places) == 1, "a bounded confirmation is not mistaken for a freeze"
+
+    run_virtual(run)
+
+
+def test_a_probe_of_the_gate_is_cheap_to_forge() -> None:
+    """A stranger's probe cannot expire a live setpoint earlier than its deadline, nor extend it."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(ttl_s=0.1, a=1.0)
+            tree.node.ref(tree.gate.address, sender="strands/test/stranger").tell(Probe(10**9, 0))
+            await trio.sleep(0.05)
+            assert (await tree.status()).mode == "armed"
+            await trio.sleep(0.2)
+            assert (await tree.status()).mode == "holding"
+
+    run_virtual(run)
