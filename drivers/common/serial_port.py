@@ -50,15 +50,6 @@ class SerialPort:
         self._fd = fd
         self._owner = owner
         self.name = name
-        os.set_blocking(fd, False)
-        try:
-            attributes = termios.tcgetattr(fd)
-            # with VMIN 0, as pyserial leaves it, "no data" and "unplugged" both read as b""
-            attributes[6][termios.VMIN] = 1
-            attributes[6][termios.VTIME] = 0
-            termios.tcsetattr(fd, termios.TCSANOW, attributes)
-        except termios.error as error:
-            raise WireDown(f"{name}: not a serial port ({error.args[-1]}). Check port=") from None
 
     def write(self, data: bytes) -> None:
         try:
@@ -132,9 +123,24 @@ def open_serial(path: str, baud: int) -> SerialPort:
         fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
     finally:
         device.close()
-    return SerialPort(fd, path, owner=True)
+    port = SerialPort(fd, path, owner=True)
+    try:
+        _wait_for_bytes(fd)
+    except termios.error as error:
+        port.close()
+        raise WireDown(f"{path}: cannot be set up ({error.args[-1]}). Check port=") from None
+    return port
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:
     """Take over an open descriptor, already configured by whoever opened the device."""
     return SerialPort(fd, name, owner=False)
+
+
+def _wait_for_bytes(fd: int) -> None:
+    """With VMIN 0, as pyserial leaves it, "no data" and "unplugged" both read as b""."""
+    os.set_blocking(fd, False)
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN] = 1
+    attributes[6][termios.VTIME] = 0
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)

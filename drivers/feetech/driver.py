@@ -53,7 +53,7 @@ class Feetech(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
     )
-    ladder: Mapping[Reason, str] = {  # noqa: RUF012
+    ladder: Mapping[Reason, str] = {
         reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
     }
     firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"

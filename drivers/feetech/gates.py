@@ -36,7 +36,7 @@ def all_gates(axes: Axes, state_ttl_s: float) -> tuple[GateCheck, ...]:
 def parse(
     action: Mapping[str, object], robot: str, axes: Axes, index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Names and numbers to a whole target. ``x`` and ``x.pos`` name the same joint; both at once are refused."""
+    """Names and numbers to a whole target. ``x`` and ``x.pos`` name the same joint: not both at once."""
     keys = ", ".join(axis.key for axis in axes)
     if not action:
         return Refused("empty", "move: the action names no joint", f"use {keys}", offered="{}", limit=keys)

@@ -15,8 +15,8 @@ from .axes import TOP, Axis
 from .safing import Bus
 
 PING_S = 0.15
-"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host. Only a missing
-servo costs it, as ``ANSWER_S``."""
+"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host. Only a
+missing servo costs it, as ``ANSWER_S``."""
 
 PING_SILENCE_S = 0.004
 ROLL_CALL_S = 0.05
@@ -61,7 +61,7 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 async def roll_call(bus: Bus, robot: str, axes: Sequence[Axis], where: str) -> None:
-    """Ping each servo, then all at once. Raise ``WireDown`` naming the missing, the double and the foreign."""
+    """Ping each servo, then all at once. Raise ``WireDown`` naming missing, double and foreign servos."""
     heard: Counter[int] = Counter()
     garbled: set[int] = set()
     for axis in axes:
@@ -128,7 +128,8 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
     wanted = _MODELS.get(axis.model)
     if wanted is not None and servo.model != wanted:
         raise WireDown(
-            f"connect: {axis.label} is a {servo.model_name}, must be {axis.model}. Check which robot is on this port"
+            f"connect: {axis.label} is a {servo.model_name}, must be {axis.model}. "
+            "Check which robot is on this port"
         )
     if servo.id != axis.id:
         raise WireDown(f"connect: {axis.label} says its id is {servo.id}. Set its id again")
@@ -151,7 +152,7 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
 
 
 async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
-    """Return delay 0, behind the lock: gone at the next power off, the EEPROM is not worn. Raise ``WireDown``."""
+    """Return delay 0, behind the lock: gone at the next power off, no wear. Raise ``WireDown``."""
     if not servo.locked:
         await command(bus, axis, protocol.LOCK, 1)
     if servo.return_delay:
@@ -174,7 +175,7 @@ async def _block(bus: Bus, axis: Axis, address: int, size: int) -> bytes:
 
 def _unanswered(bus: Bus, axis: Axis, what: str) -> str:
     if bus.stray_bytes:
-        return f"connect: {axis.label} garbles its answer to {what}. Check for two servos with one id, and its cable"
+        return f"connect: {axis.label} garbles its answer to {what}. Two servos with one id, or a bad cable?"
     return f"connect: {axis.label} does not answer {what}. Check its cable and power"
 
 

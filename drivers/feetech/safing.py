@@ -18,14 +18,14 @@ REPEAT_S = 0.002
 """A servo that was just sending a reply talks over the frame: by then six have finished (6 x 17 bytes)."""
 
 RESYNC = b"\0\0"
-"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and 255 bytes be
-waited for; a length of 0 is none, and the parser begins anew."""
+"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and 255 bytes
+be waited for; a length of 0 is none, and the parser begins anew."""
 
 ATTEMPTS = 3
 ANSWER_S = 0.04
 CONFIRM_S = 1.0
-"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14 s, twice an
-attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than a late one."""
+"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14 s, twice
+an attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than a late one."""
 
 Bus = HalfDuplexBus[protocol.Packet]
 
@@ -119,8 +119,8 @@ class Safing:
         return tally.reports()
 
     async def hold(self, known: Mapping[int, int], fresh: bool) -> tuple[MotorReport, ...]:
-        """Goals := positions. ``known`` goes out at once; when it is not ``fresh`` a second frame follows with
-        what the servos say now. Never raises."""
+        """Goals := positions. ``known`` goes out at once; when it is not ``fresh`` a second frame follows
+        with what the servos say now. Never raises."""
         tally = Tally(self._axes)
         goals = self.goals(known)
         try:
@@ -144,9 +144,9 @@ class Safing:
         return tally.reports()
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
-        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer: the
-        servos then take our first bytes for its rest. ``RESYNC`` and enough copies to outlast the longest frame,
-        and their parsers have found FF FF again before the last one."""
+        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer:
+        the servos then take our first bytes for its rest. ``RESYNC`` and enough copies to outlast the longest
+        frame, and their parsers have found FF FF again before the last one."""
         try:
             self._bus.port.discard_output()
         except WireDown as error:

@@ -183,8 +183,8 @@ class FeetechWire(Wire):
             taken = goal.decode(replies[axis.id].params)
             if taken != goals[axis.id]:
                 raise WireDown(
-                    f"arm: {axis.label} did not take its present position as goal ({taken}, not {goals[axis.id]}). "
-                    "Try again; if it stays, check its cable"
+                    f"arm: {axis.label} did not take its present position as goal "
+                    f"({taken}, not {goals[axis.id]}). Try again; if it stays, check its cable"
                 )
         self._armed = True
         for axis in self._axes:
@@ -294,8 +294,8 @@ class FeetechWire(Wire):
             outside_deg = abs(positions[axis.id] - goals[axis.id]) * 360 / protocol.COUNTS
             if outside_deg > OUTSIDE_DEG:
                 raise WireDown(
-                    f"arm: {axis.label} rests {outside_deg:.1f} deg outside its range and would be pulled in. "
-                    "Move it inside by hand"
+                    f"arm: {axis.label} rests {outside_deg:.1f} deg outside its range and would be "
+                    "pulled in. Move it inside by hand"
                 )
 
     def _session(self) -> _Session:

@@ -34,7 +34,7 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")] = False,
     out: Annotated[Path, typer.Option(help="Where the picture goes.")] = Path("demo.png"),
 ) -> None:
-    """Run an SO-101 twin, kill and freeze its processes, and measure how soon it is safe."""
+    """Kill a running arm, process by process, and measure."""
     from .demo import run
 
     raise typer.Exit(run(seconds, faults=not no_faults, as_json=json, out=out))
@@ -74,7 +74,7 @@ def estop(robot: Which = None, all_: All = False) -> None:
 
 @app.command()
 def resume(robot: Which = None, all_: All = False) -> None:
-    """Lift a lockout and energise a robot where it is. Starts no motion."""
+    """Lift a lockout and energise; starts no motion."""
     from .operate import resume as run
 
     raise typer.Exit(run(robot, every=all_))

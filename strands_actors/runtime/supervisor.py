@@ -129,15 +129,17 @@ class Supervisor:
         return self._children
 
     async def _start(self, nursery: trio.Nursery, child: _Child) -> None:
-        child.scope = trio.CancelScope(shield=True)
+        child.scope = trio.CancelScope()
         child.done = trio.Event()
         child.starts += 1
         await nursery.start(self._run_child, child)
+        # Once up, a child is not cancelled with its supervisor but stopped by it, in reverse order. Not
+        # earlier: trio keeps a task that starts while it is being cancelled under the starter.
+        child.scope.shield = True
 
     async def _run_child(
         self, child: _Child, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
     ) -> None:
-        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse order.
         error: BaseException | None = None
         started = _StartedOnce(task_status)
         scope, done = child.scope, child.done

@@ -168,9 +168,8 @@ def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
     """The watchdog asks for a re-send only when the transport answered the last cycle."""
 
     async def run() -> None:
-        async with open_inline_tree(FakeHardware(read_s=0.07)) as tree:
+        async with open_inline_tree() as tree:
             writer = await armed(tree)
-            await trio.sleep(0.2)
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")]
             asked: list[Cycle] = []
             put = transport.mailbox.put
@@ -189,7 +188,8 @@ def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
             box = transport.mailbox
             watchdog = tree.node.cells[tree.gate.address.replace("gate", "watchdog")].actor
             transport.mailbox = Spy()  # type: ignore[assignment]
-            for _ in range(20):
+            for turn in range(40):
+                tree.hardware.read_s = 0.03 if turn % 4 == 3 else 0.001
                 await writer.send(ttl_s=0.3, a=5.0)
                 await trio.sleep(0.02)
             transport.mailbox = box

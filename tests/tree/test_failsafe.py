@@ -1,0 +1,64 @@
+"""The failsafe table by itself: what no sequence of events may do."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.supervisors.failsafe import TRANSITIONS, WRITABLE, Action, Event, Mode, State, step
+
+events = st.lists(st.tuples(st.sampled_from(Event), st.booleans()), max_size=40)
+
+
+def play(sequence: list[tuple[Event, bool]]) -> list[tuple[State, Event, State, Action]]:
+    state, seen = State(), []
+    for event, lock in sequence:
+        after, action = step(state, event, "op" if lock and event is Event.STOP else "")
+        seen.append((state, event, after, action))
+        state = after
+    return seen
+
+
+@given(events)
+def test_saf_002_every_safe_order_and_every_arming_raises_the_epoch(
+    sequence: list[tuple[Event, bool]],
+) -> None:
+    for before, _, after, action in play(sequence):
+        assert after.epoch >= before.epoch
+        if action is not Action.NONE:
+            assert after.epoch == before.epoch + 1
+
+
+@given(events)
+def test_saf_008_only_a_resume_leads_to_armed(sequence: list[tuple[Event, bool]]) -> None:
+    resumed = False
+    for _, event, after, action in play(sequence):
+        if event is Event.RESUME and action is Action.ARM:
+            resumed = True
+        if action is Action.MAKE_SAFE and after.mode is not Mode.HOLDING:
+            resumed = False
+        if event is Event.LINK_LOST:
+            resumed = False
+        assert after.mode not in WRITABLE or resumed
+
+
+@given(events)
+def test_saf_007_a_lock_outlives_everything_but_a_resume(sequence: list[tuple[Event, bool]]) -> None:
+    for before, event, after, action in play(sequence):
+        if before.locked_by and not after.locked_by:
+            assert event is Event.RESUME and action is Action.ARM
+        if after.locked_by:
+            assert after.mode not in WRITABLE
+
+
+@given(events)
+def test_a_stop_is_acted_on_in_every_mode(sequence: list[tuple[Event, bool]]) -> None:
+    for _, event, after, action in play(sequence):
+        if event is Event.STOP:
+            assert action is Action.MAKE_SAFE
+            assert after.mode not in WRITABLE
+
+
+def test_what_was_lost_energised_is_made_safe_before_anything_else() -> None:
+    assert TRANSITIONS[Mode.LOST, Event.LINK_UP].action is Action.MAKE_SAFE
+    assert {row.mode for (mode, _), row in TRANSITIONS.items() if mode is Mode.FAILED} == {Mode.FAILED}
