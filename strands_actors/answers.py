@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from typing import Any
 
 from .runtime.messages import Refused
-from .supervisors.messages import StopReport, TaskStatus
+from .supervisors.messages import StopReport, TaskStatus, TreeReport
 
 
 class Answer(dict[str, Any]):
@@ -83,4 +83,27 @@ def task(status: TaskStatus) -> dict[str, Any]:
         "refusal": status.refusal or None,
         "instruction": status.instruction,
         "hz": round(status.hz, 2),
+    }
+
+
+def tree(report: TreeReport) -> dict[str, Any]:
+    """As ``strands-actors tree --json`` prints one robot."""
+    return {
+        "robot": report.robot,
+        "state": report.state,
+        "epoch": report.epoch,
+        "processes": [
+            {"role": process.role, "pid": process.pid, "restarts": process.restarts}
+            for process in report.processes
+        ],
+        "actors": [
+            {
+                "address": actor.address,
+                "role": actor.role,
+                "pid": actor.pid,
+                "state": actor.state,
+                "restarts": actor.restarts,
+            }
+            for actor in report.actors
+        ],
     }

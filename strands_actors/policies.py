@@ -22,7 +22,10 @@ def list_providers() -> dict[str, str]:
 
 
 def resolve_provider(name: str) -> str:
-    """Raise ``ValueError`` with the names there are."""
+    """``module:factory`` of a name; one that is given in that form is taken as it is. Raise ``ValueError`` with
+    the names there are."""
+    if ":" in name:
+        return name
     known = list_providers()
     if name not in known:
         raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted(known))}")

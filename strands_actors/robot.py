@@ -277,6 +277,12 @@ class RealRobot:
 
         return self._verb(run, "stop_task")
 
+    def tree(self) -> dict[str, Any] | None:
+        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are none."""
+        tree = self._tree
+        report = None if tree is None else self._call(tree.describe)
+        return None if report is None else answers.tree(report)
+
     # -- helpers
 
     def _status(self) -> Status | None:

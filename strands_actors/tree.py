@@ -28,6 +28,7 @@ from .supervisors.messages import (
     Accepted,
     Acquire,
     Beat,
+    Describe,
     Fence,
     GetObservation,
     GetStatus,
@@ -44,6 +45,7 @@ from .supervisors.messages import (
     StopReport,
     StopTask,
     TaskStatus,
+    TreeReport,
 )
 from .supervisors.policy import Policy, as_infer
 from .supervisors.root import Root
@@ -257,7 +259,7 @@ class RobotTree:
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""
         self._require()
-        if self._task_running():
+        if (await self.task()).running:
             return Refused("running", "move: a task is running", "call stop_task() first")
         answer = await self._send(action)
         if isinstance(answer, Refused) and answer.code in ("stale_epoch", "no_lease"):
@@ -353,6 +355,16 @@ class RobotTree:
             return None
         return answer if isinstance(answer, Status) else None
 
+    async def describe(self) -> TreeReport | None:
+        """Processes and actors of the tree; None when the root does not answer."""
+        if self._root_process is None:
+            return None
+        try:
+            answer = await self._root.ask(Describe(), ASK_S)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, TreeReport) else None
+
     async def observations(self, hz: float) -> AsyncIterator[dict[str, float]]:
         """Observations at a steady rate, public keys, the driver's units."""
         async for _ in self._node.clock.ticks(1.0 / hz):
@@ -361,9 +373,6 @@ class RobotTree:
                 yield self.driver.as_json(answer.position)
 
     # -- rollouts
-
-    def _task_running(self) -> bool:
-        return self._task.running
 
     async def run_policy(
         self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None

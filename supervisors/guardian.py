@@ -171,9 +171,11 @@ class Guardian(Actor):
         motors: tuple[MotorReport, ...] = ()
         if self._second is not None:
             motors = await self._second.make_safe(rung)
+            self._confirmed = all(motor.safe for motor in motors)
+            self._second.close()  # it would keep the next wire from the port, which is locked while it is open
+            self._second = None
+        # Without a second path the wire had not come so far as to energise anything: all is as it was.
         took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
-        # Without a second path the wire had not come so far as to energise anything.
-        self._confirmed = all(motor.safe for motor in motors)
         epoch = max(epoch, self.state.epoch) + 1
         self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms)
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)

@@ -99,7 +99,7 @@ CURRENT = Register(69, 2)
 
 TABLE_SIZE = 90
 EEPROM_END = 40
-READ_ONLY = frozenset((*range(0, 5), *range(56, 72)))
+READ_ONLY = frozenset((*range(5), *range(56, 72)))
 MIDDLE_IS_HERE = 128
 """Written to TORQUE_ENABLE: make the present position the middle (assumed for all STS firmware)."""
 

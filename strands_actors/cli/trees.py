@@ -69,7 +69,6 @@ def as_plain(report: TreeReport) -> dict[str, object]:
 def draw(report: TreeReport, states: Mapping[int, str] | None = None, census: bool = True) -> Tree:
     """``states``: what a process does, by pid, where it is not simply running."""
     from rich.text import Text
-    from rich.text import Text
     from rich.tree import Tree
 
     head = Text.assemble(

@@ -120,11 +120,12 @@ class Cell:
         if self.incarnations:
             self.actor = self.factory()
         self.incarnations += 1
+        self.state = "starting"
+        self.node.host(self)
         reason = "stopped"
         try:
             async with trio.open_nursery() as nursery:
                 self.actor.context = context = Context(self, nursery)
-                self.node.host(self)
                 await self.actor.started()
                 self.state = "running"
                 task_status.started()

@@ -7,6 +7,7 @@ robot safe exactly as if it had crashed. One way of dying, one way of being safe
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import os
@@ -33,13 +34,25 @@ def main(fd: int) -> None:
         entry(specification.args, sock)
         code = 0
     except SystemExit as stop:
-        code = stop.code if isinstance(stop.code, int) else 1
+        code = _exit_code(stop)
     except BaseException:
         traceback.print_exc()
     finally:
-        sys.stderr.flush()
-        sys.stdout.flush()
+        # Nobody may be left to read what is flushed; the end must come all the same.
+        for stream in (sys.stderr, sys.stdout):
+            with contextlib.suppress(Exception):
+                stream.flush()
         os._exit(code)
+
+
+def _exit_code(stop: SystemExit) -> int:
+    """As the interpreter does it: nothing is success, a text is printed and is failure."""
+    if stop.code is None:
+        return 0
+    if isinstance(stop.code, int):
+        return stop.code
+    print(stop.code, file=sys.stderr)
+    return 1
 
 
 def _read_exactly(sock: socket.socket) -> bytes:

@@ -50,16 +50,24 @@ def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object
 class Protocol:
     """What an actor class accepts and answers, read from the annotation of its ``receive``."""
 
-    __slots__ = ("accepts", "decode", "decode_reply", "is_async", "name")
+    __slots__ = ("accepts", "carriers", "decode", "decode_reply", "is_async", "name")
 
     def __init__(self, receive: Callable[..., Any], name: str) -> None:
-        hints = typing.get_type_hints(receive)
+        try:
+            hints = typing.get_type_hints(receive)
+        except NameError as error:
+            raise TypeError(
+                f"{name}.receive: {error}. import or define what it names at module level, "
+                "outside of 'if TYPE_CHECKING'"
+            ) from error
         if "message" not in hints:
             raise TypeError(f"{name}.receive: annotate its argument 'message' with the types it accepts")
         accepts = _members(hints["message"])
         for kind in accepts:
             if not (isinstance(kind, type) and issubclass(kind, Message)):
-                raise TypeError(f"{name}.receive: {kind!r} is not a Message")
+                raise TypeError(
+                    f"{name}.receive: {kind!r} is not a Message. annotate 'message' with subclasses of it"
+                )
         replies = [
             kind
             for kind in _members(hints.get("return", type(None)))
@@ -67,6 +75,7 @@ class Protocol:
         ]
         self.name = name
         self.accepts = frozenset(accepts)
+        self.carriers = frozenset(kind for kind in accepts if "descriptors" in kind.__struct_fields__)
         self.decode: Callable[[Any], Message] = msgspec.msgpack.Decoder(_union(accepts)).decode
         self.decode_reply: Callable[[Any], Message | None] = msgspec.msgpack.Decoder(
             _union((*replies, Refused, None))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import trio
 
@@ -18,6 +18,8 @@ from .node import Node
 BACKLOG_BYTES = 256 * 1024
 _HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
 _MAX_FRAME = 1 << 20
+_MAX_DESCRIPTORS = 8
+_CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
 
 
 class Link:
@@ -43,6 +45,8 @@ class Link:
                 task_status.started()
                 await self._read()
                 nursery.cancel_scope.cancel()
+        except* trio.ClosedResourceError:
+            pass  # closed by this end
         finally:
             self.close()
 
@@ -52,6 +56,8 @@ class Link:
         self.closed = True
         trio.lowlevel.notify_closing(self._socket)
         self._socket.close()
+        while self._backlog:
+            _close_all(self._backlog.popleft()[1])
         self._node.detach(self)
         if self._on_closed is not None:
             self._on_closed()
@@ -62,6 +68,9 @@ class Link:
         if self.closed:
             return False
         packet = len(data).to_bytes(4, "little") + bytes((len(descriptors),)) + data
+        if len(packet) > BACKLOG_BYTES:
+            self.dropped += 1  # half of it would be sent and the rest not kept
+            return False
         if self._backlog:
             self._keep(memoryview(packet), descriptors)
             return True
@@ -88,7 +97,7 @@ class Link:
         return self._socket.send(data)
 
     def _keep(self, packet: memoryview, descriptors: tuple[int, ...]) -> None:
-        if self._backlog_bytes + len(packet) > BACKLOG_BYTES:
+        if self._backlog and self._backlog_bytes + len(packet) > BACKLOG_BYTES:
             self.dropped += 1
             return
         # The caller may close its descriptors before they can be sent.
@@ -109,8 +118,7 @@ class Link:
                     continue
                 except OSError:
                     return
-                for fd in descriptors:
-                    os.close(fd)
+                _close_all(descriptors)
                 self._backlog_bytes -= sent
                 if sent < len(packet):
                     self._backlog[0] = (packet[sent:], ())
@@ -118,12 +126,18 @@ class Link:
                     self._backlog.popleft()
 
     async def _read(self) -> None:
-        buffer = bytearray()
         descriptors: deque[int] = deque()
+        try:
+            await self._read_frames(descriptors)
+        finally:
+            _close_all(descriptors)
+
+    async def _read_frames(self, descriptors: deque[int]) -> None:
+        buffer = bytearray()
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
-                data, received, _, _ = socket.recv_fds(self._socket, 65536, 8)
+                data, received, _, _ = socket.recv_fds(self._socket, 65536, _MAX_DESCRIPTORS, _CLOEXEC)
             except BlockingIOError:
                 continue
             except ConnectionError:
@@ -145,3 +159,8 @@ class Link:
                 self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
                 start = end
             del buffer[:start]
+
+
+def _close_all(descriptors: Iterable[int]) -> None:
+    for fd in descriptors:
+        os.close(fd)

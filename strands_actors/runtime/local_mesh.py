@@ -5,6 +5,8 @@ Links between nodes can be cut and healed, as a network's can.
 
 from __future__ import annotations
 
+import os
+
 from .node import Node
 
 
@@ -20,10 +22,12 @@ class LocalNetwork:
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:
-        """Nothing from or to this node arrives any more; those who watch its actors are told."""
+        """Nothing from or to this node arrives any more; those who watch across the cut are told."""
         self._cut.add(node.address)
         for mesh in list(self._meshes.values()):
-            mesh.peer_gone(node)
+            if mesh.node is not node:
+                mesh.peer_gone(node)
+                self._meshes[node.address].peer_gone(mesh.node)
 
     def heal(self, node: Node) -> None:
         self._cut.discard(node.address)
@@ -36,14 +40,14 @@ class LocalNetwork:
         for other in list(self._meshes.values()):
             other.peer_gone(mesh.node)
 
-    def deliver(self, source: Node, to: str, data: bytes) -> bool:
+    def deliver(self, source: Node, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         if source.address in self._cut:
             return False
         for address, mesh in self._meshes.items():
             if address in self._cut:
                 continue
             if to == address or to in mesh.node.cells:
-                mesh.node.receive_frame(data, mesh)
+                mesh.node.receive_frame(data, mesh, tuple(os.dup(fd) for fd in descriptors))
                 return True
         return False
 
@@ -63,7 +67,7 @@ class LocalMesh:
         self._network.remove(self)
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
-        return self._network.deliver(self.node, to, data)
+        return self._network.deliver(self.node, to, data, descriptors)
 
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: delivery looks the address up."""

@@ -8,8 +8,9 @@ same on every way: ``tell`` never waits, ``ask`` has a deadline, ``watch`` answe
 from __future__ import annotations
 
 import itertools
+import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol as TypingProtocol
 from typing import TypeVar, cast
 
@@ -52,7 +53,8 @@ class Way(TypingProtocol):
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
         """Send without waiting; False when nobody there hosts ``to``. What is not ``prompt`` may share a
-        packet with what follows."""
+        packet with what follows. The sender keeps its descriptors, the receiver gets duplicates; a way
+        between processes that is no link delivers none."""
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...
@@ -172,7 +174,7 @@ class Ref:
         """Send and forget. What cannot be delivered becomes a dead letter."""
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            self._node.put(cell, message, None, self._sender)
+            self._node.put_local(cell, message, None, self._sender)
         elif not self._node.send_frame(self.address, TELL, 0, self._sender, message):
             self._node.dead(self.address, message, "nobody hosts it")
 
@@ -182,7 +184,7 @@ class Ref:
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            node.put(cell, message, answer, self._sender)
+            node.put_local(cell, message, answer, self._sender)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
             return await answer.wait()
@@ -191,7 +193,8 @@ class Ref:
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
                 raise Unreachable(f"nobody hosts {self.address}")
-            node.deadlines.add(answer, deadline_s)
+            if not answer.done:
+                node.deadlines.add(answer, deadline_s)
             return await answer.wait()
         finally:
             node.pending.pop(cid, None)
@@ -211,6 +214,7 @@ class Node:
         self.dead_letters: deque[DeadLetter] = deque(maxlen=256)
         self.dead_letter_count = 0
         self.refused_count = 0
+        self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
         self._cids = itertools.count(1)
@@ -254,12 +258,25 @@ class Node:
     def ref(self, address: str, protocol: type[Actor] | None = None, sender: str = "") -> Ref:
         return Ref(self, address, protocol, sender or self.address)
 
-    def put(self, cell: Cell, message: Message, reply: ReplyTo | None, sender: str) -> None:
+    def put(self, cell: Cell, message: Message, reply: ReplyTo | None, sender: str) -> bool:
+        """Into the mailbox; False when it was refused."""
         if type(message) not in cell.protocol.accepts:
             self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
-        elif not cell.mailbox.put(message, reply, sender):
+            return False
+        if not cell.mailbox.put(message, reply, sender):
             full = Refused("mailbox_full", f"{cell.address} has {len(cell.mailbox)} messages waiting", "wait")
             self._refuse(cell.address, message, full, reply)
+            return False
+        return True
+
+    def put_local(self, cell: Cell, message: Message, reply: ReplyTo | None, sender: str) -> None:
+        """As ``put``, from this process: descriptors are duplicated, as on a link."""
+        if type(message) in cell.protocol.carriers:
+            own = tuple(os.dup(fd) for fd in message.descriptors)  # type: ignore[attr-defined]
+            if not self.put(cell, msgspec.structs.replace(message, descriptors=own), reply, sender):
+                _close_all(own)
+        else:
+            self.put(cell, message, reply, sender)
 
     def dead(self, to: str, what: object, why: str) -> None:
         self.dead_letter_count += 1
@@ -278,6 +295,7 @@ class Node:
 
     def attach(self, way: Way) -> None:
         """A link came up: tell its other end what lives here."""
+        self._links.add(way)
         way.announce(self.address, True)
         for address in self.cells:
             way.announce(address, True)
@@ -292,36 +310,43 @@ class Node:
 
     def detach(self, way: Way) -> None:
         """A link went down: everything behind it is gone."""
+        self._links.discard(way)
         for address in [known for known, route in self._routes.items() if route is way]:
             self.learn(address, way, False)
 
     def _ways(self) -> set[Way]:
-        ways = set(self._routes.values())
-        if self.mesh is not None:
-            ways.add(self.mesh)
-        return ways
+        return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
         way = self._routes.get(to) or self.mesh
         if way is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
-        return way.send(to, frame(to, kind, cid, sender, self.address, body), descriptors, kind != TELL)
+        data = frame(to, kind, cid, sender, self.address, body)
+        if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
+            self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
+            return True
+        return way.send(to, data, descriptors, kind != TELL)
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
+        if not self._receive(data, way, descriptors):
+            _close_all(descriptors)
+
+    def _receive(self, data: bytes, way: Way, descriptors: tuple[int, ...]) -> bool:
+        """Whether an actor got a message, and with it the descriptors."""
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             self.refused_count += 1
             self.dead(self.address, data, f"not a frame: {error}")
-            return
+            return False
         kind = head.kind
         if kind in (TELL, ASK):
-            self._receive_message(head, len(data), descriptors)
-        elif kind == REPLY:
+            return self._receive_message(head, len(data), descriptors)
+        if kind == REPLY:
             self._receive_reply(head)
-        elif kind == HOSTS:
+        elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
             self.learn(head.sender, way, head.cid == 1)
         elif kind == WATCH:
             self._watchers.setdefault(head.to, set()).add(head.sender)
@@ -332,24 +357,18 @@ class Node:
         else:
             self.refused_count += 1
             self.dead(head.to, head, f"unknown frame kind {kind}")
+        return False
 
-    def _receive_message(self, head: Frame, size: int, descriptors: tuple[int, ...]) -> None:
+    def _receive_message(self, head: Frame, size: int, descriptors: tuple[int, ...]) -> bool:
         reply = _RemoteReply(self, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
             refusal = Refused("unknown_address", f"nobody hosts {head.to} here")
             self._refuse(head.to, head, refusal, reply)
-            return
+            return False
         if size > MAX_MESSAGE_BYTES:
-            refusal = Refused(
-                "oversized",
-                f"{size} bytes",
-                f"send at most {MAX_MESSAGE_BYTES}",
-                str(size),
-                str(MAX_MESSAGE_BYTES),
-            )
-            self._refuse(head.to, head, refusal, reply)
-            return
+            self._refuse(head.to, head, _oversized(size), reply)
+            return False
         try:
             message = cell.protocol.decode(head.body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
@@ -358,10 +377,13 @@ class Node:
                 "malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}"
             )
             self._refuse(head.to, head, refusal, reply)
-            return
-        if descriptors:
-            message = msgspec.structs.replace(message, descriptors=descriptors)
-        self.put(cell, message, reply, head.sender)
+            return False
+        if type(message) not in cell.protocol.carriers:
+            self.put(cell, message, reply, head.sender)
+            return False
+        # The numbers in the body are the sender's; only what came with the frame is ours.
+        message = msgspec.structs.replace(message, descriptors=descriptors)
+        return self.put(cell, message, reply, head.sender)
 
     def _receive_reply(self, head: Frame) -> None:
         answer = self.pending.get(head.cid)
@@ -383,10 +405,10 @@ class Node:
         self._watchers.setdefault(address, set()).add(watcher)
         if address in self.cells:
             return
+        if (way := self._routes.get(address) or self.mesh) is not None:
+            way.watch(address)  # first: what ends between the two is then seen by one of them
         if not self.send_frame(address, WATCH, 0, watcher, None):
             self._notify_down(address, "nobody hosts it")
-        elif (way := self._routes.get(address) or self.mesh) is not None:
-            way.watch(address)
 
     def lost(self, address: str) -> None:
         """The node that hosted ``address`` cannot be reached any more."""
@@ -408,3 +430,13 @@ class Node:
             self._receive_message(
                 Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body), len(head.body), ()
             )
+
+
+def _oversized(size: int) -> Refused:
+    limit = MAX_MESSAGE_BYTES
+    return Refused("oversized", f"{size} bytes", f"send at most {limit}", str(size), str(limit))
+
+
+def _close_all(descriptors: Iterable[int]) -> None:
+    for fd in descriptors:
+        os.close(fd)

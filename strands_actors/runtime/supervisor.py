@@ -68,7 +68,8 @@ class Supervisor:
         self._budget = budget or Budget()
         self._on_restart = on_restart
         self._failures: deque[float] = deque()
-        self._ended: trio.MemorySendChannel[tuple[_Child, BaseException | None]]
+        self._running = 0
+        self._ended: trio.MemorySendChannel[_End]
 
     @property
     def restarts(self) -> dict[str, int]:
@@ -77,7 +78,7 @@ class Supervisor:
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Raise ``BudgetSpent`` when a child keeps failing; return when every child has ended for good."""
-        self._ended, ended = trio.open_memory_channel[tuple[_Child, BaseException | None]](float("inf"))
+        self._ended, ended = trio.open_memory_channel[_End](float("inf"))
         async with trio.open_nursery() as nursery:
             try:
                 for child in self._children:
@@ -87,14 +88,12 @@ class Supervisor:
             finally:
                 await self._stop(self._children)
 
-    async def _supervise(
-        self,
-        nursery: trio.Nursery,
-        ended: trio.MemoryReceiveChannel[tuple[_Child, BaseException | None]],
-    ) -> None:
-        while any(not child.done.is_set() for child in self._children):
-            child, error = await ended.receive()
-            if child.scope.cancel_called or not child.done.is_set():
+    async def _supervise(self, nursery: trio.Nursery, ended: trio.MemoryReceiveChannel[_End]) -> None:
+        # Ends are counted, not looked up: several children may have ended before the first is dealt with.
+        while self._running:
+            child, scope, error = await ended.receive()
+            self._running -= 1
+            if scope is not child.scope or scope.cancel_called:
                 continue  # stopped by us, or already started again with its siblings
             kind = child.spec.restart
             if kind == "temporary" or (kind == "transient" and error is None):
@@ -106,7 +105,8 @@ class Supervisor:
             if pause_s:
                 await trio.sleep(pause_s)
             for member in group:
-                await self._start(nursery, member)
+                if member is child or member.spec.restart != "temporary":
+                    await self._start(nursery, member)
             if self._on_restart is not None:
                 self._on_restart(child.spec.name, why)
 
@@ -129,29 +129,27 @@ class Supervisor:
         return self._children
 
     async def _start(self, nursery: trio.Nursery, child: _Child) -> None:
-        child.scope = trio.CancelScope()
+        child.scope = trio.CancelScope(shield=True)
         child.done = trio.Event()
         child.starts += 1
-        await nursery.start(self._run_child, child)
-        # Once up, a child is not cancelled with its supervisor but stopped by it, in reverse order. Not
-        # earlier: trio keeps a task that starts while it is being cancelled under the starter.
-        child.scope.shield = True
+        self._running += 1
+        up = _Up()
+        # Not ``nursery.start``: cancelled meanwhile, it would wait for ever for a shielded child.
+        nursery.start_soon(self._run_child, child, child.scope, child.done, up)
+        await up.event.wait()
 
-    async def _run_child(
-        self, child: _Child, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
-    ) -> None:
+    async def _run_child(self, child: _Child, scope: trio.CancelScope, done: trio.Event, up: _Up) -> None:
+        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse order.
         error: BaseException | None = None
-        started = _StartedOnce(task_status)
-        scope, done = child.scope, child.done
         try:
             with scope:
-                await child.spec.run(task_status=started)
+                await child.spec.run(task_status=up)
         except Exception as failure:
             error = failure
         finally:
-            started.started()
+            up.started()
             done.set()
-            self._ended.send_nowait((child, error))
+            self._ended.send_nowait((child, scope, error))
 
     async def _stop(self, children: Sequence[_Child]) -> None:
         for child in reversed(children):
@@ -160,13 +158,15 @@ class Supervisor:
                 await child.done.wait()
 
 
-class _StartedOnce:
-    """A child that fails before it is up still lets its supervisor go on to decide."""
+_End = tuple[_Child, trio.CancelScope, BaseException | None]
+"""Which incarnation ended (told by its scope), and by what."""
 
-    def __init__(self, task_status: trio.TaskStatus[None]) -> None:
-        self._task_status: trio.TaskStatus[None] | None = task_status
+
+class _Up:
+    """A child's ``task_status``. One that fails before it is up lets its supervisor go on to decide."""
+
+    def __init__(self) -> None:
+        self.event = trio.Event()
 
     def started(self, value: None = None) -> None:
-        if self._task_status is not None:
-            self._task_status.started()
-            self._task_status = None
+        self.event.set()

@@ -25,6 +25,8 @@ LEASE_MS = 1000
 """Of the transport: a frozen peer is dropped after this long (zenoh's default is 10 s)."""
 
 _WAKE_BATCH = 512
+_PUBLISHERS = 256
+"""Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
 
 
 def config(listen: Sequence[str] = (), connect: Sequence[str] = ()) -> zenoh.Config:
@@ -102,21 +104,30 @@ class ZenohMesh:
     # -- the Way protocol
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
-        publisher = self._publishers.get((to, prompt))
-        if publisher is None:
-            # One priority, so that messages of one sender keep their order; asks and answers leave at once
-            # (express), tells may share a batch. Not dropped when a queue is full: a stop is among them.
-            publisher = self._publishers[to, prompt] = self._session.declare_publisher(
-                to,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                priority=zenoh.Priority.REAL_TIME,
-                express=prompt,
-            )
-        status: Any = publisher.matching_status  # the stubs say bool
-        if not status.matching:
-            return False
-        publisher.put(data)
+        try:
+            publisher = self._publishers.get((to, prompt)) or self._publisher(to, prompt)
+            status: Any = publisher.matching_status  # the stubs say bool
+            if not status.matching:
+                return False
+            publisher.put(data)
+        except zenoh.ZError:
+            return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
+
+    def _publisher(self, to: str, prompt: bool) -> zenoh.Publisher:
+        if "*" in to:
+            raise zenoh.ZError(f"{to} is not one address")
+        if len(self._publishers) >= _PUBLISHERS:
+            self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
+        # One priority, so that messages of one sender keep their order; asks and answers leave at once
+        # (express), tells may share a batch. Not dropped when a queue is full: a stop is among them.
+        publisher = self._publishers[to, prompt] = self._session.declare_publisher(
+            to,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.REAL_TIME,
+            express=prompt,
+        )
+        return publisher
 
     def announce(self, address: str, hosted: bool) -> None:
         if not hosted:

@@ -48,9 +48,13 @@ class WireLog:
         return took_s
 
     def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
-        """Setpoints behind the first safe frame after ``since_ns``."""
-        safe = self.first_safe(since_ns)
-        assert safe is not None, "no safe frame on the wire"
-        return sum(
-            1 for entry in self.host("setpoint", safe.t_ns) if until_ns is None or entry.t_ns < until_ns
-        )
+        """Setpoints behind the first safe frame after ``since_ns``, in the order of the wire: frames that were
+        read at once share their time."""
+        seen_safe, count = False, 0
+        for entry in self.entries(since_ns):
+            if entry.sender != "host" or (until_ns is not None and entry.t_ns >= until_ns):
+                continue
+            seen_safe = seen_safe or entry.kind == "safe"
+            count += seen_safe and entry.kind == "setpoint"
+        assert seen_safe, "no safe frame on the wire"
+        return count

@@ -110,7 +110,7 @@ class Scenario:
         self._watch = watch
         self._bound_s = bound_s
         self._note = note
-        self._policies = 0
+        self._ladder: dict[str, str] = {}
 
     def start(self) -> None:
         began = time.monotonic()
@@ -119,38 +119,34 @@ class Scenario:
         if problem is not None:
             raise Failed(problem)
         self._watch.start()
+        wait_for(lambda: "ladder" in self._status(), RESTART_S)
+        self._ladder = self._status()["ladder"]
         self._note(f"twin and tree up in {time.monotonic() - began:.1f} s, armed where it stands", "good")
 
     def run(self, seconds: float, faults: tuple[Fault, ...]) -> None:
         """Moving takes twice as long as looking at what was made safe."""
         look_s = seconds / (3 * len(faults) + 2)
-        began_ns = self._move()
-        self._settle(2 * look_s)
+        self._move("a sine policy runs")
+        began_ns = time.monotonic_ns()
+        self._let_move(2 * look_s)
         self.pace = self._measure_pace(began_ns)
         for number, fault in enumerate(faults, 1):
             self.phase = f"fault {number} of {len(faults)}: {fault.signal} to the {fault.victim} process"
             self._break(fault, look_s)
-            self._settle(2 * look_s)
+            self._let_move(2 * look_s)
         self.phase = "done"
 
     # -- moving
 
-    def _move(self) -> int:
+    def _move(self, what: str) -> None:
         """Start the rollout; return when its first setpoint was on the wire."""
-        began_ns = time.monotonic_ns()
         deadline = time.monotonic() + RESTART_S
         self._command(lambda: self._robot.send_action(READY), "move", deadline)
-        at_ready_ns = time.monotonic_ns()
         self._command(self._start_task, "start_task", deadline)
-        began_ns = max(began_ns, at_ready_ns)
-        if not wait_for(lambda: self._steps() > 0, RESTART_S):
+        if not wait_for(lambda: self._task()["steps"] > 0, RESTART_S):
             raise Failed(f"the policy sent nothing within {RESTART_S:g} s{self._why_ended()}")
         wait_for(lambda: self._watch.pid("policy") is not None, RESTART_S)
-        pid = self._watch.pid("policy")
-        self._policies += 1
-        again = "" if self._policies == 1 else " again"
-        self._note(f"a sine policy runs{again} at {CONTROL_HZ:g} Hz, process {pid}", "plain")
-        return time.monotonic_ns()
+        self._note(f"{what} at {CONTROL_HZ:g} Hz, process {self._watch.pid('policy')}", "plain")
 
     def _start_task(self) -> dict[str, Any]:
         return self._robot.start_task(
@@ -168,20 +164,15 @@ class Scenario:
                 raise Failed(f"{name}: {answer['content'][0]['text']}")
             time.sleep(0.02)
 
-    def _settle(self, seconds: float) -> None:
-        if self.phase == "starting the twin and its tree":
-            self.phase = "moving"
+    def _let_move(self, seconds: float) -> None:
+        self.phase = "moving"
         time.sleep(seconds)
-        task = self._task()
-        if not task["running"]:
+        if not self._task()["running"]:
             raise Failed(f"the policy ended by itself{self._why_ended()}")
 
     def _task(self) -> dict[str, Any]:
         task: dict[str, Any] = self._robot.get_task_status()["content"][0]["json"]
         return task
-
-    def _steps(self) -> int:
-        return int(self._task()["steps"])
 
     def _why_ended(self) -> str:
         task = self._task()
@@ -207,7 +198,7 @@ class Scenario:
         pid = watch.pid(fault.victim)
         if pid is None:
             raise Failed(f"there is no {fault.victim} process to break")
-        rung = self._status()["ladder"][fault.reason]
+        rung = self._ladder[fault.reason]
         struck_ns = time.monotonic_ns()
         os.kill(pid, getattr(signal, fault.signal))
         outcome = Outcome(
@@ -258,7 +249,7 @@ class Scenario:
         if outcome.victim != "policy" and outcome.rung == "limp" and any(energised.values()):
             # Read back by the new wire process before it armed.
             outcome.detail = f"torque was still on: {', '.join(name for name, on in energised.items() if on)}"
-        self._move()
+        self._move("a new policy runs")
         outcome.rearmed = True
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 

@@ -1,0 +1,166 @@
+"""The live display: tree, joints, wire, and what happened so far."""
+
+from __future__ import annotations
+
+import time
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.layout import Layout
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ...runtime.clock import NS
+from ..trees import draw, styled
+from .scenario import Scenario
+from .story import Story
+from .watch import Watch, state_of
+
+BAR_CELLS = 29
+SPARKS = " ▁▂▃▄▅▆▇█"
+SPARK_S = 0.25
+
+
+class Screen:
+    """Use as a context manager around the scenario."""
+
+    def __init__(self, console: Console, watch: Watch, story: Story, scenario: Scenario) -> None:
+        self._watch = watch
+        self._story = story
+        self._scenario = scenario
+        self._span: list[tuple[float, float]] = []
+        self._live = Live(
+            get_renderable=self.render, console=console, screen=True, refresh_per_second=10, transient=True
+        )
+
+    def __enter__(self) -> Screen:
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def render(self) -> RenderableType:
+        layout = Layout()
+        body, right = Layout(name="body"), Layout(ratio=3)
+        joints = self._joints()
+        right.split_column(
+            Layout(joints, size=len(self._watch.axes) + 4 if self._watch.axes else 10),
+            Layout(self._wire(), size=6),
+            Layout(self._events()),
+        )
+        body.split_row(Layout(self._tree(), ratio=2), right)
+        layout.split_column(Layout(self._head(), size=1), body)
+        return layout
+
+    def _head(self) -> RenderableType:
+        head = Table.grid(expand=True)
+        head.add_column()
+        head.add_column(justify="right")
+        head.add_row(
+            Text.assemble((" strands-actors demo ", "bold white on blue"), f"  {self._scenario.phase}"),
+            Text(f"{self._story.seconds():.0f} s   Ctrl-C ends it, safely ", "dim"),
+        )
+        return head
+
+    def _tree(self) -> RenderableType:
+        report = self._watch.tree
+        if report is None:
+            return Panel(Text("starting ...", "dim"), title="tree", title_align="left")
+        states = {process.pid: state_of(process.pid) for process in report.processes}
+        status = self._watch.status
+        if status is None:
+            state = styled("the wire process does not answer")
+        else:
+            state = Text.assemble(styled(status.mode), f"   epoch {status.epoch}")
+            if status.cause:
+                state.append(f"\n{status.cause}", "dim")
+        return Panel(
+            Group(draw(report, states, census=False), Text(), Text("the gate: ").append_text(state)),
+            title="tree",
+            title_align="left",
+        )
+
+    def _joints(self) -> RenderableType:
+        table = Table(box=None, expand=True, padding=(0, 1), header_style="dim")
+        table.add_column("joint")
+        table.add_column("is", justify="right")
+        table.add_column("target", justify="right")
+        table.add_column("")
+        sample = self._watch.samples[-1] if self._watch.samples else None
+        if sample is not None:
+            self._span = self._span or [(value, value) for value in sample.position]
+            target = sample.target if self._watch.moving else None
+            for at, axis in enumerate(self._watch.axes):
+                value, aim = sample.position[at], None if target is None else target[at]
+                table.add_row(
+                    axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(at, value, aim)
+                )
+        return Panel(table, title=f"joints: {self._watch.unit}", title_align="left")
+
+    def _bar(self, at: int, value: float, aim: float | None) -> Text:
+        """Its range is what the joint has shown so far, with some room."""
+        low, high = self._span[at]
+        low, high = min(low, value - 5, *([] if aim is None else [aim])), max(high, value + 5)
+        self._span[at] = low, high
+        cells = ["·"] * BAR_CELLS
+
+        def cell(number: float) -> int:
+            return min(BAR_CELLS - 1, max(0, round((number - low) / (high - low) * (BAR_CELLS - 1))))
+
+        bar = Text("".join(cells), "bright_black")
+        marks = [(cell(value), "●", "bold green" if aim is not None else "bold cyan")]
+        if aim is not None:
+            marks.insert(0, (cell(aim), "◇", "yellow"))
+        for place, mark, style in marks:
+            bar = Text.assemble(bar[:place], (mark, style), bar[place + 1 :])
+        return bar
+
+    def _wire(self) -> RenderableType:
+        watch, now_ns = self._watch, time.monotonic_ns()
+        status = watch.status
+        if status is None or status.observation is None:
+            age = Text("none", "bold red")
+        else:
+            age_ms = (now_ns - status.observation.t_ns) / 1e6
+            age = Text(f"{age_ms:.0f} ms", "" if age_ms < 300 else "bold red")
+        last = watch.wire.last("setpoint", "safe", "enable")
+        word = "nothing yet" if last is None else f"{last.kind}, {(now_ns - last.t_ns) / NS:.1f} s ago"
+        grid = Table.grid(padding=(0, 2), expand=True)
+        grid.add_column(ratio=1)
+        grid.add_column(ratio=1)
+        grid.add_row(
+            f"{watch.wire.frames_per_s(now_ns):.0f} frames/s",
+            Text("observation: ").append_text(age),
+        )
+        setpoints = len(watch.wire.setpoint_times_ns(now_ns - NS, now_ns))
+        grid.add_row(f"{setpoints} setpoints/s", f"last command: {word}")
+        sparks = Text("setpoints ", "dim").append(self._sparkline(now_ns), "green")
+        return Panel(Group(grid, Text(), sparks), title="wire, as the twin heard it", title_align="left")
+
+    def _sparkline(self, now_ns: int) -> str:
+        """Setpoints on the wire over the last seconds; a full block is twice the control rate."""
+        step_ns, cells = round(SPARK_S * NS), 48
+        since_ns = now_ns // step_ns * step_ns - cells * step_ns
+        counts = [0] * cells
+        for t_ns in self._watch.wire.setpoint_times_ns(since_ns, since_ns + cells * step_ns):
+            counts[(t_ns - since_ns) // step_ns] += 1
+        return "".join(SPARKS[min(len(SPARKS) - 1, -(-count * 8 // 25))] for count in counts)
+
+    def _events(self) -> RenderableType:
+        return Panel(_Tail(self._story.lines), title="so far", title_align="left")
+
+
+class _Tail:
+    """The last lines, as many as there is room for."""
+
+    def __init__(self, lines: list[Text]) -> None:
+        self._lines = lines
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        room = options.height or options.max_height
+        for line in self._lines[-room:]:
+            short = line.copy()
+            short.truncate(options.max_width, overflow="ellipsis")
+            yield short

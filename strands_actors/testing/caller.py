@@ -1,0 +1,52 @@
+"""The script of a caller that drives a twin, and then ends the way it is told on standard input.
+
+``python -m strands_actors.testing.caller loop`` commands the robot itself at 50 Hz; ``task TRIGGER`` has
+a policy process do so. It prints one JSON line when the robot moves, then obeys: exception, exit or spin.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import select
+import sys
+import time
+
+from strands_actors import Robot
+
+
+def main(motion: str, trigger: str = "") -> None:
+    arm = Robot("so101", mode="real", transport="twin")
+    problem = arm.connect_eagerly()
+    if problem is not None:
+        raise SystemExit(problem)
+    if motion == "task":
+        arm.start_task(
+            "wave",
+            policy_provider="strands_actors.testing.policies:Faulty",
+            control_frequency=50,
+            trigger=trigger,
+        )
+        while arm.get_task_status()["content"][0]["json"]["steps"] < 10:
+            time.sleep(0.01)
+    began_s, told = time.monotonic(), False
+    while True:
+        if motion == "loop":
+            angle = 10.0 * math.sin(time.monotonic() - began_s)
+            arm.send_action({"shoulder_pan": angle})
+        if not told and time.monotonic() - began_s > 0.2:
+            told = True
+            print(json.dumps(arm.tree()), flush=True)
+        if select.select([sys.stdin], [], [], 0.02)[0]:
+            how = sys.stdin.readline().strip()
+            print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
+            if how == "exception":
+                raise RuntimeError("a fault was asked for")
+            if how == "exit":
+                sys.exit(3)
+            while how == "spin":
+                pass
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
