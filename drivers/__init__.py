@@ -59,7 +59,7 @@ def _load() -> None:
             continue
         for robot in driver_class.SUPPORTED_ROBOTS:
             _registered.setdefault(robot, driver_class)
-        _aliases.update(getattr(driver_class, "ALIASES", {}))
+        _aliases.update(driver_class.ALIASES)
 
 
 def missing_driver_members(cls: type[Any]) -> list[str]:
@@ -106,8 +106,6 @@ def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
     _load()
     return {
-        name: tuple(
-            who for who, has in (("lerobot", LEROBOT_ROBOTS), ("strands", _registered)) if name in has
-        )
+        name: tuple(who for who, has in (("lerobot", LEROBOT_ROBOTS), ("strands", _registered)) if name in has)
         for name in sorted({*_registered, *LEROBOT_ROBOTS, *OTHER_ROBOTS})
     }

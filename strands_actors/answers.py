@@ -67,9 +67,7 @@ def stopped(report: StopReport) -> Answer:
     }
     if report.confirmed:
         return success(json)
-    named = ", ".join(
-        f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in report.motors if not motor.safe
-    )
+    named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in report.motors if not motor.safe)
     return error(f"stop: not confirmed by {named or 'the robot'}. cut its power if it still moves", json)
 
 
@@ -93,8 +91,7 @@ def tree(report: TreeReport) -> dict[str, Any]:
         "state": report.state,
         "epoch": report.epoch,
         "processes": [
-            {"role": process.role, "pid": process.pid, "restarts": process.restarts}
-            for process in report.processes
+            {"role": process.role, "pid": process.pid, "restarts": process.restarts} for process in report.processes
         ],
         "actors": [
             {

@@ -48,9 +48,7 @@ def plan(
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     if transport is not None and transport not in driver_class.TRANSPORTS:
         offered = ", ".join(driver_class.TRANSPORTS)
-        raise ValueError(
-            f"Robot: {driver_class.__name__} has no transport {transport!r}. it offers {offered}"
-        )
+        raise ValueError(f"Robot: {driver_class.__name__} has no transport {transport!r}. it offers {offered}")
     _check_keywords(driver_class, options)
     if transport is None and port is None:
         raise ValueError(_missing_port(robot, driver_class))
@@ -64,14 +62,11 @@ def _driver_class(name: str, robot: str) -> type[Driver]:
         return driver_class
     if name.endswith("_leader"):
         raise ValueError(
-            f"Robot: {name} is a teleoperator. "
-            f"use Teleoperator({name!r}, port=...) and attach it to a follower"
+            f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and attach it to a follower"
         )
     known = list_driver_coverage()
     if robot in known:
-        raise ValueError(
-            f"Robot: {name} has no native driver. these have one: {', '.join(list_native_drivers())}"
-        )
+        raise ValueError(f"Robot: {name} has no native driver. these have one: {', '.join(list_native_drivers())}")
     close = difflib.get_close_matches(name, known, n=3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
     raise ValueError(

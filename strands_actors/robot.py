@@ -33,9 +33,7 @@ _log = logging.getLogger("strands_actors")
 T = TypeVar("T")
 
 
-def Robot(
-    name: str, mode: str = "real", **keywords: Any
-) -> RealRobot:  # a factory named as on the drivers page
+def Robot(name: str, mode: str = "real", **keywords: Any) -> RealRobot:  # a factory named as on the drivers page
     """A handle on one robot; nothing is started before ``connect_eagerly()``.
 
     ``transport="twin"`` runs the robot's twin behind its real wire; otherwise ``port`` says where the robot
@@ -209,9 +207,7 @@ class RealRobot:
         policy = policy if policy is not None else policy_object
         problem = _check_rollout(duration, n_steps, control_frequency)
         if problem is None and policy is None:
-            problem = (
-                "policy is None. give an object with get_actions_sync, get_actions or step, or a callable"
-            )
+            problem = "policy is None. give an object with get_actions_sync, get_actions or step, or a callable"
         if problem is not None:
             return answers.error(f"run_policy: {problem}")
 

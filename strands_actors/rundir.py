@@ -41,9 +41,7 @@ def run_dir() -> Path:
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     status = path.stat()
     if status.st_uid != os.getuid() or status.st_mode & 0o077:
-        raise PermissionError(
-            f"{path} is open to others: chmod 700 it, or set STRANDS_ACTORS_RUN to another place"
-        )
+        raise PermissionError(f"{path} is open to others: chmod 700 it, or set STRANDS_ACTORS_RUN to another place")
     return path
 
 
@@ -54,9 +52,7 @@ class Name:
         directory = run_dir()
         for number in range(1, 1000):
             self.name = wanted if number == 1 else f"{wanted}-{number}"
-            self.lock_fd = os.open(
-                directory / f"{self.name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600
-            )
+            self.lock_fd = os.open(directory / f"{self.name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             try:
                 fcntl.flock(self.lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

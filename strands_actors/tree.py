@@ -284,9 +284,7 @@ class RobotTree:
         except AskTimeout:
             # It must not execute late: fence and stop.
             await self._fence(Reason.WIRE, "a command timed out")
-            return Refused(
-                "timeout", f"move: no answer within {ASK_S:g} s; the robot was stopped", "resume()"
-            )
+            return Refused("timeout", f"move: no answer within {ASK_S:g} s; the robot was stopped", "resume()")
         except Unreachable as failure:
             return Refused("unreachable", f"move: {failure}", "resume() when the robot is back")
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
@@ -471,9 +469,7 @@ class RobotTree:
             self._policy_scope = None
         task = self._task
         if task.running:
-            self._task = TaskStatus(
-                False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz
-            )
+            self._task = TaskStatus(False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz)
 
 
 def _plain(action: Mapping[str, Any]) -> dict[str, Any]:

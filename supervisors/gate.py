@@ -66,9 +66,7 @@ class _Held(msgspec.Struct):
 class Gate(Actor):
     """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had."""
 
-    def __init__(
-        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State
-    ) -> None:
+    def __init__(self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start

@@ -8,9 +8,7 @@ from typing import Any
 from strands_actors.runtime.contract import Driver
 
 
-def describe_driver(
-    driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]
-) -> dict[str, Any]:
+def describe_driver(driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]) -> dict[str, Any]:
     where = f"{driver_class.__module__}:{driver_class.__qualname__}"
     return {"class": where, "robot": robot, "port": port, "options": options}
 

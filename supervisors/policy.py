@@ -8,6 +8,7 @@ policy is late the buffer runs dry, the last setpoint expires, and the robot hol
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import inspect
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -82,9 +83,7 @@ class _Tick(Message, frozen=True):
 class Policy(Actor):
     """One rollout. Tells ``report`` its status as it goes, and once more when it has ended."""
 
-    def __init__(
-        self, rollout: Rollout, make: Callable[[], Any], report: Callable[[TaskStatus], None]
-    ) -> None:
+    def __init__(self, rollout: Rollout, make: Callable[[], Any], report: Callable[[TaskStatus], None]) -> None:
         self._rollout = rollout
         self._make = make
         self._report = report
@@ -203,10 +202,9 @@ class Policy(Actor):
         )
         if self._lease is not None:
             # The gate holds the robot where it is before it gives the lease back.
-            try:
+            # If it does not answer the lease lapses by itself; the status says why the rollout ended.
+            with contextlib.suppress(AskTimeout, Unreachable):
                 await self._gate.ask(Release(self._lease.id), ASK_S)
-            except (AskTimeout, Unreachable):
-                pass  # the lease lapses by itself; the status below says why the rollout ended
         self._report(self._ended)
 
     def _status(self) -> TaskStatus:

@@ -23,7 +23,7 @@ from . import addresses
 from .census import CensusTaker
 from .gate import Gate
 from .loading import load
-from .messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .messages import GetStatus, GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
 from .policy import Policy
 
 STOP_S = 0.3
@@ -46,9 +46,7 @@ class Tasks(Actor):
         self._gate: Ref = self.context.ref(at.gate, Gate)
         self._policy: Ref = self.context.ref(at.policy, Policy)
 
-    async def receive(
-        self, message: StartTask | StopTask | GetTask | TaskStatus
-    ) -> TaskStatus | Refused | None:
+    async def receive(self, message: StartTask | StopTask | GetTask | TaskStatus) -> TaskStatus | Refused | None:
         match message:
             case TaskStatus():
                 self._status = message
@@ -85,9 +83,7 @@ class Tasks(Actor):
         self.process = None
         if self._status.running:
             how = f"signal {-code}" if code < 0 else f"code {code}"
-            reason, detail = (
-                ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
-            )
+            reason, detail = ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
             self._status = msgspec.structs.replace(
                 self._status, running=False, exit_reason=reason, exit_detail=detail
             )
@@ -150,8 +146,6 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
 
 async def _until_reachable(node: Node, gate: str) -> None:
-    from .messages import GetStatus
-
     ref = node.ref(gate, Gate)
     with trio.fail_after(5.0):
         while True:

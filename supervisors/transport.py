@@ -109,11 +109,7 @@ class Transport(Actor):
         else:
             last = self._last
             due_ns = self._written_ns + self._keepalive_ns
-            if (
-                last is not None
-                and cycle.resend_epoch == last.epoch
-                and self.context.clock.now_ns() >= due_ns
-            ):
+            if last is not None and cycle.resend_epoch == last.epoch and self.context.clock.now_ns() >= due_ns:
                 await self._write(last, last.expires_ns)
             await self._read()
         self._watchdog.tell(Cycled(cycle.number))

@@ -1,9 +1,9 @@
 """The watchdog owns time: it re-sends, expires and beats, each only when earned.
 
 Every tick it probes the gate; the gate looks at its deadlines and answers. Every cycle it asks the
-transport to read, and to re-send the last setpoint (when one is due) *only if* in this period the writer (its lifetime and
-lease stand, says the gate), the gate (it answered) and the transport (it answered the last cycle) are all
-alive. A frozen link in that chain therefore stops the keepalive by itself.
+transport to read, and to re-send the last setpoint when one is due, *only if* in this period the writer
+(its lifetime and lease stand, says the gate), the gate (it answered) and the transport (it answered the
+last cycle) are all alive. A frozen link in that chain therefore stops the keepalive by itself.
 
 To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
 not answer is fenced from outside, whatever it believes of itself.

@@ -64,15 +64,11 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
     try:
         content = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise ValueError(
-            f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file"
-        ) from None
+        raise ValueError(f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file") from None
     return check(content, motors, max_offset, str(path))
 
 
-def check(
-    content: Any, motors: Mapping[str, int], max_offset: int, source: str
-) -> dict[str, MotorCalibration]:
+def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:
     """Check the content of a file, or a dict given instead of one. ``motors``: the names and ids it must
     have; ``max_offset``: what the servo's homing offset register can hold. Raise ``ValueError``."""
     expected = ", ".join(motors)
@@ -81,9 +77,9 @@ def check(
     missing = [name for name in motors if name not in content]
     unknown = [str(name) for name in content if name not in motors]
     if missing or unknown:
-        wrong = [f"lacks {', '.join(missing)}"] * bool(missing) + [
-            f"has unknown {', '.join(unknown)}"
-        ] * bool(unknown)
+        wrong = [f"lacks {', '.join(missing)}"] * bool(missing) + [f"has unknown {', '.join(unknown)}"] * bool(
+            unknown
+        )
         raise ValueError(f"calibration {source}: {' and '.join(wrong)}. It must have exactly {expected}")
     checked = {name: _motor(content[name], f"calibration {source}: {name}") for name in motors}
     for name, motor in checked.items():
@@ -109,9 +105,7 @@ def _motor(entry: Any, where: str) -> MotorCalibration:
             said = repr(value) if field in entry else "missing"
             raise ValueError(f"{where}: {field} is {said}, must be an integer")
     if unknown := [str(field) for field in entry if field not in FIELDS]:
-        raise ValueError(
-            f"{where}: unknown field {', '.join(unknown)}. It must have exactly {', '.join(FIELDS)}"
-        )
+        raise ValueError(f"{where}: unknown field {', '.join(unknown)}. It must have exactly {', '.join(FIELDS)}")
     try:
         return MotorCalibration(**{field: entry[field] for field in FIELDS})
     except ValueError as error:

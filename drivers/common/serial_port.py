@@ -116,9 +116,7 @@ def open_serial(path: str, baud: int) -> SerialPort:
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
-        raise WireDown(
-            f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it"
-        ) from None
+        raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None
     try:
         fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
     finally:

@@ -53,9 +53,7 @@ class Feetech(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
     )
-    ladder: Mapping[Reason, str] = {
-        reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
-    }
+    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
     firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"
 
     @classmethod
@@ -81,9 +79,7 @@ class Feetech(Driver):
         self.port = port
         self.baud = int(resolved.get("baud") or BAUD_RATES[0])
         self.calibration_source: str = resolved["calibration_source"]
-        self.calibration = motors and {
-            key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()
-        }
+        self.calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
         self.joints = axes_of(self.robot, self.calibration)
         self.axes = tuple(axis.key for axis in self.joints)
         self.ids = tuple(axis.id for axis in self.joints)
@@ -104,9 +100,7 @@ class Feetech(Driver):
         return FeetechSecondPath(self, descriptors[0], clock)
 
 
-def _calibration(
-    robot: str, options: Mapping[str, Any]
-) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
+def _calibration(robot: str, options: Mapping[str, Any]) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
     given = options.get("calibration")
     ids = motor_ids(robot)
     if isinstance(given, Mapping):

@@ -46,9 +46,7 @@ def parse(
         at = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
         if at is None:
             shown = str(key)[:40] or "''"
-            return Refused(
-                "unknown_joint", f"move: {shown} is not a joint of {robot}", f"use {keys}", shown, keys
-            )
+            return Refused("unknown_joint", f"move: {shown} is not a joint of {robot}", f"use {keys}", shown, keys)
         name = axes[at].key
         if at in named:
             both = f"{name} and {name}.pos"
@@ -139,9 +137,7 @@ def voltage(axes: Axes) -> GateCheck:
 
 def temperature(axes: Axes) -> GateCheck:
     def temperature(candidate: Candidate, state: GateState) -> Refused | None:
-        for at, (celsius, high) in _readings(
-            candidate, state.observation, "temperature_c", "temperature_max_c"
-        ):
+        for at, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
             if celsius >= high:
                 return Refused(
                     "temperature",

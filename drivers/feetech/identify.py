@@ -75,9 +75,7 @@ async def roll_call(bus: Bus, robot: str, axes: Sequence[Axis], where: str) -> N
 
     expected = {axis.id: axis for axis in axes}
     twice = [
-        axis.label
-        for motor, axis in expected.items()
-        if motor in garbled or heard[motor] > 1 or present[motor] > 1
+        axis.label for motor, axis in expected.items() if motor in garbled or heard[motor] > 1 or present[motor] > 1
     ]
     missing = [axis.label for motor, axis in expected.items() if not heard[motor] and motor not in garbled]
     foreign = sorted(motor for motor in present if motor not in expected)
@@ -134,9 +132,7 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
     if servo.id != axis.id:
         raise WireDown(f"connect: {axis.label} says its id is {servo.id}. Set its id again")
     if servo.mode != POSITION_MODE:
-        raise WireDown(
-            f"connect: {axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0"
-        )
+        raise WireDown(f"connect: {axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
     if motor is None:
         return
     for field, filed, found in (

@@ -85,9 +85,7 @@ class Safing:
     """``travel``: id -> lowest and highest goal the servo takes; it clamps the rest, and so do we, so that
     what is read back can be compared."""
 
-    def __init__(
-        self, bus: Bus, axes: Sequence[Axis], travel: Mapping[int, tuple[int, int]] | None = None
-    ) -> None:
+    def __init__(self, bus: Bus, axes: Sequence[Axis], travel: Mapping[int, tuple[int, int]] | None = None) -> None:
         self._bus = bus
         self._axes = tuple(axes)
         self._ids = tuple(axis.id for axis in axes)

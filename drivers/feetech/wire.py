@@ -240,9 +240,7 @@ class FeetechWire(Wire):
             session.torque_due_ns = now_ns + round(TORQUE_CHECK_S * NS)
             block = _FEEDBACK_AND_TORQUE
         base, size = block
-        replies = await session.bus.transact(
-            protocol.sync_read(asked, base, size), dict.fromkeys(asked, size)
-        )
+        replies = await session.bus.transact(protocol.sync_read(asked, base, size), dict.fromkeys(asked, size))
         now_ns = self._clock.now_ns()
         session.health.update(asked, replies, now_ns)
         session.readings.take(replies, base, now_ns)
@@ -275,9 +273,7 @@ class FeetechWire(Wire):
         try:
             await command(bus, axis, register, 1)
         except WireDown:
-            raise WireDown(
-                f"arm: {axis.label} does not confirm torque on. Check its cable and power"
-            ) from None
+            raise WireDown(f"arm: {axis.label} does not confirm torque on. Check its cable and power") from None
         replies = await bus.transact(
             protocol.read(axis.id, register.address, register.size),
             {axis.id: register.size},
@@ -285,9 +281,7 @@ class FeetechWire(Wire):
             wait=True,
         )
         if axis.id not in replies or replies[axis.id].params[0] != 1:
-            raise WireDown(
-                f"arm: {axis.label} does not stay energised. Check its load, supply and temperature"
-            )
+            raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
 
     def _refuse_outside(self, positions: Mapping[int, int], goals: Mapping[int, int]) -> None:
         for axis in self._axes:

@@ -29,9 +29,7 @@ def show_robots(as_json: bool) -> None:
         table.add_column(title)
     for row in rows:
         style = "" if row["driver"] else "dim"
-        table.add_row(
-            str(row["robot"]), str(row["driver"] or "-"), ", ".join(row["coverage"] or "-"), style=style
-        )
+        table.add_row(str(row["robot"]), str(row["driver"] or "-"), ", ".join(row["coverage"] or "-"), style=style)
     Console().print(table)
 
 

@@ -10,6 +10,7 @@ import msgspec
 import trio
 
 from .. import directory
+from ..rundir import Note
 from ..supervisors.messages import TreeReport
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ async def _ask_all() -> list[TreeReport]:
     found: dict[str, TreeReport] = {}
     async with directory.join() as joined, trio.open_nursery() as nursery:
 
-        async def ask(note: directory.Note) -> None:
+        async def ask(note: Note) -> None:
             found[note.robot] = await joined.tree(note)
 
         for note in joined.notes:

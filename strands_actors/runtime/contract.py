@@ -6,7 +6,7 @@ A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It
                 in the wire process and in the root process from the same plain options.
 ``Wire``        the I/O, in the wire process only, used by one actor (the transport), one call at a time.
 ``SecondPath``  how the root reaches the hardware when the wire process is gone.
-a twin          the robot's side of the wire (see ``drivers/common/twin.py``).
+a twin          the robot's side of the wire (see ``drivers/common/twin/``).
 
 The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.
 """
@@ -132,7 +132,8 @@ class Wire(ABC):
 
 
 class SecondPath(ABC):
-    """The root's own way to the hardware. Used only after the wire process has been fenced."""
+    """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
+    the wire is started again. Making one must not raise."""
 
     @abstractmethod
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
@@ -168,6 +169,8 @@ class Driver(ABC):
     """One robot of one wire, as data and pure functions."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
+    ALIASES: ClassVar[Mapping[str, str]] = {}
+    """Other names to robots of ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     TWIN: ClassVar[str]

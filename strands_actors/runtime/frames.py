@@ -84,9 +84,7 @@ class Protocol:
 
     def wrong_type(self, message: object) -> Refused:
         accepted = ", ".join(sorted(kind.__name__ for kind in self.accepts))
-        return Refused(
-            "wrong_type", f"{self.name} does not take {type(message).__name__}", f"send {accepted}"
-        )
+        return Refused("wrong_type", f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
 
 
 _protocols: dict[Any, Protocol] = {}

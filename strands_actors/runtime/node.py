@@ -373,9 +373,7 @@ class Node:
             message = cell.protocol.decode(head.body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             accepted = ", ".join(sorted(kind.__name__ for kind in cell.protocol.accepts))
-            refusal = Refused(
-                "malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}"
-            )
+            refusal = Refused("malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
             self._refuse(head.to, head, refusal, reply)
             return False
         if type(message) not in cell.protocol.carriers:

@@ -57,9 +57,7 @@ class FakeHardware:
     read_hangs: bool = False
     opens: int = 0
 
-    def record(
-        self, clock: Clock, kind: str, path: str, rung: str = "", values: Sequence[float] = ()
-    ) -> None:
+    def record(self, clock: Clock, kind: str, path: str, rung: str = "", values: Sequence[float] = ()) -> None:
         self.written.append(Written(clock.now_ns(), kind, rung, tuple(values), path))
 
     def of(self, kind: str, since_ns: int = 0) -> list[Written]:
@@ -67,9 +65,7 @@ class FakeHardware:
 
     def make_safe(self, clock: Clock, rung: str, path: str) -> tuple[MotorReport, ...]:
         if not self.plugged:
-            return tuple(
-                MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES)
-            )
+            return tuple(MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES))
         self.record(clock, "safe", path, rung, self.position)
         reports = []
         for at, axis in enumerate(AXES):

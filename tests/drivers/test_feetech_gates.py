@@ -78,9 +78,7 @@ def refusal(action: Mapping[Any, Any], at: GateState | None = None, driver: Feet
 
 
 def test_an_accepted_action_keeps_what_it_does_not_name() -> None:
-    answer = decide(
-        ARM, {"elbow_flex": 10, "gripper.pos": 55.5}, state(target=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    )
+    answer = decide(ARM, {"elbow_flex": 10, "gripper.pos": 55.5}, state(target=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)))
     assert answer == Candidate((1.0, 2.0, 10.0, 4.0, 5.0, 55.5), (2, 5))
 
 
@@ -105,9 +103,7 @@ def test_both_spellings() -> None:
     assert no.reason == "move: gripper and gripper.pos are both given"
 
 
-@pytest.mark.parametrize(
-    "value", [math.nan, math.inf, -math.inf, True, False, None, "1", [1.0], 1j, b"1", 10**400]
-)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, True, False, None, "1", [1.0], 1j, b"1", 10**400])
 def test_only_finite_numbers(value: object) -> None:
     no = refusal({"wrist_flex": value})
     assert no.code == "not_finite"
@@ -279,9 +275,7 @@ numbers = st.one_of(
     st.text(max_size=3),
     st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 50.0, 118.19, -118.19, 100.0, 1e308]),
 )
-keys = st.one_of(
-    st.sampled_from([*JOINTS, *(f"{key}.pos" for key in JOINTS), "elbow", ""]), st.text(max_size=4)
-)
+keys = st.one_of(st.sampled_from([*JOINTS, *(f"{key}.pos" for key in JOINTS), "elbow", ""]), st.text(max_size=4))
 
 
 @given(st.dictionaries(keys, numbers, max_size=8), st.booleans())

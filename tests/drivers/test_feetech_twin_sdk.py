@@ -121,8 +121,6 @@ def test_the_eeprom_keeps_what_was_written_unlocked(packets: Any, port: Any, twi
     assert read1(packets, port, 3, p.P_GAIN) == 16
 
 
-def test_a_servo_that_is_not_there_is_a_timeout(
-    packets: Any, port: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_servo_that_is_not_there_is_a_timeout(packets: Any, port: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(port_handler, "LATENCY_TIMER", 16)
     assert packets.ping(port, 9)[1] == sdk.COMM_RX_TIMEOUT

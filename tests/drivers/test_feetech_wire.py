@@ -624,9 +624,7 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         reports = await rig.wire.make_safe("hold")
         assert all(report.safe for report in reports), reports
         at, first = rig.port.written[0]
-        counts = {
-            axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)
-        }
+        counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
         assert at == began and first.startswith(RESYNC + protocol.hold(counts))
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []

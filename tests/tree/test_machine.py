@@ -144,9 +144,7 @@ def judge(player: Player) -> None:
         if not sent.latched:
             assert entry.t_ns < sent.deadline_ns, "written after its deadline"
         # SAF-002: nothing that was sent before a safe frame comes after it
-        assert not any(sent.at_ns <= safe.t_ns < entry.t_ns for safe in safes), (
-            "a setpoint after a safe frame"
-        )
+        assert not any(sent.at_ns <= safe.t_ns < entry.t_ns for safe in safes), "a setpoint after a safe frame"
         # SAF-007
         assert not any(start < sent.at_ns < end for start, end in history.locked), "written while locked out"
         assert not history.locked_since or sent.at_ns <= history.locked_since

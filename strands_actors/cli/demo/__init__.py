@@ -72,7 +72,7 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
 
 
 def _draw(out: Path, watch: Watch, scenario: Scenario, story: Story) -> Path | None:
-    if not watch.samples:
+    if not watch.positions:
         return None
     from . import picture  # matplotlib takes its time
 

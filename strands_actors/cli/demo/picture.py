@@ -11,12 +11,14 @@ from matplotlib.patches import Patch
 
 from ...runtime.clock import NS
 from .scenario import Outcome
-from .watch import Watch
+from .watch import Sample, Watch
 
 GAP_S = 0.25
 """No line is drawn over a longer time without a reading: nobody knows what was there."""
 
 COLORS = ("#1f6fb4", "#2a9d5c", "#b8621b", "#7b52ab", "#c03a4b", "#4d6a7a")
+SETPOINT = "#222222"
+DASHES = (0, (4, 2))
 FAULT = "#c1121f"
 SAFE = "#f4b942"
 
@@ -32,21 +34,15 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
         ha="left",
         y=0.985,
     )
-    figure.text(
-        0.06, 0.945, "No process of the tree is needed to make the arm safe. Motion returns only by resume().",
-        fontsize=10, color="#555555",
-    )  # fmt: skip
+    told = "No process of the tree is needed to make the arm safe, and only resume() lets it move again."
+    gaps = " Where a line is missing, no process was left to read the arm."
+    figure.text(0.06, 0.945, told + gaps if outcomes else "", fontsize=10, color="#555555")
     plots = figure.subplots(len(watch.axes), 1, sharex=True, squeeze=False)[:, 0]
     figure.subplots_adjust(left=0.085, right=0.985, top=0.87, bottom=0.105, hspace=0.16)
-    times = [(sample.t_ns - began_ns) / NS for sample in watch.samples]
     for at, (plot, axis) in enumerate(zip(plots, watch.axes, strict=True)):
         color = COLORS[at % len(COLORS)]
-        targets = [
-            (t, sample.target[at]) for t, sample in zip(times, watch.samples, strict=True) if sample.target
-        ]
-        positions = [(t, sample.position[at]) for t, sample in zip(times, watch.samples, strict=True)]
-        plot.plot(*_broken(positions), color=color, linewidth=1.8, zorder=3)
-        plot.plot(*_broken(targets), color="#222222", linewidth=1.0, linestyle=(0, (4, 2)), zorder=4)
+        plot.plot(*_curve(watch.positions, at, began_ns), color=color, linewidth=1.8, zorder=3)
+        plot.plot(*_curve(watch.targets, at, began_ns), color=SETPOINT, linewidth=1.0, linestyle=DASHES, zorder=4)
         unit = "% open" if "gripper" in axis else "degrees"
         plot.set_ylabel(f"{axis}\n{unit}", fontsize=8)
         plot.tick_params(labelsize=8)
@@ -82,7 +78,7 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
     plots[-1].set_xlabel("time since the demo began, s")
     handles = [
         Line2D([], [], color=COLORS[0], linewidth=1.8, label="measured position"),
-        Line2D([], [], color="#222222", linewidth=1.0, linestyle=(0, (4, 2)), label="setpoint"),
+        Line2D([], [], color=SETPOINT, linewidth=1.0, linestyle=DASHES, label="setpoint"),
     ]
     if outcomes:
         handles += [
@@ -93,14 +89,15 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
     figure.savefig(path, format="png")
 
 
-def _broken(points: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
-    """Coordinates with a NaN where readings are missing, which ends the line there."""
+def _curve(samples: list[Sample], at: int, began_ns: int) -> tuple[list[float], list[float]]:
+    """One axis, with a NaN where readings are missing, which ends the line there."""
     xs: list[float] = []
     ys: list[float] = []
-    for t, value in points:
+    for sample in samples:
+        t = (sample.t_ns - began_ns) / NS
         if xs and t - xs[-1] > GAP_S:
             xs.append(t)
             ys.append(float("nan"))
         xs.append(t)
-        ys.append(value)
+        ys.append(sample.values[at])
     return xs, ys

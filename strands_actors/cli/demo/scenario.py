@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import statistics
@@ -15,10 +16,10 @@ from ...robot import RealRobot
 from ...runtime.clock import NS
 from ...runtime.contract import Reason
 from ...supervisors.watchdog import BEAT_TTL_S
-from .watch import Watch, wait_for
+from .watch import Watch, status_of, wait_for
 
 CONTROL_HZ = 50.0
-MOTION = {"amplitude": 11.0, "hz": 0.4, "spread": 0.12}
+MOTION: dict[str, Any] = {"amplitude": 11.0, "hz": 0.4, "spread": 0.12}
 READY = {"shoulder_lift": -8.0, "elbow_flex": 8.0, "gripper": 45.0}
 """Commanded before each rollout: a limp arm has sunk, and a sine needs room on both sides."""
 
@@ -74,13 +75,7 @@ class Outcome(msgspec.Struct):
 
     @property
     def safe(self) -> bool:
-        return (
-            self.in_time
-            and not self.setpoints_after
-            and self.restarted
-            and self.rearmed
-            and not self.detail
-        )
+        return self.in_time and not self.setpoints_after and self.restarted and self.rearmed and not self.detail
 
 
 class Pace(msgspec.Struct):
@@ -100,9 +95,7 @@ class Failed(Exception):
 class Scenario:
     """``note(text, kind)`` hears what happens: kinds are plain, good, bad and fault."""
 
-    def __init__(
-        self, robot: RealRobot, watch: Watch, bound_s: float, note: Callable[[str, str], None]
-    ) -> None:
+    def __init__(self, robot: RealRobot, watch: Watch, bound_s: float, note: Callable[[str, str], None]) -> None:
         self.outcomes: list[Outcome] = []
         self.pace: Pace | None = None
         self.phase = "starting"
@@ -182,7 +175,7 @@ class Scenario:
         now_ns = time.monotonic_ns()
         self._watch.wire.poll()
         times = self._watch.wire.setpoint_times_ns(began_ns, now_ns)
-        gaps_ms = sorted((later - t) / 1e6 for t, later in zip(times, times[1:], strict=False)) or [0.0]
+        gaps_ms = sorted((later - t) / 1e6 for t, later in itertools.pairwise(times)) or [0.0]
         return Pace(
             policy_hz=self._task()["hz"],
             setpoints_per_s=len(times) / ((now_ns - began_ns) / NS),
@@ -201,9 +194,7 @@ class Scenario:
         rung = self._ladder[fault.reason]
         struck_ns = time.monotonic_ns()
         os.kill(pid, getattr(signal, fault.signal))
-        outcome = Outcome(
-            fault.victim, fault.signal, pid, rung, fault.bound_ms(self._bound_s), struck_ns
-        )
+        outcome = Outcome(fault.victim, fault.signal, pid, rung, fault.bound_ms(self._bound_s), struck_ns)
         self.outcomes.append(outcome)
         self._note(f"{fault.signal} to the {fault.victim} process ({pid})", "fault")
 
@@ -217,8 +208,7 @@ class Scenario:
             outcome.safe_ns = wire.frames[index].t_ns
             late = "" if outcome.in_time else " TOO LATE"
             self._note(
-                f"{rung} on the wire after {outcome.safe_after_ms:.1f} ms "
-                f"(bound {outcome.bound_ms:.0f} ms){late}",
+                f"{rung} on the wire after {outcome.safe_after_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms){late}",
                 "good" if outcome.in_time else "bad",
             )
             time.sleep(look_s)
@@ -254,5 +244,4 @@ class Scenario:
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 
     def _status(self) -> dict[str, Any]:
-        json: dict[str, Any] = self._robot.get_status()["content"][0]["json"]
-        return json
+        return status_of(self._robot)

@@ -88,15 +88,14 @@ class Screen:
         table.add_column("is", justify="right")
         table.add_column("target", justify="right")
         table.add_column("")
-        sample = self._watch.samples[-1] if self._watch.samples else None
-        if sample is not None:
-            self._span = self._span or [(value, value) for value in sample.position]
-            target = sample.target if self._watch.moving else None
-            for at, axis in enumerate(self._watch.axes):
-                value, aim = sample.position[at], None if target is None else target[at]
-                table.add_row(
-                    axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(at, value, aim)
-                )
+        watch = self._watch
+        if watch.positions:
+            position = watch.positions[-1].values
+            target = watch.targets[-1].values if watch.moving and watch.targets else None
+            self._span = self._span or [(value, value) for value in position]
+            for at, axis in enumerate(watch.axes):
+                value, aim = position[at], None if target is None else target[at]
+                table.add_row(axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(at, value, aim))
         return Panel(table, title=f"joints: {self._watch.unit}", title_align="left")
 
     def _bar(self, at: int, value: float, aim: float | None) -> Text:

@@ -54,36 +54,29 @@ def show(console: Console, outcomes: list[Outcome], pace: Pace | None) -> None:
     if pace is not None:
         console.print(
             f"\nundisturbed: policy at {pace.policy_hz:.1f} Hz of {CONTROL_HZ:g}, "
-            f"{pace.setpoints_per_s:.0f} setpoints/s on the wire, "
-            f"gap median {pace.gap_ms_median:.1f} ms, 99 % {pace.gap_ms_p99:.1f} ms, "
+            f"{pace.setpoints_per_s:.0f} setpoints/s on the wire\n"
+            f"between setpoints: median {pace.gap_ms_median:.1f} ms, 99 % below {pace.gap_ms_p99:.1f} ms, "
             f"longest {pace.gap_ms_max:.1f} ms"
         )
     if not outcomes:
         return
-    table = Table(box=box.ROUNDED, title="\nfrom the fault to the safe frame, by the wire's own log")
-    for title, justify in (
-        ("fault", "left"),
-        ("process", "left"),
-        ("safe state", "left"),
-        ("after, ms", "right"),
-        ("bound, ms", "right"),
-        ("setpoints after", "right"),
-        ("restarted", "left"),
-        ("re-armed", "left"),
-        ("verdict", "left"),
-    ):
-        table.add_column(title, justify=justify)  # type: ignore[arg-type]
+    table = Table(box=box.SIMPLE_HEAD, title="\nfrom the fault to the safe frame, by the wire's own log")
+    for title in ("fault", "safe\nstate"):
+        table.add_column(title)
+    for title in ("after", "bound", "setpoints\nafter it"):
+        table.add_column(title, justify="right")
+    for title in ("re-\nstarted", "re-\narmed", "verdict"):
+        table.add_column(title)
     for outcome in outcomes:
         after_ms = outcome.safe_after_ms
         table.add_row(
-            outcome.signal,
-            f"{outcome.victim} ({outcome.pid})",
+            f"{outcome.signal} {outcome.victim}",
             outcome.rung,
-            "never" if after_ms is None else f"{after_ms:.1f}",
-            f"{outcome.bound_ms:.0f}",
+            "never" if after_ms is None else f"{after_ms:.1f} ms",
+            f"{outcome.bound_ms:.0f} ms",
             f"{outcome.setpoints_after} in {outcome.watched_s:.1f} s",
             "yes" if outcome.restarted else "NO",
-            "by resume()" if outcome.rearmed else "NO",
+            "yes" if outcome.rearmed else "NO",
             Text("safe", "bold green") if outcome.safe else Text("NOT SAFE", "bold red"),
         )
     console.print(table)

@@ -6,11 +6,12 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import trio
 
+from ...answers import Answer
 from ...portal import portal
 from ...robot import RealRobot
 from ...runtime.node import AskTimeout, Ref, Unreachable
@@ -26,11 +27,10 @@ ASK_S = 0.25
 
 
 class Sample(NamedTuple):
-    """One reading. ``target`` only while setpoints move the robot."""
+    """One value of every axis at one time."""
 
     t_ns: int
-    position: tuple[float, ...]
-    target: tuple[float, ...] | None
+    values: tuple[float, ...]
 
 
 class Watch:
@@ -38,7 +38,8 @@ class Watch:
 
     def __init__(self, robot: RealRobot, log: Path) -> None:
         self.wire = Wire(log)
-        self.samples: list[Sample] = []
+        self.positions: list[Sample] = []
+        self.targets: list[Sample] = []  # only while setpoints move the robot
         self.status: Status | None = None  # None: the wire process does not answer
         self.tree: TreeReport | None = None  # the last one the root gave
         self.unit = ""
@@ -49,8 +50,7 @@ class Watch:
 
     def start(self) -> None:
         """Once the robot is connected."""
-        json = self._robot.get_status()["content"][0]["json"]
-        self.unit = json["unit"]
+        self.unit = status_of(self._robot)["unit"]
         self.axes = tuple(self._robot.get_observation())
         at, node = addresses.of(self._robot.name), portal().node
         portal().submit(self._sample, node.ref(at.gate, Gate))
@@ -73,23 +73,25 @@ class Watch:
     # -- in the loop
 
     async def _sample(self, gate: Ref) -> None:
-        seen_ns = 0
         while not self._ended:
             await trio.sleep(SAMPLE_S)
-            self.wire.poll()
             try:
                 answer = await gate.ask(GetStatus(), ASK_S)
             except (AskTimeout, Unreachable):
-                self.status = None
-                continue
-            if not isinstance(answer, Status):
-                continue
-            self.status = answer
-            observation = answer.observation
-            if observation is not None and observation.t_ns != seen_ns:
-                seen_ns = observation.t_ns
-                target = answer.target if self.moving else None
-                self.samples.append(Sample(seen_ns, observation.position, target))
+                answer = None
+            self.wire.poll()
+            self.status = answer if isinstance(answer, Status) else None
+            if self.status is not None:
+                self._keep(self.status)
+
+    def _keep(self, status: Status) -> None:
+        seen, setpoint = status.observation, self.wire.last("setpoint")
+        if seen is not None and (not self.positions or seen.t_ns > self.positions[-1].t_ns):
+            self.positions.append(Sample(seen.t_ns, seen.position))
+        if setpoint is None or not self.moving or not status.target:
+            return
+        if not self.targets or setpoint.t_ns > self.targets[-1].t_ns:
+            self.targets.append(Sample(setpoint.t_ns, status.target))
 
     @property
     def moving(self) -> bool:
@@ -116,6 +118,13 @@ class Watch:
                 pids.append(process.pid)
             processes.append(ProcessInfo(process.role, process.pid, self.restarts(process.role)))
         return msgspec.structs.replace(report, processes=tuple(processes))
+
+
+def status_of(robot: RealRobot) -> dict[str, Any]:
+    answer = robot.get_status()
+    assert isinstance(answer, Answer)  # no event loop runs in this thread
+    json: dict[str, Any] = answer["content"][0]["json"]
+    return json
 
 
 def state_of(pid: int) -> str:
