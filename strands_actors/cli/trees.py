@@ -26,6 +26,7 @@ STATE_STYLES = {
     "frozen": "bold red",
     "ended": "bold red",
     "unreachable": "bold red",
+    "no wire process": "bold red",
     "failed": "bold red",
     "unconfirmed": "bold red",
 }

@@ -20,9 +20,10 @@ from . import summary
 from .scenario import FAULTS, Failed, Scenario
 from .screen import Screen
 from .story import Story
-from .watch import Watch
+from .watch import Watch, wait_for
 
 ROBOT = "so101"
+GONE_S = 5.0
 LOG_VARIABLE = "STRANDS_ACTORS_TWIN_LOG"
 
 
@@ -51,9 +52,16 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
             story.note(problem, "bad")
         finally:
             with _deaf_to_interrupts():
-                robot.cleanup()
+                answer = robot.cleanup()
                 watch.stop()
-    story.note("stopped, everything that was started is gone", "plain")
+    if answer["status"] != "success":
+        problem = problem or answer["content"][0]["text"]
+        story.note(problem, "bad")
+    if wait_for(lambda: not watch.left_over(), GONE_S):
+        story.note("stopped; every process that was started is gone", "plain")
+    else:
+        problem = problem or f"these processes are still there: {watch.left_over()}"
+        story.note(problem, "bad")
     if live:
         for line in story.lines:
             console.print(line)

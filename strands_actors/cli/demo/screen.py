@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 
+import msgspec
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.live import Live
@@ -12,14 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from ...runtime.clock import NS
-from ..trees import draw, styled
-from .scenario import Scenario
+from ..trees import draw
+from .scenario import CONTROL_HZ, Scenario
 from .story import Story
 from .watch import Watch, state_of
+from .wire import Wire
 
 BAR_CELLS = 29
 SPARKS = " ▁▂▃▄▅▆▇█"
-SPARK_S = 0.25
+SPARK_S = 0.2
 
 
 class Screen:
@@ -70,16 +73,12 @@ class Screen:
             return Panel(Text("starting ...", "dim"), title="tree", title_align="left")
         states = {process.pid: state_of(process.pid) for process in report.processes}
         status = self._watch.status
-        if status is None:
-            state = styled("the wire process does not answer")
-        else:
-            state = Text.assemble(styled(status.mode), f"   epoch {status.epoch}")
-            if status.cause:
-                state.append(f"\n{status.cause}", "dim")
+        mode = "no wire process" if status is None else status.mode
+        epoch = report.epoch if status is None else status.epoch
+        now = msgspec.structs.replace(report, state=mode, epoch=epoch)
+        cause = "" if status is None or not status.cause else f"because: {status.cause}"
         return Panel(
-            Group(draw(report, states, census=False), Text(), Text("the gate: ").append_text(state)),
-            title="tree",
-            title_align="left",
+            Group(draw(now, states, census=False), Text(), Text(cause, "dim")), title="tree", title_align="left"
         )
 
     def _joints(self) -> RenderableType:
@@ -135,20 +134,31 @@ class Screen:
         )
         setpoints = len(watch.wire.setpoint_times_ns(now_ns - NS, now_ns))
         grid.add_row(f"{setpoints} setpoints/s", f"last command: {word}")
-        sparks = Text("setpoints ", "dim").append(self._sparkline(now_ns), "green")
+        sparks = _Sparkline(watch.wire, now_ns)
         return Panel(Group(grid, Text(), sparks), title="wire, as the twin heard it", title_align="left")
-
-    def _sparkline(self, now_ns: int) -> str:
-        """Setpoints on the wire over the last seconds; a full block is twice the control rate."""
-        step_ns, cells = round(SPARK_S * NS), 48
-        since_ns = now_ns // step_ns * step_ns - cells * step_ns
-        counts = [0] * cells
-        for t_ns in self._watch.wire.setpoint_times_ns(since_ns, since_ns + cells * step_ns):
-            counts[(t_ns - since_ns) // step_ns] += 1
-        return "".join(SPARKS[min(len(SPARKS) - 1, -(-count * 8 // 25))] for count in counts)
 
     def _events(self) -> RenderableType:
         return Panel(_Tail(self._story.lines), title="so far", title_align="left")
+
+
+class _Sparkline:
+    """Setpoints on the wire over the last seconds; half a block is the control rate."""
+
+    def __init__(self, wire: Wire, now_ns: int) -> None:
+        self._wire = wire
+        self._now_ns = now_ns
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        title = "setpoints "
+        step_ns, cells = round(SPARK_S * NS), options.max_width - len(title)
+        until_ns = self._now_ns // step_ns * step_ns
+        since_ns = until_ns - cells * step_ns
+        counts = [0] * cells
+        for t_ns in self._wire.setpoint_times_ns(since_ns, until_ns):
+            counts[(t_ns - since_ns) // step_ns] += 1
+        half = CONTROL_HZ * SPARK_S
+        blocks = (SPARKS[min(8, math.ceil(4 * count / half - 0.25))] for count in counts)
+        yield Text.assemble((title, "dim"), ("".join(blocks), "green"))
 
 
 class _Tail:

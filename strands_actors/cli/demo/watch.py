@@ -66,6 +66,11 @@ class Watch:
         found = next((process.pid for process in processes if process.role == role), None)
         return found if found is not None and state_of(found) == "running" else None
 
+    def left_over(self) -> list[int]:
+        """Processes of the tree, past and present, that have not ended."""
+        others = [pid for pids in self._pids.values() for pid in pids if pid != os.getpid()]
+        return [pid for pid in others if state_of(pid) != "ended"]
+
     def restarts(self, role: str) -> int:
         """How often the role got a new process, whoever started it."""
         return max(0, len(self._pids.get(role, ())) - 1)

@@ -1,0 +1,28 @@
+"""Shared by all tests."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def run_dirs() -> Iterator[list[Path]]:
+    """Removed at the end of the session only: the portal lives as long as the process, its socket with it."""
+    made: list[Path] = []
+    yield made
+    for path in made:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@pytest.fixture(autouse=True)
+def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where this test's robots meet, and no others. Short: a unix socket's path has 108 bytes."""
+    path = Path(tempfile.mkdtemp(prefix="sa-", dir="/tmp"))
+    run_dirs.append(path)
+    monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
+    return path
