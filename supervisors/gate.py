@@ -174,7 +174,7 @@ class Gate(Actor):
         if self._lease is not None:
             self._lease.expires_ns = now_ns + _LEASE_TTL_NS
         expires_ns = 0 if message.latched else message.deadline_ns
-        self._transport.tell(Write(self._state.epoch, message.deadline_ns, candidate.values, expires_ns))
+        self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
 
     def _refuse_by_mode(self) -> Refused | None:

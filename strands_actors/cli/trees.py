@@ -77,18 +77,21 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, census: bo
         (report.robot, "bold"), "  ", styled(report.state), f"  epoch {report.epoch}" if report.epoch else ""
     )
     tree = Tree(head, guide_style="dim")
+    actors = [actor for actor in report.actors if census or actor.role != "census"]
+    width = max((len(_path(actor.address)) for actor in actors), default=0)
     for process in report.processes:
         state = (states or {}).get(process.pid, "running")
-        label = Text.assemble((f"{process.role:<7}", "bold"), (f" pid {process.pid:<8}", ""))
+        label = Text.assemble((f"{process.role:<7} ", "bold"), f"pid {process.pid}")
         if state != "running":
-            label.append_text(styled(f"{state} "))
+            label.append("  ").append_text(styled(state))
         if process.restarts:
-            label.append(f"restarts {process.restarts}", "yellow")
+            label.append(f"  restarts {process.restarts}", "yellow")
         branch = tree.add(label)
-        for actor in report.actors:
-            if actor.pid == process.pid and (census or actor.role != "census"):
-                shown = actor.state if state == "running" else state
-                leaf = Text.assemble(f"{actor.address.partition('/actor/')[2]:<15} ", styled(shown))
+        for actor in actors:
+            if actor.pid == process.pid:
+                leaf = Text.assemble(
+                    f"{_path(actor.address):<{width}} ", styled(actor.state if state == "running" else state)
+                )
                 if actor.restarts:
                     leaf.append(f"  restarts {actor.restarts}", "yellow")
                 branch.add(leaf)
@@ -99,3 +102,7 @@ def styled(state: str) -> Text:
     from rich.text import Text
 
     return Text(str(state), STATE_STYLES.get(state.strip(), ""))
+
+
+def _path(address: str) -> str:
+    return address.partition("/actor/")[2]

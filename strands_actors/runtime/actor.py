@@ -13,6 +13,7 @@ is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, cast
 
 import trio
@@ -91,8 +92,9 @@ class Context:
         """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own."""
 
         async def tick() -> None:
-            async for now_ns in self.clock.ticks(period_s):
-                self._cell.mailbox.put(make(now_ns), None, self.address)
+            async with aclosing(self.clock.ticks(period_s)) as ticks:
+                async for now_ns in ticks:
+                    self._cell.mailbox.put(make(now_ns), None, self.address)
 
         self._nursery.start_soon(tick)
 

@@ -17,7 +17,8 @@ import os
 import struct
 import sys
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
 from typing import Protocol
 
 import trio
@@ -36,8 +37,9 @@ class Clock(Protocol):
         """Return at ``deadline_ns`` or just after."""
         ...
 
-    def ticks(self, period_s: float) -> AsyncIterator[int]:
-        """Yield now_ns once per period. Ticks that were missed are skipped, never made up for."""
+    def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
+        """Yield now_ns once per period. Ticks that were missed are skipped, never made up for. Who leaves
+        the loop before he is cancelled closes it (``contextlib.aclosing``)."""
         ...
 
 
@@ -50,7 +52,7 @@ class VirtualClock:
     async def sleep_until_ns(self, deadline_ns: int) -> None:
         await trio.sleep_until(deadline_ns / NS)
 
-    async def ticks(self, period_s: float) -> AsyncIterator[int]:
+    async def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
         start = trio.current_time()
         index = 0
         while True:
@@ -68,11 +70,12 @@ class MonotonicClock:
     async def sleep_until_ns(self, deadline_ns: int) -> None:
         await trio.sleep(max(0.0, (deadline_ns - time.monotonic_ns()) / NS))
 
-    async def ticks(self, period_s: float) -> AsyncIterator[int]:
+    async def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
         fd = _timerfd(period_s)
         if fd is None:
-            async for _ in VirtualClock().ticks(period_s):
-                yield time.monotonic_ns()
+            async with aclosing(VirtualClock().ticks(period_s)) as ticks:
+                async for _ in ticks:
+                    yield time.monotonic_ns()
             return
         try:
             while True:

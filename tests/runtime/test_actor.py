@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Optional
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
@@ -10,6 +10,7 @@ import trio
 from trio.testing import wait_all_tasks_blocked
 
 from strands_actors.runtime.actor import Actor, Cell, Deferred
+from strands_actors.runtime.clock import VirtualClock
 from strands_actors.runtime.frames import Down, protocol_of
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Node, Unreachable
@@ -43,7 +44,7 @@ class SlowDoubler(Actor):
 
 
 class SaysNothing(Actor):
-    def receive(self, message: Optional[Number]) -> None:  # type: ignore[override]  # noqa: UP045
+    def receive(self, message: Number | None) -> None:
         pass
 
 
@@ -239,7 +240,7 @@ async def test_nobody_there() -> None:
 
 
 @virtual_time
-async def test_timers_tick_and_skip_what_was_missed() -> None:
+async def test_timers_tick_beside_a_slow_handler() -> None:
     ticks: list[float] = []
 
     class Ticker(Actor):
@@ -304,7 +305,7 @@ async def test_a_failing_task_of_an_actor_is_the_actors_failure() -> None:
         def receive(self, message: Number) -> None:
             pass
 
-    node = Node("n", _clock())
+    node = Node("n", VirtualClock())
     with pytest.RaisesGroup(pytest.RaisesExc(RuntimeError, match="in a task")):
         await node.cell("r/actor/starter", Starter).run()
 
@@ -430,9 +431,3 @@ async def test_a_message_does_not_reach_an_actor_before_it_has_started() -> None
         await trio.sleep(2)
         assert cell.state == "running"
     assert order == ["started", "received"]
-
-
-def _clock() -> Any:
-    from strands_actors.runtime.clock import VirtualClock
-
-    return VirtualClock()

@@ -48,6 +48,21 @@ def test_saf_001_deadline_is_checked_at_the_wire() -> None:
     run_virtual(run)
 
 
+def test_saf_001_deadline_is_checked_at_the_wire_by_the_transport_alone() -> None:
+    """As above, with a gate that no longer answers and so cannot expire it."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
+            freeze(tree, "gate")
+            await trio.sleep(0.08)
+            assert len(tree.places) == 1, "not yet fenced"
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
 def test_saf_001_no_setpoint_after_its_deadline_while_resending() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -96,6 +111,38 @@ def test_saf_002_a_waiting_stop_revokes_a_write_under_way() -> None:
                 await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert setpoints(tree) == []
             assert tree.hardware.of("safe")
+
+    run_virtual(run)
+
+
+def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(ttl_s=0.05, a=5.0)
+            await trio.sleep(0.2)
+            assert (await tree.status()).mode == "holding"
+            held_ns = tree.node.clock.now_ns()
+            answer = await writer.send(a=6.0)
+            assert isinstance(answer, Refused) and answer.code == "stale_epoch"
+            await trio.sleep(0.1)
+            assert setpoints(tree, held_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_002_fence_comes_before_the_second_path() -> None:
+    """A transport that hangs in its write is let go later: it was fenced, so nothing follows the safe frame."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.hardware.write_s = 0.5
+            await writer.send(ttl_s=5.0, latched=True, a=5.0)
+            await trio.sleep(2.0)
+            safe = tree.hardware.of("safe")
+            assert safe and safe[0].path == "second"
+            assert setpoints(tree) == []
 
     run_virtual(run)
 

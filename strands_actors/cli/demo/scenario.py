@@ -37,7 +37,7 @@ class Fault(msgspec.Struct, frozen=True):
     """A death is seen at once. A freeze shows only by silence, as long as a beat may be late."""
 
     def bound_ms(self, bound_s: float) -> float:
-        return 1e3 * (bound_s + (BEAT_TTL_S if self.freezes else 0.0))
+        return round(1e3 * (bound_s + (BEAT_TTL_S if self.freezes else 0.0)), 3)
 
 
 FAULTS = (
@@ -124,7 +124,7 @@ class Scenario:
         self._let_move(2 * look_s)
         self.pace = self._measure_pace(began_ns)
         for number, fault in enumerate(faults, 1):
-            self.phase = f"fault {number} of {len(faults)}: {fault.signal} to the {fault.victim} process"
+            self.phase = f"fault {number} of {len(faults)}: {fault.signal} {fault.victim}"
             self._break(fault, look_s)
             self._let_move(2 * look_s)
         self.phase = "done"

@@ -9,6 +9,7 @@ import msgspec
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.live import Live
+from rich.measure import Measurement
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -20,7 +21,7 @@ from .story import Story
 from .watch import Watch, state_of
 from .wire import Wire
 
-BAR_CELLS = 29
+BAR_CELLS = 33
 SPARKS = " ▁▂▃▄▅▆▇█"
 SPARK_S = 0.2
 
@@ -62,8 +63,8 @@ class Screen:
         head.add_column()
         head.add_column(justify="right")
         head.add_row(
-            Text.assemble((" strands-actors demo ", "bold white on blue"), f"  {self._scenario.phase}"),
-            Text(f"{self._story.seconds():.0f} s   Ctrl-C ends it, safely ", "dim"),
+            Text.assemble((" strands-actors demo ", "bold white on blue"), f" {self._scenario.phase}"),
+            Text(f"{self._story.seconds():.0f} s  Ctrl-C ends it ", "dim"),
         )
         return head
 
@@ -97,23 +98,14 @@ class Screen:
                 table.add_row(axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(at, value, aim))
         return Panel(table, title=f"joints: {self._watch.unit}", title_align="left")
 
-    def _bar(self, at: int, value: float, aim: float | None) -> Text:
+    def _bar(self, at: int, value: float, aim: float | None) -> RenderableType:
         """Its range is what the joint has shown so far, with some room."""
         low, high = self._span[at]
-        low, high = min(low, value - 5, *([] if aim is None else [aim])), max(high, value + 5)
-        self._span[at] = low, high
-        cells = ["·"] * BAR_CELLS
-
-        def cell(number: float) -> int:
-            return min(BAR_CELLS - 1, max(0, round((number - low) / (high - low) * (BAR_CELLS - 1))))
-
-        bar = Text("".join(cells), "bright_black")
-        marks = [(cell(value), "●", "bold green" if aim is not None else "bold cyan")]
-        if aim is not None:
-            marks.insert(0, (cell(aim), "◇", "yellow"))
-        for place, mark, style in marks:
-            bar = Text.assemble(bar[:place], (mark, style), bar[place + 1 :])
-        return bar
+        seen = [value - 5, value + 5] if aim is None else [value - 5, value + 5, aim]
+        self._span[at] = low, high = min(low, *seen), max(high, *seen)
+        marks = [] if aim is None else [((aim - low) / (high - low), "◇", "yellow")]
+        marks.append(((value - low) / (high - low), "●", "bold green" if marks else "bold cyan"))
+        return _Bar(marks)
 
     def _wire(self) -> RenderableType:
         watch, now_ns = self._watch, time.monotonic_ns()
@@ -124,7 +116,7 @@ class Screen:
             age_ms = (now_ns - status.observation.t_ns) / 1e6
             age = Text(f"{age_ms:.0f} ms", "" if age_ms < 300 else "bold red")
         last = watch.wire.last("setpoint", "safe", "enable")
-        word = "nothing yet" if last is None else f"{last.kind}, {(now_ns - last.t_ns) / NS:.1f} s ago"
+        word = "nothing yet" if last is None else f"{last.kind} {(now_ns - last.t_ns) / NS:.1f} s ago"
         grid = Table.grid(padding=(0, 2), expand=True)
         grid.add_column(ratio=1)
         grid.add_column(ratio=1)
@@ -133,12 +125,29 @@ class Screen:
             Text("observation: ").append_text(age),
         )
         setpoints = len(watch.wire.setpoint_times_ns(now_ns - NS, now_ns))
-        grid.add_row(f"{setpoints} setpoints/s", f"last command: {word}")
+        grid.add_row(f"{setpoints} setpoints/s", f"last: {word}")
         sparks = _Sparkline(watch.wire, now_ns)
         return Panel(Group(grid, Text(), sparks), title="wire, as the twin heard it", title_align="left")
 
     def _events(self) -> RenderableType:
         return Panel(_Tail(self._story.lines), title="so far", title_align="left")
+
+
+class _Bar:
+    """Marks on a line as long as there is room: (place between 0 and 1, sign, style)."""
+
+    def __init__(self, marks: list[tuple[float, str, str]]) -> None:
+        self._marks = marks
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width = max(2, min(options.max_width, BAR_CELLS))
+        cells = [("·", "bright_black")] * width
+        for place, sign, style in self._marks:
+            cells[round(place * (width - 1))] = sign, style
+        yield Text.assemble(*cells)
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(4, BAR_CELLS)
 
 
 class _Sparkline:

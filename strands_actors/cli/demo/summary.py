@@ -60,10 +60,15 @@ def show(console: Console, outcomes: list[Outcome], pace: Pace | None) -> None:
         )
     if not outcomes:
         return
-    table = Table(box=box.SIMPLE_HEAD, title="\nfrom the fault to the safe frame, by the wire's own log")
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+        title="\nfrom the fault to the safe frame, by the wire's own log",
+    )
     for title in ("fault", "safe\nstate"):
         table.add_column(title)
-    for title in ("after", "bound", "setpoints\nafter it"):
+    for title in ("after", "bound", "setpoints\nafter"):
         table.add_column(title, justify="right")
     for title in ("re-\nstarted", "re-\narmed", "verdict"):
         table.add_column(title)
@@ -74,7 +79,7 @@ def show(console: Console, outcomes: list[Outcome], pace: Pace | None) -> None:
             outcome.rung,
             "never" if after_ms is None else f"{after_ms:.1f} ms",
             f"{outcome.bound_ms:.0f} ms",
-            f"{outcome.setpoints_after} in {outcome.watched_s:.1f} s",
+            str(outcome.setpoints_after),
             "yes" if outcome.restarted else "NO",
             "yes" if outcome.rearmed else "NO",
             Text("safe", "bold green") if outcome.safe else Text("NOT SAFE", "bold red"),

@@ -1,0 +1,112 @@
+"""A robot's twin as a process that a test controls: its port, its wire log, its faults.
+
+    with Twin("so101", tmp_path) as twin:
+        arm = Robot("so101", mode="real", port=twin.port)
+        twin.fault("off:3")
+
+Control lines take effect when the twin has read them: wait for what they cause.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from .wirelog import WireLog
+
+PATIENCE_S = 20.0
+"""For a busy machine; nothing here takes a second on a free one."""
+
+_PROGRAM = "from strands_actors.cli import main; main()"
+
+
+class Twin:
+    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line."""
+
+    def __init__(self, robot: str, directory: Path, fault: str | None = None) -> None:
+        self.robot = robot
+        self.log = WireLog(directory / "wire.ndjson")
+        self.port = ""
+        self._port_file = directory / "port"
+        self._errors = directory / "twin.err"
+        self._fault = fault
+
+    def __enter__(self) -> Twin:
+        arguments = ["twin", self.robot, "--port-file", str(self._port_file), "--log", str(self.log.path)]
+        if self._fault is not None:
+            arguments += ["--fault", self._fault]
+        with self._errors.open("w") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", _PROGRAM, *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                text=True,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            )
+        try:
+            self._wait(self._port_file.exists)
+        except BaseException:
+            self._end(signal.SIGKILL)
+            raise
+        self.port = self._port_file.read_text().strip()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end(signal.SIGTERM)
+
+    def fault(self, text: str) -> None:
+        """``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``."""
+        self._command(f"fault {text}")
+
+    def power_cycle(self) -> None:
+        self._command("power-cycle")
+
+    def unplug(self) -> None:
+        """Pull the cable; returns when it is out."""
+        self._command("unplug")
+        self._wait(lambda: not os.path.lexists(self.port))
+
+    def plug(self) -> None:
+        """Put the cable back; returns when the port is there."""
+        self._command("plug")
+        self._wait(lambda: os.path.exists(self.port))
+
+    def pause(self) -> None:
+        """Freeze the whole robot, until ``go_on``."""
+        self.process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
+    def _command(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def _wait(self, condition: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            if self.process.poll() is not None:
+                raise RuntimeError(f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}")
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"the twin of {self.robot} did not do so within {PATIENCE_S:g} s")
+            time.sleep(0.005)
+
+    def _end(self, how: signal.Signals) -> None:
+        self.go_on()  # a frozen process takes no SIGTERM
+        self.process.send_signal(how)
+        try:
+            self.process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
+            raise

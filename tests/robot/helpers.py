@@ -1,0 +1,102 @@
+"""What the tests of a robot read: envelopes, and the twin's wire log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+from strands_actors.drivers.feetech import protocol as p
+from strands_actors.testing import Entry, WireLog
+
+T = TypeVar("T")
+
+IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, "wrist_roll": 5, "gripper": 6}
+COUNTS_PER_DEGREE = 4095 / 360
+
+PATIENCE_S = 10.0
+"""Of a test that waits for something that takes far less on a free machine."""
+
+
+def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
+    """Look until there is something to see."""
+    deadline_s = time.monotonic() + within_s
+    while not (seen := look()):
+        assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
+        time.sleep(0.005)
+    return seen
+
+
+def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """The json of a success envelope."""
+    assert answer["status"] == "success", answer
+    (block,) = answer["content"]
+    json: dict[str, Any] = block["json"]
+    return json
+
+
+def why(answer: Mapping[str, Any]) -> str:
+    """The text of an error envelope."""
+    assert answer["status"] == "error", answer
+    text: str = answer["content"][0]["text"]
+    return text
+
+
+def status(arm: Any) -> dict[str, Any]:
+    return json_of(arm.get_status())
+
+
+def task(arm: Any) -> dict[str, Any]:
+    return json_of(arm.get_task_status())
+
+
+def task_ended(arm: Any) -> dict[str, Any]:
+    return until(lambda: None if (now := task(arm))["running"] else now, "the task ends")
+
+
+def packet(entry: Entry) -> p.Packet | None:
+    return next(iter(p.Decoder().feed(entry.data)), None)
+
+
+def goals(entry: Entry) -> dict[int, int]:
+    """The goal of each servo in a setpoint or a hold."""
+    frame = packet(entry)
+    assert frame is not None
+    assert frame.params[0] == p.GOAL_POSITION.address
+    step, rows = frame.params[1] + 1, frame.params[2:]
+    return {rows[at]: p.GOAL_POSITION.decode(rows[at + 1 : at + 3]) for at in range(0, len(rows), step)}
+
+
+def limps(log: WireLog, since_ns: int = 0) -> list[Entry]:
+    """Frames that release every servo."""
+    return [entry for entry in log.host("safe", since_ns) if entry.data == p.LIMP]
+
+
+def holds(log: WireLog, since_ns: int = 0) -> list[Entry]:
+    return [entry for entry in log.host("safe", since_ns) if entry.data != p.LIMP]
+
+
+def register_now(log: WireLog, register: p.Register, since_ns: int = 0) -> dict[int, int]:
+    """By servo: what it last answered of a register, as the wire shows it. Late replies mislead."""
+    asked, size, values = 0, 0, {}
+    for entry in log.entries(since_ns):
+        frame = packet(entry)
+        if frame is None:
+            continue
+        if entry.sender == "host":
+            if frame.code in (p.READ, p.SYNC_READ):
+                asked, size = frame.params[:2]
+        elif size == len(frame.params) and asked <= register.address < asked + size:
+            values[frame.id] = register.decode(frame.params, asked)
+    return values
+
+
+def torque_now(log: WireLog, since_ns: int = 0) -> dict[int, int]:
+    return register_now(log, p.TORQUE_ENABLE, since_ns)
+
+
+def replies(log: WireLog, servo: int, since_ns: int, until_ns: int) -> int:
+    return sum(
+        entry.sender == "robot" and entry.data[2] == servo and entry.t_ns < until_ns
+        for entry in log.entries(since_ns)
+    )

@@ -1,0 +1,421 @@
+"""Connect, observe, move, stop, resume, clean up: the public verbs, judged by the wire."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+import trio
+
+from strands_actors import open_robot
+from strands_actors.drivers.feetech import protocol as p
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .conftest import NewArm
+from .helpers import (
+    COUNTS_PER_DEGREE,
+    IDS,
+    goals,
+    holds,
+    json_of,
+    limps,
+    packet,
+    register_now,
+    status,
+    task,
+    torque_now,
+    until,
+    why,
+)
+
+COMMANDED_10 = {
+    "status": "success",
+    "content": [
+        {"json": {"commanded": {"shoulder_pan": 10.0}, "unit": "degrees (gripper: percent open)"}},
+    ],
+}
+
+
+def at(arm: RealRobot, joint: str, value: float, within: float = 2.0) -> None:
+    until(lambda: abs(arm.get_observation()[joint] - value) < within, f"{joint} is at {value}")
+
+
+# -- connect, observe, move
+
+
+def test_connecting_energises_every_servo_where_it_is(arm: RealRobot, twin: Twin) -> None:
+    assert status(arm)["state"] == "armed"
+    assert arm.is_connected
+    assert torque_now(twin.log) == dict.fromkeys(IDS.values(), 1)
+    enables = twin.log.host("enable")
+    (hold,) = [entry for entry in holds(twin.log) if entry.t_ns <= enables[0].t_ns]
+    assert sorted(goals(hold)) == sorted(IDS.values())
+    assert not twin.log.host("setpoint")
+
+
+def test_an_observation_has_every_joint(arm: RealRobot) -> None:
+    observation = arm.get_observation()
+    assert list(observation) == list(IDS)
+    assert all(math.isfinite(value) for value in observation.values())
+
+
+@pytest.mark.parametrize("key", ["shoulder_pan", "shoulder_pan.pos"])
+def test_an_action_is_written_and_answered_as_the_drivers_page_says(
+    arm: RealRobot, twin: Twin, key: str
+) -> None:
+    assert arm.send_action({key: 10.0}) == COMMANDED_10
+    setpoint = until(lambda: twin.log.host("setpoint"), "a setpoint on the wire")[0]
+    targets = goals(setpoint)
+    assert targets.pop(1) == round(2047.5 + 10 * COUNTS_PER_DEGREE)
+    resting = goals(holds(twin.log)[-1])
+    assert targets == {servo: resting[servo] for servo in targets}  # the others stay where they are
+    at(arm, "shoulder_pan", 10.0)
+
+
+def test_numbers_of_numpy_are_numbers(arm: RealRobot, twin: Twin) -> None:
+    for value in (np.float32(10), np.float64(10), np.int64(10), np.array(10.0), 10):
+        assert arm.send_action({"shoulder_pan": value}) == COMMANDED_10
+
+
+REFUSALS: list[tuple[Any, str]] = [
+    ({"elbow": 1.0}, "elbow is not a joint of so101. use shoulder_pan, shoulder_lift, elbow_flex"),
+    ({"shoulder_pan": 1.0, "shoulder_pan.pos": 1.0}, "both given. send one of them"),
+    ({"shoulder_pan": math.nan}, "shoulder_pan is nan. send a finite number"),
+    ({"shoulder_pan": math.inf}, "shoulder_pan is inf"),
+    ({"shoulder_pan": -math.inf}, "shoulder_pan is -inf"),
+    ({"shoulder_pan": 10**400}, "shoulder_pan is"),
+    ({"shoulder_pan": True}, "shoulder_pan is True"),
+    ({"shoulder_pan": np.bool_(True)}, "shoulder_pan is True"),
+    ({"shoulder_pan": np.float32("nan")}, "shoulder_pan is nan"),
+    ({"shoulder_pan": np.array([1.0, 2.0])}, "shoulder_pan is array"),
+    ({"shoulder_pan": "10"}, "shoulder_pan is 10"),
+    ({"shoulder_pan": None}, "shoulder_pan is None"),
+    ({"shoulder_pan": {"value": 1.0}}, "shoulder_pan is"),
+    ({"shoulder_pan": 181.0}, "past 180.0. stay within -180.0..180.0"),
+    ({"shoulder_pan": 10.0, "gripper": 101.0}, "gripper 101.0 % is past 100.0. stay within 0.0..100.0"),
+    ({"gripper": -1.0}, "gripper -1.0 % is past 0.0"),
+    ({}, "names no joint. use shoulder_pan"),
+    ({1: 10.0}, "1 is not a joint"),
+    ({"shoulder_pan": "x" * 70_000}, "send at most 65536"),
+    (None, "must be a mapping"),
+    ([10.0, 20.0], "must be a mapping"),
+]
+
+
+def test_what_is_refused_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
+    for action, text in REFUSALS:
+        refusal = why(arm.send_action(action))
+        assert refusal.startswith("move: "), refusal
+        assert text in refusal, refusal
+    assert arm.send_action({"gripper": 50.0})["status"] == "success"
+    written = until(lambda: twin.log.host("setpoint"), "the good one is on the wire")
+    pan = {goals(entry)[1] for entry in written}
+    assert pan == {goals(holds(twin.log)[-1])[1]}  # nothing of a refused action is in a later one
+    assert status(arm)["refusals"] > 0
+
+
+def test_a_refusal_says_what_was_offered_and_what_would_do(arm: RealRobot) -> None:
+    details = arm.send_action({"gripper": 101.0})["content"][1]["json"]["refused"]
+    assert details == {"code": "past_travel", "offered": "101.0", "limit": "0.0..100.0"}
+
+
+# -- without a connection
+
+
+def test_before_connecting_every_verb_says_so(new_arm: NewArm, caplog: pytest.LogCaptureFixture) -> None:
+    arm = new_arm(port="/dev/nowhere")
+    not_connected = "not connected; call connect_eagerly() first"
+    verbs = (
+        lambda: arm.send_action({"shoulder_pan": 10.0}),
+        arm.stop,
+        arm.resume,
+        arm.stop_task,
+        lambda: arm.run_policy(lambda observation: observation),
+        lambda: arm.start_task(policy_provider="mock"),
+    )
+    for verb in verbs:
+        assert not_connected in why(verb())
+    with caplog.at_level(logging.WARNING, "strands_actors"):
+        assert arm.get_observation() == {}
+    assert not_connected in caplog.text
+    idle = task(arm)
+    assert (idle["running"], idle["steps"]) == (False, 0)
+    told = status(arm)
+    assert (told["connected"], told["connect_error"]) == (False, not_connected)
+    assert not arm.is_connected
+    assert arm.tree() is None
+
+
+# -- stop and resume
+
+
+def test_stop_releases_every_motor_and_names_it(arm: RealRobot, twin: Twin) -> None:
+    arm.send_action({"shoulder_pan": 10.0})
+    began_ns = time.monotonic_ns()
+    told = json_of(arm.stop())
+    twin.log.safe_within(began_ns, 0.3)
+    assert limps(twin.log, began_ns)
+    assert torque_now(twin.log, began_ns) == dict.fromkeys(IDS.values(), 0)
+    assert {name: motor["id"] for name, motor in told["motors"].items()} == IDS
+    assert all(motor["safe"] and motor["written"] for motor in told["motors"].values())
+    assert (told["stopped"], told["rung"], told["unconfirmed"]) == (True, "limp", [])
+
+    assert "call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
+    assert "resume() first" in why(arm.run_policy(lambda observation: observation))
+    assert status(arm)["state"] == "disarmed"
+    time.sleep(0.2)  # a few keepalive periods
+    assert twin.log.setpoints_after_safe(began_ns) == 0
+
+    assert json_of(arm.resume())["armed"] is True
+    assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
+    at(arm, "shoulder_pan", 0.0)
+
+
+def test_stop_and_resume_can_be_repeated(arm: RealRobot) -> None:
+    for _ in range(3):
+        json_of(arm.stop())
+        json_of(arm.stop())
+        json_of(arm.resume())
+        json_of(arm.resume())
+    assert status(arm)["state"] == "armed"
+
+
+def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -> None:
+    arm.send_action({"shoulder_lift": 20.0, "elbow_flex": -30.0})
+    at(arm, "shoulder_lift", 20.0, within=4.0)
+    raised = arm.get_observation()
+    json_of(arm.stop())
+    until(lambda: abs(arm.get_observation()["shoulder_lift"] - raised["shoulder_lift"]) > 10.0, "it falls")
+
+    resumed_ns = time.monotonic_ns()
+    json_of(arm.resume())
+    hold = holds(twin.log, resumed_ns)[0]
+    assert hold.t_ns <= twin.log.host("enable", resumed_ns)[0].t_ns
+    assert goals(hold) == _positions_before(twin, hold.t_ns)
+    time.sleep(0.3)  # longer than any lifetime: nothing starts by itself
+    assert not twin.log.host("setpoint", resumed_ns)
+
+    arm.send_action({"gripper": 40.0})
+    first = until(lambda: twin.log.host("setpoint", resumed_ns), "the first setpoint")[0]
+    kept = {servo: goal for servo, goal in goals(first).items() if servo != IDS["gripper"]}
+    assert kept == {servo: goals(hold)[servo] for servo in kept}
+
+
+def _positions_before(twin: Twin, t_ns: int) -> dict[int, int]:
+    """What each servo said last of its position, before a frame of the host."""
+    before = [entry for entry in twin.log.entries() if entry.t_ns < t_ns]
+    positions: dict[int, int] = {}
+    for entry in before:
+        frame = packet(entry)
+        if entry.sender == "robot" and frame is not None and len(frame.params) in (11, 27):
+            base = p.MOVING.address + 1 - len(frame.params)
+            positions[frame.id] = p.POSITION.decode(frame.params, base)
+    return positions
+
+
+def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRobot, twin: Twin) -> None:
+    arm.send_action({"shoulder_pan": 60.0})
+    until(lambda: arm.get_observation()["shoulder_pan"] > 5.0, "it moves")
+    json_of(arm.stop())
+    json_of(arm.resume())
+    resumed_ns = time.monotonic_ns()
+    arm.send_action({"gripper": 40.0})
+    first = until(lambda: twin.log.host("setpoint", resumed_ns), "a setpoint")[0]
+    assert goals(first)[1] < 2047.5 + 50 * COUNTS_PER_DEGREE
+
+
+# -- asyncio
+
+
+def test_inside_asyncio_stop_and_status_do_not_block_the_loop(arm: RealRobot, twin: Twin) -> None:
+    twin.fault("off:3")  # so that the stop takes its time
+    until(lambda: "elbow_flex" in status(arm)["faults"], "servo 3 is noticed")
+
+    async def main() -> tuple[Any, Any, list[float]]:
+        turns: list[float] = []
+
+        async def turn() -> None:
+            while True:
+                turns.append(time.monotonic())
+                await asyncio.sleep(0.005)
+
+        turning = asyncio.create_task(turn())
+        await asyncio.sleep(0.01)
+        told = await arm.get_status()
+        stopping = arm.stop()
+        stopped = await stopping
+        turning.cancel()
+        return told, stopped, turns
+
+    told, stopped, turns = asyncio.run(main())
+    assert json_of(told)["state"] == "armed"
+    took_s = stopped["content"][1]["json"]["took_ms"] / 1e3
+    assert took_s > 0.15
+    gaps = [later - earlier for earlier, later in zip(turns, turns[1:], strict=False)]
+    assert turns[-1] - turns[0] >= 0.8 * took_s
+    assert max(gaps) < 0.5 * took_s, gaps
+
+
+def test_a_stop_inside_asyncio_is_under_way_before_it_is_awaited(arm: RealRobot, twin: Twin) -> None:
+    async def main() -> Any:
+        began_ns = time.monotonic_ns()
+        stopping = arm.stop()
+        while not limps(twin.log, began_ns):  # noqa: ASYNC110  # the wire's doing: there is no event
+            await asyncio.sleep(0.005)
+        return await stopping
+
+    assert json_of(asyncio.run(main()))["stopped"] is True
+
+
+def test_outside_a_loop_an_answer_is_there_at_once(arm: RealRobot) -> None:
+    assert arm.stop()["status"] == "success"  # type: ignore[index]
+    assert arm.get_status()["status"] == "success"  # type: ignore[index]
+
+
+# -- several threads
+
+
+def test_verbs_may_be_called_from_several_threads_at_once(arm: RealRobot) -> None:
+    problems: list[Any] = []
+    barrier = threading.Barrier(6)
+
+    def work(joint: str) -> None:
+        barrier.wait()
+        for step in range(40):
+            answers = (arm.send_action({joint: 20.0 + step / 10}), arm.get_status(), arm.get_task_status())
+            problems.extend(answer for answer in answers if answer["status"] != "success")  # type: ignore[index]
+            if list(arm.get_observation()) != list(IDS):
+                problems.append("no observation")
+
+    threads = [threading.Thread(target=work, args=(joint,)) for joint in IDS]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert problems == []
+    assert status(arm)["state"] == "armed"
+
+
+def test_threads_that_command_a_held_robot_at_once_all_get_it_back(arm: RealRobot) -> None:
+    """After a hold each command takes the lease anew: not from one another."""
+    problems: list[Any] = []
+    for _ in range(10):
+        json_of(arm.run_policy(lambda observation: {"gripper": observation["gripper"]}, n_steps=1))
+        until(lambda: not task(arm)["running"], "the rollout ends")
+        barrier = threading.Barrier(4)
+
+        def command(joint: str, barrier: threading.Barrier = barrier) -> None:
+            barrier.wait()
+            answer = arm.send_action({joint: 20.0})
+            if answer["status"] != "success":
+                problems.append(answer)
+
+        threads = [threading.Thread(target=command, args=(joint,)) for joint in list(IDS)[:4]]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert problems == []
+
+
+# -- the end
+
+
+def test_cleanup_releases_every_motor_and_ends_every_process(arm: RealRobot, twin: Twin) -> None:
+    arm.send_action({"shoulder_pan": 10.0})
+    tree = arm.tree()
+    assert tree is not None
+    pids = [process["pid"] for process in tree["processes"] if process["role"] != "caller"]
+    assert len(pids) == 2
+    began_ns = time.monotonic_ns()
+    assert json_of(arm.cleanup())["stopped"] is True
+    assert limps(twin.log, began_ns)
+    assert torque_now(twin.log, began_ns) == dict.fromkeys(IDS.values(), 0)
+    assert twin.log.setpoints_after_safe(began_ns) == 0
+    for pid in pids:
+        until(lambda pid=pid: not _runs(pid), f"process {pid} ends")  # type: ignore[misc]
+
+    assert json_of(arm.cleanup())["stopped"] is True
+    for verb in (
+        lambda: arm.send_action({"shoulder_pan": 0.0}),
+        arm.stop,
+        arm.resume,
+        arm.stop_task,
+        lambda: arm.run_policy(lambda observation: observation),
+        lambda: arm.start_task(policy_provider="mock"),
+    ):
+        assert "cleaned up. make a new one" in why(verb())
+    assert "cleaned up. make a new one" in (arm.connect_eagerly() or "")
+    assert arm.get_observation() == {}
+    assert status(arm)["connected"] is False
+
+
+def _runs(pid: int) -> bool:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, 0)
+        return True
+    return False
+
+
+def test_the_port_is_free_again_after_cleanup(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
+    arm.cleanup()
+    again = new_arm(port=twin.port)
+    assert again.connect_eagerly() is None
+    assert again.send_action({"shoulder_pan": 10.0}) == COMMANDED_10
+
+
+def test_a_with_block_connects_and_cleans_up(twin: Twin, new_arm: NewArm) -> None:
+    with new_arm(port=twin.port) as arm:
+        assert arm.send_action({"shoulder_pan": 10.0}) == COMMANDED_10
+        left_ns = time.monotonic_ns()
+    assert limps(twin.log, left_ns)
+    assert status(arm)["connected"] is False
+
+
+def test_a_with_block_without_a_robot_is_not_entered(new_arm: NewArm, tmp_path: Any) -> None:
+    nothing = str(tmp_path / "nothing")
+    with pytest.raises(ConnectionError, match=nothing), new_arm(port=nothing):
+        pytest.fail("entered")
+
+
+# -- trio
+
+
+def test_open_robot_in_a_trio_program(twin: Twin) -> None:
+    async def main() -> tuple[list[dict[str, float]], float]:
+        seen = []
+        async with open_robot("so101", mode="real", port=twin.port) as arm:
+            await arm.send_action({"shoulder_pan": 10.0})
+            async with contextlib.aclosing(arm.observations(20)) as observations:
+                began_s = trio.current_time()
+                async for observation in observations:
+                    seen.append(observation)
+                    if len(seen) == 20:
+                        break
+                took_s = trio.current_time() - began_s
+        return seen, took_s
+
+    seen, took_s = trio.run(main)
+    assert all(list(observation) == list(IDS) for observation in seen)
+    assert seen[-1]["shoulder_pan"] == pytest.approx(10.0, abs=2.0)
+    assert 0.9 <= took_s < 3.0
+    assert limps(twin.log)
+    assert register_now(twin.log, p.TORQUE_ENABLE) == dict.fromkeys(IDS.values(), 0)
+
+
+def test_open_robot_says_why_it_cannot(tmp_path: Any) -> None:
+    async def main() -> None:
+        async with open_robot("so101", mode="real", port=str(tmp_path / "nothing")):
+            pytest.fail("entered")
+
+    with pytest.raises(ConnectionError, match="nothing"):
+        trio.run(main)
