@@ -25,6 +25,7 @@ from .policies import resolve_provider
 from .portal import open_caller, portal
 from .runtime.contract import Observation
 from .runtime.messages import Refused
+from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Accepted, Resumed, Status, StopReport, TaskStatus
 from .tree import NotConnected, RobotTree
 
@@ -83,7 +84,7 @@ class RealRobot:
             return answers.error(f"{name}: {why}")
         try:
             return self._call(run, tree)
-        except NotConnected as failure:
+        except _NO_ANSWER as failure:
             return answers.error(f"{name}: {failure}")
 
     # -- lifecycle
@@ -171,7 +172,7 @@ class RealRobot:
             answer = await tree.stop()
             return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
 
-        return self._now_or_soon(functools.partial(self._verb, run, "stop"), run)
+        return self._now_or_soon(functools.partial(self._verb, run, "stop"), run, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
@@ -179,7 +180,7 @@ class RealRobot:
         async def run(tree: RobotTree) -> Answer:
             return answers.success(self._describe(await tree.status()))
 
-        return self._now_or_soon(lambda: answers.success(self._describe(self._status())), run)
+        return self._now_or_soon(lambda: answers.success(self._describe(self._status())), run, "status")
 
     def resume(self) -> Answer:
         """Lift a lockout, restart what has died, energise at the measured position. Restarts no motion."""
@@ -316,7 +317,7 @@ class RealRobot:
         }
 
     def _now_or_soon(
-        self, now: Callable[[], Answer], run: Callable[[RobotTree], Coroutine[Any, Any, Answer]]
+        self, now: Callable[[], Answer], run: Callable[[RobotTree], Coroutine[Any, Any, Answer]], name: str
     ) -> Answer | PendingAnswer:
         """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
         try:
@@ -332,12 +333,13 @@ class RealRobot:
         async def safely() -> Answer:
             try:
                 return await run(tree)
-            except NotConnected as failure:
-                return answers.error(str(failure))
+            except _NO_ANSWER as failure:
+                return answers.error(f"{name}: {failure}")
 
         return PendingAnswer(portal().submit(safely))
 
 
+_NO_ANSWER = (NotConnected, AskTimeout, Unreachable)
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
 
 

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import tempfile
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +61,9 @@ STOP_S = 2.0
 CONNECT_S = 12.0
 FENCE_S = 3.0
 
+_SHOWN = 100
+"""Characters of a key or value that are sent on, for the refusal to show."""
+
 
 class NotConnected(Exception):
     """There is no tree, or it does not answer."""
@@ -100,6 +105,10 @@ class RobotTree:
         self._policy_scope: trio.CancelScope | None = None
         self._task = TaskStatus()
         self._task_is_remote = False
+        self._starting = trio.Lock()
+        self._writing = trio.Lock()
+        """One command of this caller at a time: the gate keeps the newest of those that wait, and each may take
+        the lease anew."""
         self.closed = False
 
     # -- start and end
@@ -109,18 +118,23 @@ class RobotTree:
         if self.closed:
             return "connect: this robot was cleaned up. make a new one"
         try:
-            if self._root_process is None:
-                await self._start()
-            status = await self._wait_linked()
-            if status.mode not in (Mode.ARMED, Mode.HOLDING):
-                if status.locked_by:
-                    return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
-                answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
-                if not isinstance(answer, Resumed):
-                    return _text(answer)
-            refusal = await self._acquire()
+            async with self._starting:
+                return await self._connect()
         except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
             return f"connect: {failure}"
+
+    async def _connect(self) -> str | None:
+        if self._root_process is None:
+            await self._start()
+        status = await self._wait_linked()
+        if status.mode not in (Mode.ARMED, Mode.HOLDING):
+            if status.locked_by:
+                return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
+            answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+            if not isinstance(answer, Resumed):
+                return _text(answer)
+        async with self._writing:
+            refusal = await self._acquire()
         return None if refusal is None else refusal.text
 
     async def _start(self) -> None:
@@ -259,6 +273,15 @@ class RobotTree:
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""
         self._require()
+        if not isinstance(action, Mapping):
+            kind = type(action).__name__
+            return Refused(
+                "not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers"
+            )
+        async with self._writing:
+            return await self._send_action(action)
+
+    async def _send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         if (await self.task()).running:
             return Refused("running", "move: a task is running", "call stop_task() first")
         answer = await self._send(action)
@@ -314,6 +337,10 @@ class RobotTree:
         """Lift a lockout, or start again what has died; energise at the measured position. No motion."""
         if self.closed:
             raise NotConnected("this robot was cleaned up. make a new one")
+        async with self._starting:
+            return await self._resume()
+
+    async def _resume(self) -> Resumed | Refused:
         if not await self._root_answers():
             if self._root_process is not None:
                 await self._root_process.fence()
@@ -322,7 +349,8 @@ class RobotTree:
         await self._wait_linked()
         answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
         if isinstance(answer, Resumed):
-            refusal = await self._acquire()
+            async with self._writing:
+                refusal = await self._acquire()
             return refusal or answer
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
 
@@ -363,12 +391,13 @@ class RobotTree:
             return None
         return answer if isinstance(answer, TreeReport) else None
 
-    async def observations(self, hz: float) -> AsyncIterator[dict[str, float]]:
+    async def observations(self, hz: float) -> AsyncGenerator[dict[str, float], None]:
         """Observations at a steady rate, public keys, the driver's units."""
-        async for _ in self._node.clock.ticks(1.0 / hz):
-            answer = await self.observe()
-            if isinstance(answer, Observation):
-                yield self.driver.as_json(answer.position)
+        async with contextlib.aclosing(self._node.clock.ticks(1.0 / hz)) as ticks:
+            async for _ in ticks:
+                answer = await self.observe()
+                if isinstance(answer, Observation):
+                    yield self.driver.as_json(answer.position)
 
     # -- rollouts
 
@@ -376,16 +405,17 @@ class RobotTree:
         self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
     ) -> TaskStatus | Refused:
         """Run ``policy`` in this process. Returns at once."""
-        refusal = await self._may_start("run_policy")
-        if refusal is not None:
-            return refusal
-        as_infer(policy)
-        rollout = self._rollout(instruction, duration_s, n_steps, hz)
-        self._task_is_remote = False
-        self._task = TaskStatus(running=True, instruction=instruction)
-        self._policy_scope = trio.CancelScope()
-        self._nursery.start_soon(self._run_policy, rollout, policy, self._policy_scope)
-        return self._task
+        async with self._writing:
+            refusal = await self._may_start("run_policy")
+            if refusal is not None:
+                return refusal
+            as_infer(policy)
+            rollout = self._rollout(instruction, duration_s, n_steps, hz)
+            self._task_is_remote = False
+            self._task = TaskStatus(running=True, instruction=instruction)
+            self._policy_scope = trio.CancelScope()
+            self._nursery.start_soon(self._run_policy, rollout, policy, self._policy_scope)
+            return self._task
 
     async def _run_policy(self, rollout: Rollout, policy: Any, scope: trio.CancelScope) -> None:
         ended = trio.Event()
@@ -410,13 +440,14 @@ class RobotTree:
         self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
     ) -> TaskStatus | Refused:
         """Run a named policy in a process of its own. Returns at once."""
-        refusal = await self._may_start("start_task")
-        if refusal is not None:
-            return refusal
-        message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
-        answer = await self._tasks.ask(message, ASK_S * 4)
-        if isinstance(answer, TaskStatus):
-            self._task, self._task_is_remote = answer, True
+        async with self._writing:
+            refusal = await self._may_start("start_task")
+            if refusal is not None:
+                return refusal
+            message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
+            answer = await self._tasks.ask(message, ASK_S * 4)
+            if isinstance(answer, TaskStatus):
+                self._task, self._task_is_remote = answer, True
         return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
 
     async def _may_start(self, verb: str) -> Refused | None:
@@ -473,19 +504,22 @@ class RobotTree:
 
 
 def _plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers of any library as Python's own; what is no number goes as its text, to be refused by name."""
-    plain: dict[str, Any] = {}
-    for key, value in action.items():
-        if isinstance(value, bool | str) or value is None:
-            plain[str(key)] = value
-        elif isinstance(value, Mapping):
-            plain[str(key)] = _plain(value)
-        else:
-            try:
-                plain[str(key)] = float(value)
-            except (TypeError, ValueError):
-                plain[str(key)] = repr(value)
-    return plain
+    """Ready to be sent, with at most one number a key: what is none goes as its text, to be refused by name."""
+    return {str(key)[:_SHOWN]: _number_or_text(value) for key, value in action.items()}
+
+
+def _number_or_text(value: Any) -> float | bool | str | None:
+    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to the driver."""
+    if value is None or isinstance(value, str):
+        return value and value[:_SHOWN]
+    item = getattr(value, "item", None)
+    try:
+        value = item() if callable(item) else value
+        return value if isinstance(value, bool) else float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError, RuntimeError):
+        return repr(value)[:_SHOWN]
 
 
 def _text(answer: object) -> str:

@@ -8,7 +8,8 @@ lost; it never arms by itself.
 
 from __future__ import annotations
 
-import os
+import contextlib
+from collections.abc import Iterator
 
 import trio
 
@@ -33,6 +34,7 @@ from .messages import (
 )
 
 OPEN_DEADLINE_S = 5.0
+ARM_DEADLINE_S = 2.0
 SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -130,11 +132,12 @@ class Transport(Actor):
     async def _make_safe(self, message: MakeSafe) -> None:
         self.epoch = max(self.epoch, message.epoch)
         self._last = None
-        began_ns = self._busy(SAFE_DEADLINE_S)
-        if self._wire is None:
-            motors = _not_reached(self._driver)
-        else:
-            motors = await self._wire.make_safe(message.rung)
+        began_ns = self.context.clock.now_ns()
+        with self._busy(SAFE_DEADLINE_S):
+            if self._wire is None:
+                motors = _not_reached(self._driver)
+            else:
+                motors = await self._wire.make_safe(message.rung)
         took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
         confirmed = bool(motors) and all(motor.safe for motor in motors)
         report = StopReport(message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms)
@@ -145,14 +148,14 @@ class Transport(Actor):
             return
         self.epoch = epoch
         self._last = None
-        self._busy(OPEN_DEADLINE_S)
         observation: Observation | None = None
         error = "the link was lost"
         try:
-            if self._wire is not None:
-                observation = await self._wire.arm(_Permit(self, epoch, 0))
-        except (WireDown, PermitDenied) as failure:
-            error = str(failure)
+            with self._busy(ARM_DEADLINE_S), trio.fail_after(ARM_DEADLINE_S):
+                if self._wire is not None:
+                    observation = await self._wire.arm(_Permit(self, epoch, 0))
+        except (WireDown, PermitDenied, trio.TooSlowError) as failure:
+            error = str(failure) or f"arming took longer than {ARM_DEADLINE_S:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
 
     # -- the link
@@ -161,10 +164,9 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
-        self._busy(OPEN_DEADLINE_S, number)
         wire = self._driver.open_wire(self.context.clock)
         try:
-            with trio.fail_after(OPEN_DEADLINE_S):
+            with self._busy(OPEN_DEADLINE_S, number), trio.fail_after(OPEN_DEADLINE_S):
                 facts = await wire.open()
                 observation = await wire.read()
                 await self._hand_over(wire)
@@ -179,9 +181,8 @@ class Transport(Actor):
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
-        descriptors = tuple(os.dup(fd) for fd in wire.handover())
         try:
-            await self._guardian.ask(Handover(descriptors), 1.0)
+            await self._guardian.ask(Handover(tuple(wire.handover())), 1.0)
         except (AskTimeout, Unreachable) as failure:
             raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
 
@@ -197,11 +198,15 @@ class Transport(Actor):
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
         self._gate.tell(LinkLost(why))
 
-    def _busy(self, at_most_s: float, number: int = 0) -> int:
-        """Tell the watchdog that a bounded operation begins, so that its silence is no sign of death."""
-        now_ns = self.context.clock.now_ns()
-        self._watchdog.tell(Cycled(number, now_ns + round(at_most_s * NS)))
-        return now_ns
+    @contextlib.contextmanager
+    def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
+        """A bounded operation: tell the watchdog, so that its silence is no sign of death, and when it is over."""
+        until_ns = self.context.clock.now_ns() + round(at_most_s * NS)
+        self._watchdog.tell(Cycled(number, until_ns))
+        try:
+            yield
+        finally:
+            self._watchdog.tell(Cycled(number))
 
 
 def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:

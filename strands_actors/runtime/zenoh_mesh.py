@@ -41,6 +41,8 @@ def config(listen: Sequence[str] = (), connect: Sequence[str] = ()) -> zenoh.Con
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
+        # A frozen peer takes the connection and says nothing; close() would wait for it (zenoh: 10 s).
+        "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
         # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut off.

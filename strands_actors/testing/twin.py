@@ -96,7 +96,9 @@ class Twin:
         deadline_s = time.monotonic() + PATIENCE_S
         while not condition():
             if self.process.poll() is not None:
-                raise RuntimeError(f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}")
+                raise RuntimeError(
+                    f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}"
+                )
             if time.monotonic() > deadline_s:
                 raise TimeoutError(f"the twin of {self.robot} did not do so within {PATIENCE_S:g} s")
             time.sleep(0.005)

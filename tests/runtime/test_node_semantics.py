@@ -517,7 +517,7 @@ async def test_a_cut_node_is_gone_for_both_sides_until_it_is_healed() -> None:
     async with trio.open_nursery() as nursery:
         logs: dict[str, list[Message]] = {}
         watchers: dict[str, Watcher] = {}
-        for node, other in ((here, there), (there, here)):
+        for node in (here, there):
             await nursery.start(node.run)
             log = logs[node.name] = []
             await nursery.start(node.cell(f"r/actor/{node.name}", lambda log=log: Recorder(log)).run)

@@ -20,11 +20,8 @@ import trio
 CHUNK = 4096
 
 
-class Line(Protocol):
-    @property
-    def address(self) -> str:
-        """Where a client connects. Stays the same when the cable is pulled and put back."""
-        ...
+class Channel(Protocol):
+    """One conversation with one client."""
 
     def bits_per_s(self) -> int | None:
         """The rate the client speaks at; None on a wire where bytes cost no time."""
@@ -40,6 +37,15 @@ class Line(Protocol):
 
     def quiet_for(self, seconds: float) -> bool:
         """Block until then; False at once when bytes wait to be received."""
+        ...
+
+
+class Line(Channel, Protocol):
+    """A wire that has one client at a time."""
+
+    @property
+    def address(self) -> str:
+        """Where a client connects. Stays the same when the cable is pulled and put back."""
         ...
 
     def plug(self) -> None: ...

@@ -7,6 +7,8 @@ import os
 import signal
 import stat
 import sys
+from collections.abc import Callable
+from typing import Protocol
 
 import trio
 
@@ -18,6 +20,20 @@ LINGER_S = 3.0
 """How long a twin outlives its parent, so that what others still write is logged."""
 
 _STDIN = 0
+
+
+class Served(Protocol):
+    """A robot on its wire. ``address`` is what the port file says: a path, or host:port."""
+
+    @property
+    def address(self) -> str: ...
+    def set_fault(self, text: str) -> None: ...
+    def power_cycle(self) -> None: ...
+    def unplug(self) -> None: ...
+    def plug(self) -> None: ...
+    def freeze(self, seconds: float) -> None: ...
+    async def serve(self) -> None: ...
+    def close(self) -> None: ...
 
 
 def run(
@@ -36,40 +52,54 @@ def run(
     ``port_file`` holds the line's address as long as it is served. When stdin is a pipe it takes lines:
     ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``.
     """
-    trio.run(_main, robot, line, port_file, log, fault, parent_fd, wire_time)
+
+    def build(wire_log: WireLog) -> Server:
+        return Server(robot, line, wire_log, wire_time=wire_time)
+
+    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)
+
+
+def run_server(
+    build: Callable[[WireLog], Served],
+    *,
+    port_file: str | None = None,
+    log: str | None = None,
+    fault: str | None = None,
+    parent_fd: int | None = None,
+) -> None:
+    """As ``run``, for what ``build`` makes of the wire log."""
+    trio.run(_main, build, port_file, log, fault, parent_fd)
 
 
 async def _main(
-    robot: Robot,
-    line: Line,
+    build: Callable[[WireLog], Served],
     port_file: str | None,
     log_path: str | None,
     fault: str | None,
     parent_fd: int | None,
-    wire_time: bool,
 ) -> None:
     log = WireLog(log_path)
+    server = build(log)
     try:
-        server = Server(robot, line, log, wire_time=wire_time)
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:
             async with trio.open_nursery() as nursery:
-                line.plug()
+                server.plug()
                 nursery.start_soon(server.serve)
                 if parent_fd is not None:
                     nursery.start_soon(_outlive_parent, parent_fd, nursery.cancel_scope)
                 if _is_pipe(_STDIN):
                     nursery.start_soon(_obey, server)
                 if port_file:
-                    _publish(port_file, line.address)
+                    _publish(port_file, server.address)
                 async for number in signals:
                     if number != signal.SIGUSR1:
                         nursery.cancel_scope.cancel()
                     else:
                         server.power_cycle()
     finally:
-        line.close()
+        server.close()
         log.close()
         if port_file:
             with contextlib.suppress(FileNotFoundError):
@@ -85,7 +115,7 @@ async def _outlive_parent(fd: int, scope: trio.CancelScope) -> None:
     scope.cancel()
 
 
-async def _obey(server: Server) -> None:
+async def _obey(server: Served) -> None:
     pending = b""
     while True:
         await trio.lowlevel.wait_readable(_STDIN)
@@ -100,7 +130,7 @@ async def _obey(server: Server) -> None:
                 print(error, file=sys.stderr, flush=True)
 
 
-def command(server: Server, line: str) -> None:
+def command(server: Served, line: str) -> None:
     """One control line. Raise ``ValueError`` with the lines there are."""
     match line.split():
         case []:

@@ -1,4 +1,4 @@
-"""Between line and robot: stamps and logs what comes, hands it over, sends replies when they are due."""
+"""Between wire and robot: stamps and logs what comes, hands it over, sends replies when they are due."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import trio
 
 from .alarm import NS, new_alarm
 from .faults import Fault, Reply, parse_fault
-from .line import Line
+from .line import Channel, Line
 from .wirelog import WireLog
 
 BITS_PER_BYTE = 10  # 8N1
@@ -30,17 +30,39 @@ class Exchange(NamedTuple):
     replies: Sequence[Reply]
 
 
-class Robot(Protocol):
-    """What a wire's twin is to the server. Pure but for the time its plant reads."""
+class Session(Protocol):
+    """What hears one client. Pure but for the time its plant reads."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         """Act on bytes of the host, in any pieces. One exchange per frame; its request is logged before
         the next is asked for. ``bits_per_s``: the host's rate, where there is one."""
         ...
 
+
+class Controls(Protocol):
+    """What may happen to a robot."""
+
     def set_fault(self, fault: Fault, unit: int | None) -> None: ...
 
     def power_cycle(self) -> None: ...
+
+
+class Robot(Session, Controls, Protocol):
+    """What a wire's twin is to the server, where the robot hears one client only."""
+
+
+class Frost:
+    """Until when the robot neither reads nor answers."""
+
+    def __init__(self) -> None:
+        self._thaw_s = 0.0
+
+    def freeze(self, seconds: float) -> None:
+        self._thaw_s = trio.current_time() + seconds
+
+    async def thawed(self) -> None:
+        while trio.current_time() < self._thaw_s:
+            await trio.sleep_until(self._thaw_s)
 
 
 class _Departure(NamedTuple):
@@ -49,38 +71,22 @@ class _Departure(NamedTuple):
     frames: list[tuple[str, bytes]]
 
 
-class Server:
-    """Serves one robot on one line. Its methods are what may happen to the robot while it runs."""
+class Conversation:
+    """One client and what hears it: requests in, replies out when they are due."""
 
-    def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
+    def __init__(
+        self, session: Session, channel: Channel, log: WireLog, frost: Frost, *, wire_time: bool = True
+    ) -> None:
         """``wire_time``: replies take the time their bytes take at the client's rate."""
-        self._robot = robot
-        self._line = line
+        self._session = session
+        self._channel = channel
         self._log = log
+        self._frost = frost
         self._wire_time = wire_time
         self._alarm = new_alarm()
         self._departures: list[_Departure] = []
         self._order = itertools.count()
         self._line_free_ns = 0
-        self._thaw_s = 0.0
-
-    def set_fault(self, text: str) -> None:
-        """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""
-        self._robot.set_fault(*parse_fault(text))
-
-    def power_cycle(self) -> None:
-        self._robot.power_cycle()
-
-    def unplug(self) -> None:
-        """Pull the cable. The robot itself does not notice."""
-        self._line.unplug()
-
-    def plug(self) -> None:
-        self._line.plug()
-
-    def freeze(self, seconds: float) -> None:
-        """The robot neither reads nor answers for so long; then it takes up what waited."""
-        self._thaw_s = trio.current_time() + seconds
 
     async def serve(self) -> None:
         """Until cancelled."""
@@ -93,10 +99,10 @@ class Server:
 
     async def _read(self) -> None:
         while True:
-            t_ns, data = await self._line.receive()
-            await self._thawed()
-            rate = self._line.bits_per_s()
-            for exchange in self._robot.receive(data, rate):
+            t_ns, data = await self._channel.receive()
+            await self._frost.thawed()
+            rate = self._channel.bits_per_s()
+            for exchange in self._session.receive(data, rate):
                 self._log.write(t_ns, "host", [(exchange.kind, exchange.request)])
                 self._schedule(exchange, t_ns, rate)
 
@@ -118,7 +124,7 @@ class Server:
 
     def _depart(self, due_ns: int, frames: list[tuple[str, bytes]]) -> None:
         wait_s = (due_ns - time.monotonic_ns()) / NS
-        if wait_s <= 0 or (wait_s < SHORT_WAIT_S and self._line.quiet_for(wait_s)):
+        if wait_s <= 0 or (wait_s < SHORT_WAIT_S and self._channel.quiet_for(wait_s)):
             self._write(frames)
             return
         heapq.heappush(self._departures, _Departure(due_ns, next(self._order), frames))
@@ -127,7 +133,7 @@ class Server:
     async def _send(self) -> None:
         while True:
             await self._alarm.ring()
-            await self._thawed()
+            await self._frost.thawed()
             while self._departures and self._departures[0].due_ns <= time.monotonic_ns():
                 self._write(heapq.heappop(self._departures).frames)
             if self._departures:
@@ -135,8 +141,43 @@ class Server:
 
     def _write(self, frames: list[tuple[str, bytes]]) -> None:
         self._log.write(time.monotonic_ns(), "robot", frames)  # first: what was heard is in the log
-        self._line.send(b"".join(data for _, data in frames))
+        self._channel.send(b"".join(data for _, data in frames))
 
-    async def _thawed(self) -> None:
-        if trio.current_time() < self._thaw_s:
-            await trio.sleep_until(self._thaw_s)
+
+class Server:
+    """Serves one robot on one line. Its methods are what may happen to the robot while it runs."""
+
+    def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
+        self._robot = robot
+        self._line = line
+        self._frost = Frost()
+        self._conversation = Conversation(robot, line, log, self._frost, wire_time=wire_time)
+
+    @property
+    def address(self) -> str:
+        return self._line.address
+
+    def set_fault(self, text: str) -> None:
+        """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""
+        self._robot.set_fault(*parse_fault(text))
+
+    def power_cycle(self) -> None:
+        self._robot.power_cycle()
+
+    def unplug(self) -> None:
+        """Pull the cable. The robot itself does not notice."""
+        self._line.unplug()
+
+    def plug(self) -> None:
+        self._line.plug()
+
+    def freeze(self, seconds: float) -> None:
+        """The robot neither reads nor answers for so long; then it takes up what waited."""
+        self._frost.freeze(seconds)
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        await self._conversation.serve()
+
+    def close(self) -> None:
+        self._line.close()

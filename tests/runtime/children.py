@@ -1,0 +1,93 @@
+"""What the children of these tests run: entries of ``process.start``."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from typing import Any
+
+import trio
+
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.process import start
+
+ECHO = "strands/child/actor/echo"
+
+
+class Ask(Message, frozen=True):
+    text: str
+
+
+class Give(Message, frozen=True):
+    """A descriptor to write ``text`` to."""
+
+    descriptors: tuple[int, ...]
+    text: str
+
+
+class Told(Message, frozen=True):
+    text: str
+    pid: int
+
+
+class Echo(Actor):
+    def receive(self, message: Ask | Give) -> Told:
+        if isinstance(message, Give):
+            for fd in message.descriptors:
+                os.write(fd, message.text.encode())
+                os.close(fd)
+        return Told(message.text, os.getpid())
+
+
+async def _echo(sock: socket.socket) -> None:
+    node = Node("child", MonotonicClock())
+    link = Link(node, sock)
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(node.cell("child/actor/echo", Echo).run)
+        await link.run()
+        nursery.cancel_scope.cancel()
+
+
+def echo(args: dict[str, Any], sock: socket.socket) -> None:
+    """Answers until its parent is gone."""
+    trio.run(_echo, sock)
+
+
+def ends(args: dict[str, Any], sock: socket.socket) -> None:
+    """Ends as it is told; nothing that still runs or fails to flush may keep it."""
+    threading.Thread(target=time.sleep, args=(1000,)).start()
+    if args.get("deaf"):
+        sys.stderr = open(os.open("/dev/full", os.O_WRONLY), "w")  # noqa: SIM115
+        print("never written", file=sys.stderr, end="")
+    match args["how"]:
+        case "return":
+            return
+        case "raise":
+            raise RuntimeError("a fault of the child")
+        case "exit":
+            sys.exit(args["code"])
+
+
+def speaks(args: dict[str, Any], sock: socket.socket) -> None:
+    """Says what it was given and what it inherited, on the raw socket."""
+    inherited = [os.readlink(f"/proc/self/fd/{fd}") for fd in args["fds"]]
+    text = f"{args['word']} {os.getpgid(0) == os.getpid()} {len(inherited)} {args['nested']['a']}"
+    sock.sendall(text.encode())
+
+
+def family(args: dict[str, Any], sock: socket.socket) -> None:
+    """A parent of its own: starts an echo, says its pid, and lives on."""
+    child = start("runtime.children:echo", {})
+    sock.sendall(str(child.pid).encode())
+    signal.signal(signal.SIGINT, lambda *_: sock.sendall(b"interrupted"))
+    time.sleep(1000)
+    child.kill()

@@ -1,0 +1,251 @@
+"""Real children: how they start, what passes between, and how every end of theirs is seen."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+import trio
+
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.link import BACKLOG_BYTES, Link
+from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.runtime.process import ChildProcess, start, wait_for_end_of
+
+from .children import ECHO, Ask, Echo, Give, Told
+from .kernel import PATIENCE_S, real_time, until
+
+
+@asynccontextmanager
+async def child(entry: str, **args: object) -> AsyncIterator[ChildProcess]:
+    process = start(f"runtime.children:{entry}", args)
+    try:
+        yield process
+    finally:
+        await process.fence()
+        process.socket.close()
+
+
+@asynccontextmanager
+async def linked() -> AsyncIterator[tuple[ChildProcess, Ref, Link, Node]]:
+    """A child that echoes, and a reference to its actor, answering."""
+    node = Node("parent", MonotonicClock())
+    async with child("echo") as process, trio.open_nursery() as nursery:
+        link = process.link(node)
+        await nursery.start(node.run)
+        await nursery.start(link.run)
+        ref = node.ref(ECHO, Echo)
+        with trio.fail_after(PATIENCE_S):
+            while True:
+                with suppress(Unreachable):
+                    await ref.ask(Ask(""), PATIENCE_S)
+                    break
+                await trio.sleep(0.002)
+        yield process, ref, link, node
+        nursery.cancel_scope.cancel()
+
+
+async def read_all(fd: int) -> bytes:
+    data = b""
+    while True:
+        await trio.lowlevel.wait_readable(fd)
+        if not (piece := os.read(fd, 100)):
+            return data
+        data += piece
+
+
+# -- start and talk
+
+
+@real_time
+async def test_a_child_answers_over_its_link() -> None:
+    async with linked() as (process, ref, _, _):
+        answer = await ref.ask(Ask("hello"), 5.0)
+        assert answer == Told("hello", process.pid)
+        assert process.alive
+        assert process.pid != os.getpid()
+
+
+@real_time
+async def test_descriptors_arrive_usable() -> None:
+    async with linked() as (process, ref, _, _):
+        read, write = os.pipe()
+        answer = await ref.ask(Give((write, write), "hello"), 5.0)
+        os.close(write)
+        assert answer == Told("hello", process.pid)
+        assert await read_all(read) == b"hellohello"  # and the child has closed what it was given
+        os.close(read)
+
+
+@real_time
+async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> None:
+    read, write = os.pipe()
+    args = {"fds": [write], "word": "hello", "nested": {"a": [1, 2]}}
+    process = start("runtime.children:speaks", args, pass_fds=[write])
+    os.close(write)
+    assert await process.wait() == 0
+    assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: a process group of its own
+    process.socket.close()
+    os.close(read)
+    async with child("speaks", fds=[write], word="", nested={"a": 1}) as process:
+        assert await process.wait() == 1
+
+
+# -- ends
+
+
+@pytest.mark.parametrize(
+    ("args", "code"),
+    [
+        ({"how": "return"}, 0),
+        ({"how": "raise"}, 1),
+        ({"how": "exit", "code": 0}, 0),
+        ({"how": "exit", "code": 7}, 7),
+        ({"how": "exit", "code": None}, 0),
+        ({"how": "exit", "code": "no fuse"}, 1),
+        ({"how": "return", "deaf": True}, 0),
+        ({"how": "exit", "code": 7, "deaf": True}, 7),
+    ],
+    ids=str,
+)
+@real_time
+async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
+    args: dict[str, object], code: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async with child("ends", **args) as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == code
+        assert await process.wait() == code
+        assert not process.alive
+    said = capfd.readouterr().err
+    assert ("RuntimeError: a fault of the child" in said) is (args["how"] == "raise")
+    assert ("no fuse" in said) is (args.get("code") == "no fuse")
+
+
+@pytest.mark.parametrize("entry", ["runtime.children:none", "runtime.nothing:main"])
+@real_time
+async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.CaptureFixture[str]) -> None:
+    process = start(entry, {})
+    assert await process.wait() == 1
+    process.socket.close()
+    assert "Error: " in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("sig", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@real_time
+async def test_a_signal_is_the_end_and_is_seen_at_once(sig: signal.Signals) -> None:
+    async with linked() as (process, _, link, _):
+        killed_at = trio.current_time()
+        process.kill(sig)
+        assert await process.wait() == -sig
+        seen_s = trio.current_time() - killed_at
+        assert seen_s < 0.5
+        assert not process.alive
+        process.kill()  # harmless
+        await until(lambda: link.closed)
+
+
+@real_time
+async def test_everybody_who_waits_is_told() -> None:
+    async with linked() as (process, _, _, _):
+        codes: list[int] = []
+
+        async def wait() -> None:
+            codes.append(await process.wait())
+
+        async with trio.open_nursery() as nursery:
+            for _ in range(3):
+                nursery.start_soon(wait)
+            nursery.start_soon(wait_for_end_of, process.pid)
+            await trio.testing.wait_all_tasks_blocked()
+            process.kill()
+        assert codes == [-9, -9, -9]
+        await wait_for_end_of(process.pid)  # of one that is long gone: at once
+
+
+@real_time
+async def test_a_fence_ends_even_a_frozen_child_and_waits_for_it() -> None:
+    async with linked() as (process, _, _, _):
+        process.kill(signal.SIGSTOP)
+        with trio.CancelScope() as scope:
+            scope.cancel()
+            await process.fence()  # even when whoever fences is cancelled
+        assert not process.alive
+        assert await process.wait() == -signal.SIGKILL
+
+
+@real_time
+async def test_a_child_without_descriptors_of_processes_is_awaited_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on macOS."""
+    monkeypatch.delattr(os, "pidfd_open")
+    async with linked() as (process, _, _, _):
+        process.kill()
+        assert await process.wait() == -9
+
+
+@real_time
+async def test_the_end_of_the_parent_is_the_end_of_the_link() -> None:
+    async with child("family") as parent:
+        grandchild = int(parent.socket.recv(100))
+        assert os.getpgid(grandchild) == grandchild
+        parent.kill()
+        with trio.fail_after(PATIENCE_S):
+            await wait_for_end_of(grandchild)
+
+
+@real_time
+async def test_an_interrupt_of_the_terminal_reaches_only_the_parent() -> None:
+    async with child("family") as parent:
+        grandchild = int(parent.socket.recv(100))
+        fd = os.pidfd_open(grandchild)
+        try:
+            parent.socket.setblocking(False)
+            await until(lambda: os.path.exists(f"/proc/{grandchild}/fd"))
+            with trio.fail_after(PATIENCE_S):
+                while True:  # the handler of the parent may not be set yet
+                    os.killpg(parent.pid, signal.SIGINT)
+                    with trio.move_on_after(0.2):
+                        await trio.lowlevel.wait_readable(parent.socket)
+                        break
+            assert parent.socket.recv(100).startswith(b"interrupted")
+            assert parent.alive
+            with trio.move_on_after(0.2) as scope:
+                await trio.lowlevel.wait_readable(fd)
+            assert scope.cancelled_caught  # the grandchild lives
+        finally:
+            os.close(fd)
+
+
+# -- a peer that is frozen
+
+
+@real_time
+async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
+    async with linked() as (process, ref, link, _):
+        process.kill(signal.SIGSTOP)
+        text = "x" * 1000
+        slowest_s, sent = 0.0, 3000
+        for _ in range(sent):
+            before = time.monotonic()
+            ref.tell(Ask(text))
+            slowest_s = max(slowest_s, time.monotonic() - before)
+        assert slowest_s < 0.5
+        assert 0 < link.dropped < sent
+        assert link._backlog_bytes <= BACKLOG_BYTES
+        with pytest.raises(AskTimeout):
+            await ref.ask(Ask("anybody?"), 0.05)
+        dropped = link.dropped
+        process.kill(signal.SIGCONT)
+        answer = None
+        with trio.fail_after(PATIENCE_S):
+            while answer is None:  # the backlog goes out first; until then more is dropped
+                with suppress(AskTimeout):
+                    answer = await ref.ask(Ask("hello"), 0.5)
+        assert answer == Told("hello", process.pid)
+        assert dropped <= link.dropped <= dropped + 20
