@@ -73,13 +73,19 @@ async def open_caller() -> Any:
     endpoint = unix_endpoint(path)
     node = Node(f"caller.{os.getpid()}.{threading.get_ident() & 0xFFFF:x}", MonotonicClock())
     mesh = await ZenohMesh.open([endpoint])
+    failure: Exception | None = None
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
             mesh.attach(node)
             await nursery.start(mesh.run)
-            yield node, nursery, endpoint
+            try:
+                yield node, nursery, endpoint
+            except Exception as error:  # the caller's own: outside of our nursery, which would wrap it in a group
+                failure = error
             nursery.cancel_scope.cancel()
+        if failure is not None:
+            raise failure
     finally:
         with trio.CancelScope(shield=True):
             await trio.to_thread.run_sync(mesh.close)

@@ -273,11 +273,9 @@ class RobotTree:
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""
         self._require()
-        if not isinstance(action, Mapping):
-            kind = type(action).__name__
-            return Refused(
-                "not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers"
-            )
+        refusal = _refuse_shape(action)
+        if refusal is not None:
+            return refusal
         async with self._writing:
             return await self._send_action(action)
 
@@ -501,6 +499,13 @@ class RobotTree:
         task = self._task
         if task.running:
             self._task = TaskStatus(False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz)
+
+
+def _refuse_shape(action: object) -> Refused | None:
+    if isinstance(action, Mapping):
+        return None
+    kind = type(action).__name__
+    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")
 
 
 def _plain(action: Mapping[str, Any]) -> dict[str, Any]:

@@ -86,7 +86,7 @@ def speaks(args: dict[str, Any], sock: socket.socket) -> None:
 
 def family(args: dict[str, Any], sock: socket.socket) -> None:
     """A parent of its own: starts an echo, says its pid, and lives on."""
-    child = start("runtime.children:echo", {})
+    child = start(f"{__name__}:echo", {})
     sock.sendall(str(child.pid).encode())
     signal.signal(signal.SIGINT, lambda *_: sock.sendall(b"interrupted"))
     time.sleep(1000)

@@ -16,13 +16,14 @@ from strands_actors.runtime.link import BACKLOG_BYTES, Link
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess, start, wait_for_end_of
 
+from . import children
 from .children import ECHO, Ask, Echo, Give, Told
 from .kernel import PATIENCE_S, real_time, until
 
 
 @asynccontextmanager
 async def child(entry: str, **args: object) -> AsyncIterator[ChildProcess]:
-    process = start(f"runtime.children:{entry}", args)
+    process = start(f"{children.__name__}:{entry}", args)
     try:
         yield process
     finally:
@@ -85,7 +86,7 @@ async def test_descriptors_arrive_usable() -> None:
 async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> None:
     read, write = os.pipe()
     args = {"fds": [write], "word": "hello", "nested": {"a": [1, 2]}}
-    process = start("runtime.children:speaks", args, pass_fds=[write])
+    process = start(f"{children.__name__}:speaks", args, pass_fds=[write])
     os.close(write)
     assert await process.wait() == 0
     assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: a process group of its own
@@ -126,7 +127,7 @@ async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
     assert ("no fuse" in said) is (args.get("code") == "no fuse")
 
 
-@pytest.mark.parametrize("entry", ["runtime.children:none", "runtime.nothing:main"])
+@pytest.mark.parametrize("entry", [f"{children.__name__}:none", "there.is.none:main"])
 @real_time
 async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.CaptureFixture[str]) -> None:
     process = start(entry, {})

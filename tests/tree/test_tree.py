@@ -6,7 +6,7 @@ import math
 
 import trio
 
-from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.contract import MotorReport, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors.messages import (
     Accepted,
@@ -137,11 +137,20 @@ def test_saf_002_fence_comes_before_the_second_path() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
+            place, second = tree.place, tree.keeper._second
+            assert second is not None
+            make_safe = second.make_safe
+            ended: list[bool] = []
+
+            async def watched(rung: str) -> tuple[MotorReport, ...]:
+                ended.append(place._ended.is_set())
+                return await make_safe(rung)
+
+            second.make_safe = watched  # type: ignore[method-assign]
             tree.hardware.write_s = 0.5
             await writer.send(ttl_s=5.0, latched=True, a=5.0)
             await trio.sleep(2.0)
-            safe = tree.hardware.of("safe")
-            assert safe and safe[0].path == "second"
+            assert ended == [True], "the wire group had ended when the second path wrote"
             assert setpoints(tree) == []
 
     run_virtual(run)

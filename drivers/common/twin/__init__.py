@@ -1,24 +1,34 @@
 """What the twins of all wires share: the process, the line they serve, the wire log, the faults.
 
-A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls ``run``.
+A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls ``run``. On TCP
+it has a handler per port instead, ``main`` calls ``run_server`` with a ``TcpServer``.
 """
 
 from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
-from .process import run
-from .server import Exchange, Robot, Server
+from .process import run, run_server
+from .server import Controls, Exchange, Robot, Server, Session
+from .tcp import ClientGone, Connection, Handler, TcpServer, answering
 from .wirelog import WireLog
 
 __all__ = [
+    "ClientGone",
+    "Connection",
+    "Controls",
     "Exchange",
     "Fault",
     "Faults",
+    "Handler",
     "Line",
     "PtyLine",
     "Reply",
     "Robot",
     "Server",
+    "Session",
+    "TcpServer",
     "WireLog",
+    "answering",
     "parse_fault",
     "run",
+    "run_server",
 ]

@@ -61,7 +61,7 @@ class Frost:
         self._thaw_s = trio.current_time() + seconds
 
     async def thawed(self) -> None:
-        while trio.current_time() < self._thaw_s:
+        if trio.current_time() < self._thaw_s:
             await trio.sleep_until(self._thaw_s)
 
 

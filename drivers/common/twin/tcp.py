@@ -189,17 +189,18 @@ class TcpServer:
 
 
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
+    """All ports on one host. An address of our own may be somebody's already: then another is tried."""
     for attempt in range(ATTEMPTS):
+        chosen = host or _own_host()
         listeners: list[socket.socket] = []
         try:
             for port in ports:
-                listeners.append(_listener(host or _own_host(), port))
-                host = listeners[0].getsockname()[0]
+                listeners.append(_listener(chosen, port))
             return listeners
         except OSError:
             for listener in listeners:
                 listener.close()
-            if attempt == ATTEMPTS - 1:
+            if host or attempt == ATTEMPTS - 1:
                 raise
     raise AssertionError("not reached")
 

@@ -50,6 +50,9 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
         except Failed as failure:
             problem = str(failure)
             story.note(problem, "bad")
+        except KeyboardInterrupt:
+            console.print("interrupted: making the arm safe and ending everything")
+            raise
         finally:
             with _deaf_to_interrupts():
                 answer = robot.cleanup()

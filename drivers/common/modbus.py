@@ -1,0 +1,166 @@
+"""Modbus TCP: frames and their decoder, pure, and a client that is never out of step.
+
+The codec is pymodbus's own framer and PDU classes. Its clients are not used: on a silent peer they block for
+seconds, repeat by themselves and reconnect behind one's back.
+
+A reply belongs to the question whose transaction id it bears, however late it is; one that belongs to no
+question ends the connection. So no reply can ever be taken for the next one's.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+
+import trio
+from pymodbus.constants import ExcCodes
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadInputRegistersRequest,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersRequest,
+    WriteMultipleRegistersResponse,
+)
+
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import WireDown
+
+from .tcp_port import ByteStream
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else a bad frame is printed on stderr
+
+SILENT_S = 0.5
+"""A peer that owes an answer and has said nothing for so long is gone."""
+
+MAX_OPEN = 64
+"""Questions without an answer, while others are answered."""
+
+_HEADER = 7
+_MAX_LENGTH = 254
+_LAST_ID = 0xFFFF
+
+
+class Garbled(Exception):
+    """Bytes that are no Modbus TCP frame. A stream has no start marks: the connection is of no more use."""
+
+
+class Decoder:
+    """A stream of bytes to PDUs, whose ``dev_id`` and ``transaction_id`` are set."""
+
+    def __init__(self, *, requests: bool) -> None:
+        """``requests``: the stream of a client, otherwise of a server."""
+        self._framer = FramerSocket(DecodePDU(is_server=requests))
+        self._pending = b""
+
+    def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
+        """PDUs with their frames. Raise ``Garbled``."""
+        self._pending += data
+        while len(self._pending) > _HEADER:
+            protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
+            if protocol != 0 or not 2 <= length <= _MAX_LENGTH:
+                raise Garbled(f"protocol {protocol}, length {length}")
+            used, unit, number, body = self._framer.decode(self._pending[: _HEADER - 1 + length])
+            if not used:
+                return
+            frame, self._pending = self._pending[:used], self._pending[used:]
+            pdu = self._framer.decoder.decode(body)
+            if pdu is None:
+                raise Garbled(f"function {body[0]}")
+            pdu.dev_id, pdu.transaction_id = unit, number
+            yield pdu, frame
+
+
+def encode(pdu: ModbusPDU) -> bytes:
+    """The frame of a PDU whose ``dev_id`` and ``transaction_id`` are set."""
+    frame: bytes = FramerSocket(DecodePDU(is_server=False)).buildFrame(pdu)
+    return frame
+
+
+def exception_words(code: int) -> str:
+    """``illegal address (exception 2)``."""
+    try:
+        name = ExcCodes(code).name.lower().replace("_", " ")
+    except ValueError:
+        name = "unknown"
+    return f"{name} (exception {code})"
+
+
+class ModbusClient:
+    """Questions to one unit on one connection. Calls never overlap; questions may."""
+
+    def __init__(self, stream: ByteStream, unit: int, name: str, clock: Clock) -> None:
+        self._stream = stream
+        self._unit = unit
+        self._name = name
+        self._clock = clock
+        self._decoder = Decoder(requests=False)
+        self._number = 0
+        self._open: dict[int, ModbusPDU] = {}
+        self._kept: dict[int, list[int]] = {}
+        self._waiting_since_ns = 0
+
+    def write_registers(self, address: int, values: Sequence[int]) -> int:
+        """Send at once; the number of the question. Raise ``WireDown``."""
+        return self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
+
+    def read_registers(self, address: int, count: int) -> int:
+        """Send at once; the number of the question, to be given to ``answer``. Raise ``WireDown``."""
+        return self._ask(ReadInputRegistersRequest(address=address, count=count))
+
+    async def answer(self, number: int, within_s: float) -> list[int] | None:
+        """The registers a question was answered with (none for a write), or None: not yet.
+        Raise ``WireDown`` when the peer refuses, has said nothing for ``SILENT_S``, or speaks nonsense."""
+        with trio.move_on_after(within_s):
+            while number not in self._kept:
+                self._take(await self._stream.read())
+        if number in self._kept:
+            return self._kept.pop(number)
+        silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
+        if self._open and silent_s > SILENT_S:
+            raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
+        return None
+
+    def forget(self, number: int) -> None:
+        """Its answer is of no more interest, and may come or not."""
+        self._kept.pop(number, None)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def _ask(self, request: ModbusPDU) -> int:
+        if len(self._open) >= MAX_OPEN:
+            raise WireDown(f"{self._name}: {MAX_OPEN} questions without an answer. Check it, then reconnect")
+        self._number = self._number % _LAST_ID + 1
+        request.dev_id, request.transaction_id = self._unit, self._number
+        if not self._open:
+            self._waiting_since_ns = self._clock.now_ns()
+        self._stream.write(encode(request))
+        self._open[self._number] = request
+        return self._number
+
+    def _take(self, data: bytes) -> None:
+        try:
+            for reply, _ in self._decoder.feed(data):
+                self._waiting_since_ns = self._clock.now_ns()
+                request = self._open.pop(reply.transaction_id, None)
+                self._kept[reply.transaction_id] = self._registers(request, reply)
+        except Garbled as garbled:
+            raise WireDown(f"{self._name}: answers with no Modbus frame ({garbled}). Reconnect") from None
+
+    def _registers(self, request: ModbusPDU | None, reply: ModbusPDU) -> list[int]:
+        if request is None or reply.dev_id != self._unit:
+            raise WireDown(f"{self._name}: answers what was not asked. Reconnect")
+        if isinstance(reply, ExceptionResponse):
+            raise WireDown(
+                f"{self._name}: refuses: {exception_words(reply.exception_code)}. Check unit_id= and its power"
+            )
+        match request, reply:
+            case ReadInputRegistersRequest(), ReadInputRegistersResponse():
+                registers = list(reply.registers)
+                if len(registers) == request.count:
+                    return registers
+            case WriteMultipleRegistersRequest(), WriteMultipleRegistersResponse():
+                if (reply.address, reply.count) == (request.address, len(request.registers)):
+                    return []
+        raise WireDown(f"{self._name}: its answer does not fit the question. Reconnect")

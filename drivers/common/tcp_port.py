@@ -1,0 +1,127 @@
+"""A TCP connection as bytes: writes that are complete or fail, reads that wait under trio.
+
+It is always closed with a reset, by the system too when its process is killed: what has not been taken yet
+is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a robot whose
+cable was put back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import struct
+from typing import Protocol
+
+import trio
+
+from strands_actors.runtime.contract import WireDown
+
+CONNECT_S = 0.5
+"""Within a local network; the first repetition of a lost packet would come after 1 s."""
+
+_READ_SIZE = 4096
+
+
+class ByteStream(Protocol):
+    """What a protocol needs of its connection. Everything raises ``WireDown`` once it is gone."""
+
+    def write(self, data: bytes) -> None:
+        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves late."""
+        ...
+
+    async def read(self) -> bytes:
+        """At least one byte, as soon as there is one."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class TcpPort:
+    """A ``ByteStream`` over a connected socket. Closes it."""
+
+    def __init__(self, sock: socket.socket, name: str) -> None:
+        self._sock = sock
+        self.name = name
+
+    def write(self, data: bytes) -> None:
+        try:
+            written = self._sock.send(data)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            raise self._gone(error) from None
+        if written != len(data):
+            raise WireDown(
+                f"{self.name}: output is blocked ({written} of {len(data)} bytes left). "
+                "Check that the robot is alive, then reconnect"
+            )
+
+    async def read(self) -> bytes:
+        while True:
+            try:
+                await trio.lowlevel.wait_readable(self._sock)
+                data = self._sock.recv(_READ_SIZE)
+            except BlockingIOError:
+                continue
+            except (OSError, ValueError) as error:
+                raise self._gone(error) from None
+            if not data:
+                raise self._gone(None)
+            return data
+
+    def close(self) -> None:
+        self._sock.close()
+
+    def _gone(self, error: Exception | None) -> WireDown:
+        if self._sock.fileno() < 0:
+            return WireDown(f"{self.name}: the connection is closed. Reconnect")
+        why = _words(error) if error else "the robot closed it"
+        return WireDown(f"{self.name}: the connection is gone ({why}). Check cable and power, then reconnect")
+
+
+def parse_address(text: str, default_port: int) -> tuple[str, int]:
+    """``host``, ``host:port`` or ``[host]:port``. Raise ``ValueError``."""
+    host, port = text, str(default_port)
+    if text.startswith("["):
+        host, _, rest = text[1:].partition("]")
+        port = rest.removeprefix(":") or port
+    elif text.count(":") == 1:
+        host, _, port = text.partition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError(f"port is {text!r}. Give an address: 192.0.2.10 or 192.0.2.10:{default_port}")
+    return host, int(port)
+
+
+async def open_tcp(host: str, port: int) -> TcpPort:
+    """Connect within ``CONNECT_S``. Raise ``WireDown``."""
+    name = f"{host}:{port}"
+    why = f"no answer within {CONNECT_S:g} s"
+    with trio.move_on_after(CONNECT_S):
+        try:
+            found = await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+            family, kind, protocol, _, address = found[0]
+            return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
+        except OSError as error:
+            why = _words(error)
+    raise WireDown(f"{name}: cannot connect ({why}). Check port=, cable and power")
+
+
+async def _connect(sock: socket.socket, address: object) -> socket.socket:
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        with contextlib.suppress(BlockingIOError):
+            sock.connect(address)  # type: ignore[arg-type]  # what getaddrinfo gave for this family
+        await trio.lowlevel.wait_writable(sock)
+        if number := sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+            raise OSError(number, os.strerror(number))
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+def _words(error: Exception) -> str:
+    return str(error.args[-1]) if error.args else type(error).__name__
