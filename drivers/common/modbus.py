@@ -33,8 +33,8 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else a bad fr
 SILENT_S = 0.5
 """A peer that owes an answer and has said nothing for so long is gone."""
 
-MAX_OPEN = 64
-"""Questions without an answer, while others are answered."""
+MAX_OPEN = 4096
+"""Questions without an answer, while others are answered; far fewer than there are transaction ids."""
 
 _HEADER = 7
 _MAX_LENGTH = 254
@@ -96,34 +96,36 @@ class ModbusClient:
         self._clock = clock
         self._decoder = Decoder(requests=False)
         self._number = 0
-        self._open: dict[int, ModbusPDU] = {}
-        self._kept: dict[int, list[int]] = {}
+        self._open: dict[int, ModbusPDU] = {}  # questions whose answer has not come
+        self._answers: dict[int, list[int] | None] = {}  # by question that somebody waits for
         self._waiting_since_ns = 0
 
-    def write_registers(self, address: int, values: Sequence[int]) -> int:
-        """Send at once; the number of the question. Raise ``WireDown``."""
-        return self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
+    def write_registers(self, address: int, values: Sequence[int]) -> None:
+        """Send at once. That it was refused is told by the next ``answer``. Raise ``WireDown``."""
+        self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
 
     def read_registers(self, address: int, count: int) -> int:
-        """Send at once; the number of the question, to be given to ``answer``. Raise ``WireDown``."""
-        return self._ask(ReadInputRegistersRequest(address=address, count=count))
+        """Send at once; a number to give to ``answer`` or to ``forget``. Raise ``WireDown``."""
+        number = self._ask(ReadInputRegistersRequest(address=address, count=count))
+        self._answers[number] = None
+        return number
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
-        """The registers a question was answered with (none for a write), or None: not yet.
-        Raise ``WireDown`` when the peer refuses, has said nothing for ``SILENT_S``, or speaks nonsense."""
+        """The registers that were asked for, or None: not yet. Raise ``WireDown`` when the peer refuses
+        anything, owes an answer and has said nothing for ``SILENT_S``, or speaks nonsense."""
         with trio.move_on_after(within_s):
-            while number not in self._kept:
+            while self._answers[number] is None:
                 self._take(await self._stream.read())
-        if number in self._kept:
-            return self._kept.pop(number)
+        if self._answers[number] is not None:
+            return self._answers.pop(number)
         silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
-        if self._open and silent_s > SILENT_S:
+        if silent_s > SILENT_S:
             raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
         return None
 
     def forget(self, number: int) -> None:
-        """Its answer is of no more interest, and may come or not."""
-        self._kept.pop(number, None)
+        """The answer is of no more interest; it may still come."""
+        self._answers.pop(number, None)
 
     def close(self) -> None:
         self._stream.close()
@@ -144,7 +146,9 @@ class ModbusClient:
             for reply, _ in self._decoder.feed(data):
                 self._waiting_since_ns = self._clock.now_ns()
                 request = self._open.pop(reply.transaction_id, None)
-                self._kept[reply.transaction_id] = self._registers(request, reply)
+                registers = self._registers(request, reply)
+                if reply.transaction_id in self._answers:
+                    self._answers[reply.transaction_id] = registers
         except Garbled as garbled:
             raise WireDown(f"{self._name}: answers with no Modbus frame ({garbled}). Reconnect") from None
 

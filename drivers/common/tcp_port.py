@@ -102,7 +102,7 @@ async def open_tcp(host: str, port: int) -> TcpPort:
             found = await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
             family, kind, protocol, _, address = found[0]
             return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             why = _words(error)
     raise WireDown(f"{name}: cannot connect ({why}). Check port=, cable and power")
 

@@ -37,9 +37,11 @@ class ChildProcess:
         self._popen = popen
         self.pid = popen.pid
         self.socket = link_socket
+        self._linked = False
 
     def link(self, node: Node) -> Link:
         """The parent's end; run its ``run``."""
+        self._linked = True
         return Link(node, self.socket)
 
     @property
@@ -57,10 +59,13 @@ class ChildProcess:
         return self._popen.wait()
 
     async def fence(self) -> None:
-        """Make sure it never writes again: SIGKILL, and wait for it."""
+        """Make sure it never writes again: SIGKILL, wait for it, close the link."""
         self.kill()
         with trio.CancelScope(shield=True):
             await self.wait()
+        # A link that runs on this socket sees the end of file by itself.
+        if not self._linked:
+            self.socket.close()
 
 
 def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import time
@@ -85,15 +86,18 @@ async def test_descriptors_arrive_usable() -> None:
 @real_time
 async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> None:
     read, write = os.pipe()
-    args = {"fds": [write], "word": "hello", "nested": {"a": [1, 2]}}
-    process = start(f"{children.__name__}:speaks", args, pass_fds=[write])
+    fd = fcntl.fcntl(write, fcntl.F_DUPFD, 200)  # a number the child has no other use for
     os.close(write)
+    args = {"fds": [fd], "word": "hello", "nested": {"a": [1, 2]}}
+    process = start(f"{children.__name__}:speaks", args, pass_fds=[fd])
     assert await process.wait() == 0
     assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: a process group of its own
     process.socket.close()
-    os.close(read)
-    async with child("speaks", fds=[write], word="", nested={"a": 1}) as process:
+    assert os.get_inheritable(fd)
+    async with child("speaks", **args) as process:
         assert await process.wait() == 1
+    os.close(fd)
+    os.close(read)
 
 
 # -- ends

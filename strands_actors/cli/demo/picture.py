@@ -27,18 +27,20 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
     figure = Figure(figsize=(12, 9), dpi=110)
     FigureCanvasAgg(figure)
     figure.suptitle(
-        "SO-101: joints, setpoints, and what was done to its processes" if outcomes else "SO-101: a sine",
+        "SO-101: joints, setpoints, and what was done to its processes"
+        if outcomes
+        else "SO-101: joints and setpoints",
         fontsize=14,
         fontweight="bold",
         x=0.06,
         ha="left",
         y=0.985,
     )
-    told = "No process of the tree is needed to make the arm safe, and only resume() lets it move again."
+    told = "Whichever process is lost, the arm is made safe, and only resume() lets it move again."
     gaps = " Where a line is missing, no process was left to read the arm."
     figure.text(0.06, 0.945, told + gaps if outcomes else "", fontsize=10, color="#555555")
     plots = figure.subplots(len(watch.axes), 1, sharex=True, squeeze=False)[:, 0]
-    figure.subplots_adjust(left=0.085, right=0.985, top=0.87, bottom=0.105, hspace=0.16)
+    figure.subplots_adjust(left=0.085, right=0.985, top=0.87 if outcomes else 0.93, bottom=0.105, hspace=0.16)
     for at, (plot, axis) in enumerate(zip(plots, watch.axes, strict=True)):
         color = COLORS[at % len(COLORS)]
         plot.plot(*_curve(watch.positions, at, began_ns), color=color, linewidth=1.8, zorder=3)

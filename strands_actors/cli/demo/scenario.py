@@ -20,7 +20,14 @@ from .watch import Watch, status_of, wait_for
 
 CONTROL_HZ = 50.0
 MOTION: dict[str, Any] = {"amplitude": 11.0, "hz": 0.4, "spread": 0.12}
-READY = {"shoulder_lift": -8.0, "elbow_flex": 8.0, "gripper": 45.0}
+READY = {
+    "shoulder_pan": 0.0,
+    "shoulder_lift": -8.0,
+    "elbow_flex": 8.0,
+    "wrist_flex": 0.0,
+    "wrist_roll": 0.0,
+    "gripper": 45.0,
+}
 """Commanded before each rollout: a limp arm has sunk, and a sine needs room on both sides."""
 
 LOOK_S = 3.0

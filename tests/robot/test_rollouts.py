@@ -1,0 +1,345 @@
+"""Policies: in this process (``run_policy``) and in one of their own (``start_task``)."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import pytest
+
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .helpers import COUNTS_PER_DEGREE, IDS, goals, holds, json_of, limps, status, task, task_ended, until, why
+
+Observed = Mapping[str, float]
+Action = dict[str, float]
+
+TASK_KEYS = {"running", "steps", "elapsed_s", "exit_reason", "exit_detail", "refusal", "instruction", "hz"}
+
+GENEROUS_S = 0.3
+"""From the call of stop() to the safe frame, whatever the policy does."""
+
+
+def ahead(observation: Observed) -> Action:
+    return {"shoulder_pan": observation["shoulder_pan"] + 1.0}
+
+
+class Stepper:
+    def step(self, observation: Observed) -> Action:
+        return ahead(observation)
+
+
+class Synchronous:
+    def get_actions_sync(self, observation: Observed, instruction: str) -> list[Action]:
+        assert instruction == "forward"
+        return [ahead(observation)]
+
+
+class Asynchronous:
+    async def get_actions(self, observation: Observed, instruction: str) -> list[Action]:
+        assert instruction == "forward"
+        return [ahead(observation)]
+
+
+@pytest.fixture
+def blocked() -> Iterator[threading.Event]:
+    """Lets a blocked policy go when the test is over."""
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+# -- what a policy may be, and how long it runs
+
+
+def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
+    for policy in (ahead, Stepper(), Synchronous(), Asynchronous()):
+        began_ns = time.monotonic_ns()
+        begun = json_of(arm.run_policy(policy, "forward", n_steps=5))
+        assert begun.keys() == TASK_KEYS
+        ended = task_ended(arm)
+        assert ended.keys() == TASK_KEYS
+        assert (ended["steps"], ended["exit_reason"], ended["instruction"]) == (5, "n_steps", "forward"), ended
+        assert len({entry.data for entry in twin.log.host("setpoint", began_ns)}) >= 1
+        assert until(lambda ns=began_ns: holds(twin.log, ns), "it is held afterwards")  # type: ignore[misc]
+    assert status(arm)["state"] == "holding"
+    assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
+
+
+def test_the_policy_keyword_of_the_reference_works_too(arm: RealRobot) -> None:
+    json_of(arm.run_policy(policy_object=ahead, n_steps=2))
+    assert task_ended(arm)["steps"] == 2
+
+
+def test_a_chunk_is_executed_action_by_action_at_the_control_rate(arm: RealRobot, twin: Twin) -> None:
+    asked: list[float] = []
+
+    class Chunks:
+        """Eight actions a call, each half a degree further."""
+
+        def get_actions_sync(self, observation: Observed, instruction: str) -> list[Action]:
+            first = len(asked) * 8
+            asked.append(time.monotonic())
+            return [{"shoulder_pan": (first + number) * 0.5} for number in range(8)]
+
+    began_ns = time.monotonic_ns()
+    json_of(arm.run_policy(Chunks(), n_steps=24, control_frequency=50))
+    ended = task_ended(arm)
+    assert (ended["steps"], ended["exit_reason"]) == (24, "n_steps"), ended
+    assert ended["elapsed_s"] < 24 * 8 / 50 / 2  # the first action of each chunk alone would take 8 times as long
+    assert 3 <= len(asked) <= 5
+    written = [goals(entry)[1] for entry in twin.log.host("setpoint", began_ns)]
+    steps = [goal for at, goal in enumerate(written) if at == 0 or goal != written[at - 1]]
+    assert steps == [round(2047.5 + number * 0.5 * COUNTS_PER_DEGREE) for number in range(24)]
+
+
+def test_a_duration_ends_a_rollout_and_n_steps_wins_over_it(arm: RealRobot) -> None:
+    json_of(arm.run_policy(ahead, duration=0.5))
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "duration", ended
+    assert 0.45 <= ended["elapsed_s"] < 2.0
+    json_of(arm.run_policy(ahead, duration=0.05, n_steps=20))
+    ended = task_ended(arm)
+    assert (ended["exit_reason"], ended["steps"]) == ("n_steps", 20), ended
+
+
+def test_a_refused_action_ends_the_rollout_with_the_reason(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    json_of(arm.run_policy(lambda observation: {"shoulder_pan": 170.0}, n_steps=5))
+    ended = task_ended(arm)
+    assert (ended["exit_reason"], ended["refusal"], ended["steps"]) == ("gate", "too_fast", 0), ended
+    assert "steps 170.0 deg" in ended["exit_detail"] or "step at most" in ended["exit_detail"]
+    assert not twin.log.host("setpoint", began_ns)
+
+
+def test_a_policy_that_raises_ends_the_rollout_with_its_words(arm: RealRobot, twin: Twin) -> None:
+    def broken(observation: Observed) -> Action:
+        raise LookupError("no weights here")
+
+    json_of(arm.run_policy(broken))
+    ended = task_ended(arm)
+    assert (ended["exit_reason"], ended["exit_detail"]) == ("policy", "LookupError: no weights here")
+    json_of(arm.run_policy(lambda observation: 3))
+    assert "the policy returned int" in task_ended(arm)["exit_detail"]
+    assert status(arm)["state"] in ("armed", "holding")
+
+
+# -- refusals
+
+BAD = [0, -1.0, math.nan, math.inf, True, "3", None]
+
+
+def test_bad_arguments_start_nothing(arm: RealRobot, twin: Twin) -> None:
+    for duration in BAD:
+        assert f"run_policy: duration is {duration!r}" in why(arm.run_policy(ahead, duration=duration))
+        assert f"start_task: duration is {duration!r}" in why(arm.start_task("x", duration=duration))
+    for n_steps in (0, -1, 1.5, True, "3"):
+        assert f"n_steps is {n_steps!r}" in why(arm.run_policy(ahead, n_steps=n_steps))  # type: ignore[arg-type]
+    for hz in (0, -1.0, math.nan, 1001, True, "3"):
+        assert "control_frequency is" in why(arm.run_policy(ahead, control_frequency=hz))  # type: ignore[arg-type]
+        assert "control_frequency is" in why(arm.start_task("x", control_frequency=hz))  # type: ignore[arg-type]
+    assert "policy is None" in why(arm.run_policy())
+    assert "object is no policy" in why(arm.run_policy(object()))
+    assert "use one of mock, sine" in why(arm.start_task("x", policy_provider="smooth_talk"))
+    idle = task(arm)
+    assert (idle["running"], idle["steps"]) == (False, 0)
+    assert not twin.log.host("setpoint")
+
+
+def test_one_rollout_at_a_time(arm: RealRobot) -> None:
+    json_of(arm.run_policy(ahead))
+    assert "already running" in why(arm.run_policy(ahead))
+    assert "already running" in why(arm.start_task("x", policy_provider="mock"))
+    assert "a task is running. call stop_task() first" in why(arm.send_action({"gripper": 50.0}))
+    assert json_of(arm.stop_task())["exit_reason"] == "stopped"
+    assert arm.send_action({"gripper": 50.0})["status"] == "success"
+
+
+def test_of_many_that_start_a_rollout_at_once_one_gets_it(arm: RealRobot) -> None:
+    barrier = threading.Barrier(4)
+    outcomes: list[str] = []
+
+    def begin() -> None:
+        barrier.wait()
+        outcomes.append(arm.run_policy(ahead)["status"])
+
+    threads = [threading.Thread(target=begin) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(outcomes) == ["error", "error", "error", "success"]
+    json_of(arm.stop_task())
+
+
+# -- ending a rollout
+
+
+def test_stop_task_holds_and_gives_the_robot_back(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.run_policy(ahead, "forward"))
+    until(lambda: task(arm)["steps"] > 5, "it moves")
+    began_ns = time.monotonic_ns()
+    ended = json_of(arm.stop_task())
+    assert (ended["running"], ended["exit_reason"]) == (False, "stopped")
+    assert holds(twin.log, began_ns)
+    time.sleep(0.2)
+    assert twin.log.setpoints_after_safe(began_ns) == 0
+    assert status(arm)["state"] == "holding"
+    assert json_of(arm.stop_task()) == ended  # nothing runs: what is told is how it ended
+
+
+def block(until_released: threading.Event) -> Callable[[Observed], Action]:
+    """Moves for ten steps, then sleeps."""
+    calls = [0]
+
+    def policy(observation: Observed) -> Action:
+        calls[0] += 1
+        if calls[0] > 10:
+            until_released.wait(5.0)
+        return ahead(observation)
+
+    return policy
+
+
+def block_at_once(until_released: threading.Event) -> Callable[[Observed], Action]:
+    def policy(observation: Observed) -> Action:
+        until_released.wait(5.0)
+        return ahead(observation)
+
+    return policy
+
+
+def spin(until_released: threading.Event) -> Callable[[Observed], Action]:
+    """Moves for ten steps, then keeps a processor and the interpreter's lock busy."""
+    calls = [0]
+
+    def policy(observation: Observed) -> Action:
+        calls[0] += 1
+        while calls[0] > 10 and not until_released.is_set():
+            pass
+        return ahead(observation)
+
+    return policy
+
+
+Faulty = Callable[[threading.Event], Callable[[Observed], Action]]
+
+
+def begin(arm: RealRobot, policy: Faulty, blocked: threading.Event) -> None:
+    json_of(arm.run_policy(policy(blocked), control_frequency=50))
+    if policy is not block_at_once:
+        until(lambda: status(arm)["writes"] >= 5, "it moves")
+
+
+@pytest.mark.parametrize("policy", [block, block_at_once, spin])
+def test_stop_task_does_not_wait_for_the_policy(
+    arm: RealRobot, twin: Twin, blocked: threading.Event, policy: Faulty
+) -> None:
+    began_ns = time.monotonic_ns()
+    begin(arm, policy, blocked)
+    asked_s = time.monotonic()
+    ended = json_of(arm.stop_task())
+    assert time.monotonic() - asked_s < 0.5
+    assert ended["running"] is False
+    assert ended["exit_reason"] in ("stopped", "policy")
+    time.sleep(0.2)
+    if policy is not block_at_once:
+        assert holds(twin.log, began_ns)
+        assert twin.log.setpoints_after_safe(began_ns) == 0
+    assert not limps(twin.log)
+    blocked.set()
+    time.sleep(0.2)
+    assert not twin.log.host("setpoint", round(asked_s * 1e9) + 500_000_000)  # what it returns now comes too late
+    assert json_of(arm.run_policy(ahead, n_steps=3))["running"]
+    assert task_ended(arm)["exit_reason"] == "n_steps"
+
+
+@pytest.mark.parametrize("policy", [block, block_at_once, spin])
+def test_stop_does_not_wait_for_the_policy(
+    arm: RealRobot, twin: Twin, blocked: threading.Event, policy: Faulty
+) -> None:
+    begin(arm, policy, blocked)
+    stopped_ns = time.monotonic_ns()
+    told = json_of(arm.stop())
+    assert until(lambda: limps(twin.log, stopped_ns), "limp")[0].t_ns - stopped_ns < GENEROUS_S * 1e9
+    assert (told["rung"], told["unconfirmed"]) == ("limp", [])
+    blocked.set()
+    time.sleep(0.3)
+    assert twin.log.setpoints_after_safe(stopped_ns) == 0
+    ended = task(arm)
+    assert (ended["running"], ended["exit_reason"]) in ((False, "stop"), (False, "policy")), ended
+
+
+def test_a_policy_that_goes_silent_is_held_and_the_rollout_says_why(
+    arm: RealRobot, twin: Twin, blocked: threading.Event
+) -> None:
+    json_of(arm.run_policy(block(blocked), control_frequency=50))
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "policy", ended
+    assert "no action for 100 ms" in ended["exit_detail"]
+    assert holds(twin.log, twin.log.host("setpoint")[0].t_ns)
+    assert status(arm)["state"] == "holding"
+
+
+def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.run_policy(ahead))
+    until(lambda: task(arm)["steps"] > 5, "it moves")
+    stopped_ns = time.monotonic_ns()
+    json_of(arm.stop())
+    ended = task(arm)
+    assert (ended["running"], ended["exit_reason"]) == (False, "stop"), ended
+    json_of(arm.resume())
+    time.sleep(0.3)
+    assert twin.log.setpoints_after_safe(stopped_ns) == 0
+
+
+# -- a policy in a process of its own
+
+
+@pytest.mark.parametrize("provider", ["mock", "sine"])
+def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin, provider: str) -> None:
+    begun = json_of(arm.start_task("wave", policy_provider=provider))
+    assert begun.keys() == TASK_KEYS
+    assert begun["running"] is True
+    until(lambda: task(arm)["steps"] >= 8, "it moves")
+    assert {process["role"] for process in (arm.tree() or {})["processes"]} >= {"root", "wire", "policy"}
+    assert "already running" in why(arm.run_policy(ahead))
+    stopped_ns = time.monotonic_ns()
+    ended = json_of(arm.stop_task())
+    assert (ended["running"], ended["exit_reason"]) == (False, "stopped"), ended
+    assert ended["instruction"] == "wave"
+    assert holds(twin.log, stopped_ns)
+    assert arm.send_action({"gripper": 50.0})["status"] == "success"
+
+
+def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
+    json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "duration", ended
+    until(lambda: len((arm.tree() or {})["processes"]) == 3, "its process ends")  # caller, root, wire
+    json_of(arm.start_task("wave", policy_provider="mock", duration=0.5))
+    assert task_ended(arm)["exit_reason"] == "duration"
+
+
+def test_options_the_policy_does_not_take_are_told(arm: RealRobot) -> None:
+    json_of(arm.start_task("wave", policy_provider="sine", loudness=11))
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "policy", ended
+    assert "loudness" in ended["exit_detail"]
+
+
+def test_stop_ends_a_named_policy_too(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.start_task("wave", policy_provider="sine"))
+    until(lambda: task(arm)["steps"] >= 8, "it moves")
+    stopped_ns = time.monotonic_ns()
+    assert json_of(arm.stop())["rung"] == "limp"
+    twin.log.safe_within(stopped_ns, GENEROUS_S)
+    ended = task_ended(arm)
+    assert ended["exit_reason"] in ("stop", "gate"), ended
+    time.sleep(0.2)
+    assert twin.log.setpoints_after_safe(stopped_ns) == 0
+    assert list(goals(twin.log.host("setpoint")[0])) == list(IDS.values())
