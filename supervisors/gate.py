@@ -278,8 +278,8 @@ class Gate(Actor):
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
-        if message.reason is Reason.POLICY and self._lease is not None:
-            self._lease = self._lease.owner  # a dead policy cannot release what it wrote under
+        if self._lease is not None:
+            self._lease = self._lease.owner  # a stop ends the rollout; a dead policy could not release its lease
         if self._trip(message.reason, by, lock):
             self._stops.append((self._state.epoch, deferred))
             return deferred

@@ -92,6 +92,7 @@ class Policy(Actor):
         self._wanted.set()
         self._chunk_size = 1
         self._lease: Lease | None = None
+        self._acquiring = trio.Lock()
         self._steps = 0
         self._began_ns = 0
         self._last_ns = 0
@@ -186,10 +187,13 @@ class Policy(Actor):
     async def _acquire(self) -> bool:
         """Only when the first action is there: until then the robot is the caller's."""
         rollout = self._rollout
-        lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over), ASK_S)
-        if isinstance(lease, Lease):
-            self._lease = lease
-            return True
+        async with self._acquiring:
+            if self._ended is not None:
+                return False
+            lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over), ASK_S)
+            if isinstance(lease, Lease):
+                self._lease = lease
+                return True
         await self._end("refused", getattr(lease, "text", "no lease"), getattr(lease, "code", ""))
         return False
 
@@ -200,6 +204,8 @@ class Policy(Actor):
         self._ended = TaskStatus(
             False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz
         )
+        async with self._acquiring:  # a lease that is on its way has to be given back too
+            pass
         if self._lease is not None:
             # The gate holds the robot where it is before it gives the lease back.
             # If it does not answer the lease lapses by itself; the status says why the rollout ended.

@@ -100,7 +100,7 @@ def parse_rows(text: str) -> list[Row]:
 
 def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
     """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``, ``damping``,
-    ``friction``. Every joint with an effort gets a position servo of its own name, rate-limited to the
+    ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a position servo of its own name, rate-limited to the
     joint's velocity; its gains are the plant's business."""
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
@@ -116,6 +116,7 @@ def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
         _add_geom(bodies["base"], base["geom"], (), float(base.get("kg", 1.0)))
     for row in rows:
         body = bodies[row.parent].add_body(name=row.body, pos=row.xyz, quat=row.quat)
+        body.gravcomp = 1.0 if table.get("gravity_compensated") else 0.0
         bodies[row.body] = body
         _add_mass(body, row, [other for other in rows if other.parent == row.body])
         if row.joint:

@@ -23,10 +23,16 @@ class Plant:
 
     A servo follows its target with the joint's effort and, in a model of rows, the joint's speed at most.
     With torque off it has no gain at all, so that gravity has the arm. At first torque is off and joints
-    are at zero, or at the end of their range nearest to it.
+    are at ``home_rad`` (default: zero), or at the end of their range nearest to it.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, joints: Sequence[str], bandwidth_rad_s: float = 30.0) -> None:
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        joints: Sequence[str],
+        bandwidth_rad_s: float = 30.0,
+        home_rad: Sequence[float] = (),
+    ) -> None:
         self.joints = tuple(joints)
         for name in self.joints:
             spec.add_equality(  # switched on, it jams the joint where it is
@@ -45,6 +51,8 @@ class Plant:
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
         self._torque = [True] * len(self.joints)
+        if home_rad:
+            self.data.qpos[self._qpos] = home_rad
         for index, (joint, address) in enumerate(zip(self._joint, self._qpos, strict=True)):
             if self.model.jnt_limited[joint]:
                 self.data.qpos[address] = np.clip(self.data.qpos[address], *self.model.jnt_range[joint])
@@ -56,7 +64,7 @@ class Plant:
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
         """The plant of one robot's table in ``robots.toml``."""
         joints = [joint["key"] for joint in table["joints"]]
-        return cls(build(table), joints, float(table["bandwidth"]))
+        return cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
 
     def _bind(self) -> None:
         """Find each joint's servo by what it turns: in real models neither order nor name says so."""

@@ -54,8 +54,11 @@ class ChildProcess:
 
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
-        if self._popen.poll() is None:
-            await wait_for_end_of(self.pid)
+        if hasattr(os, "pidfd_open"):
+            if self._popen.poll() is None:
+                await wait_for_end_of(self.pid)
+        else:  # a child of ours that nobody has waited for still answers to its number
+            await _poll_until(lambda: self._popen.poll() is not None)
         return self._popen.wait()
 
     async def fence(self) -> None:

@@ -1,0 +1,156 @@
+"""SAF-015: a process that ends for any reason is gone at once; nothing of ours keeps it or its lease alive."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+import trio
+
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.frames import Down
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+
+from .kernel import Alarm, real_time
+
+GONE_WITHIN_S = 1.0
+"""The figure published is 0.1 s; this bound is for a busy machine."""
+
+ADDRESS = "strands/script/actor/holder"
+
+SCRIPT = """
+import os, signal, sys, time
+import trio
+from strands_actors.portal import portal
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.clock import MonotonicClock
+from tests.runtime.kernel import Alarm
+
+class Holder(Actor):
+    async def started(self):
+        self.context.every(0.01, Alarm)  # the loop is never idle
+
+    def receive(self, message: Alarm) -> Alarm:
+        return message
+
+shared = portal()
+
+async def begin():
+    cell = shared.node.cell("script/actor/holder", Holder)
+    await shared.nursery.start(cell.run)
+    # A second session, with a node that watches the first: subscribers of every kind.
+    mesh = await ZenohMesh.open([], [shared.endpoint])
+    node = Node("second", MonotonicClock())
+    mesh.attach(node)
+    await shared.nursery.start(mesh.run)
+    node.watch(cell.address, "strands/script/actor/nobody")
+
+shared.call(begin)
+
+def ending():
+    print("ending", time.monotonic_ns(), flush=True)
+
+print("ready", shared.endpoint, flush=True)
+sys.stdin.readline()
+"""
+
+ENDS = {
+    "end of the script": "ending()",
+    "exception": "ending(); raise RuntimeError('a fault of the script')",
+    "sys.exit": "ending(); sys.exit(3)",
+    "exception in a thread's future": "ending(); portal().call(trio.sleep, 'never')",
+    "SIGTERM": "ending(); time.sleep(1000)",
+    "SIGINT": "ending(); time.sleep(1000)",
+    "SIGTERM in a call": "ending(); portal().call(trio.sleep_forever)",
+    "SIGINT in a call": "ending(); portal().call(trio.sleep_forever)",
+    "SIGKILL": "ending(); time.sleep(1000)",
+    "SIGHUP": "ending(); time.sleep(1000)",
+}
+CODES = {"end of the script": 0, "exception": 1, "sys.exit": 3, "exception in a thread's future": 1}
+
+
+class Watcher(Actor):
+    def __init__(self) -> None:
+        self.downs: list[Down] = []
+        self.heard = trio.Event()
+
+    async def started(self) -> None:
+        self.context.watch(ADDRESS)
+
+    def receive(self, message: Down) -> None:
+        self.downs.append(message)
+        self.heard.set()
+
+
+@pytest.mark.parametrize("how", ENDS)
+@real_time
+async def test_a_process_that_ends_is_gone_and_its_actors_with_it(
+    how: str, tmp_path: Path, record_property: pytest.FixtureRequest
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(dedent(SCRIPT) + ENDS[how] + "\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        _, endpoint = (await trio.to_thread.run_sync(process.stdout.readline)).split()
+        mesh = await ZenohMesh.open([], [endpoint])
+        node = Node("outside", MonotonicClock())
+        mesh.attach(node)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            await nursery.start(mesh.run)
+            await answers(node)
+            watcher = Watcher()
+            await nursery.start(node.cell("outside/actor/watcher", lambda: watcher).run)
+            process.stdin.write("\n")
+            process.stdin.flush()
+            _, ended_ns = (await trio.to_thread.run_sync(process.stdout.readline)).split()
+            if how.startswith("SIG"):
+                assert watcher.downs == []
+                ended_ns = time.monotonic_ns()
+                process.send_signal(getattr(signal, how.split()[0]))
+            with trio.fail_after(20):
+                await wait_for_end_of(process.pid)
+            gone_s = (time.monotonic_ns() - int(ended_ns)) / 1e9
+            with trio.fail_after(20):
+                await watcher.heard.wait()
+            assert watcher.downs == [Down(ADDRESS, "unreachable")]
+            nursery.cancel_scope.cancel()
+        await trio.to_thread.run_sync(mesh.close)
+    finally:
+        process.kill()
+        said = process.communicate()[1]
+    record_property("gone_s", gone_s)
+    assert gone_s < GONE_WITHIN_S, said
+    number = getattr(signal, how.split()[0], None) if how.startswith("SIG") else None
+    assert process.returncode == (CODES[how] if number is None else -number), said
+    # A script that ends by itself says only what it would say without us.
+    assert ("RuntimeError: a fault of the script" in said) is (how == "exception")
+    assert (said == "") is (how in ("end of the script", "sys.exit") or how.startswith(("SIGT", "SIGK", "SIGH")))
+
+
+async def answers(node: Node) -> None:
+    from .joints import reachable
+
+    await reachable(node, ADDRESS)
+    assert Alarm.lane == "urgent"
