@@ -15,6 +15,7 @@ from strands_actors.runtime.contract import Driver
 
 WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
+    "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
 }
 """One entry a wire: the class that declares its robots."""
 

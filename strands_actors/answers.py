@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Generator
 from concurrent.futures import Future
 from typing import Any
 
+from .runtime.contract import Observation
 from .runtime.messages import Refused
 from .supervisors.messages import StopReport, TaskStatus, TreeReport
 
@@ -81,6 +83,13 @@ def task(status: TaskStatus) -> dict[str, Any]:
         "refusal": status.refusal or None,
         "instruction": status.instruction,
         "hz": round(status.hz, 2),
+    }
+
+
+def sensors(observation: Observation) -> dict[str, list[float | None]]:
+    """By name, in axis order; what is not known is null."""
+    return {
+        name: [None if math.isnan(value) else value for value in row] for name, row in observation.sensors.items()
     }
 
 

@@ -1,10 +1,12 @@
-"""Does the caller still answer? Its lease is beaten only if so.
+"""Does the caller still answer? Its lease is beaten accordingly.
 
 A beat that came from a thread alone would prove nothing: such a thread outlives a main thread that has
-crashed, and runs happily beside one that spins. So a beat is earned by the thread that last commanded the
-robot: it lives, and it either waits (sleeps, reads, sits in a prompt) or has called us since the last beat.
-A thread that only computes, without a call, for as long as the lease lasts, no longer looks after its
-robot, which then holds still; its next command simply takes the lease again.
+crashed, and runs happily beside one that spins. So a beat says two things. The process lives: its main
+thread has not ended. And the thread that last commanded the robot answers: it waits (sleeps, reads, sits in
+a prompt) or has called us since the last beat. A target that was latched lives only as long as both are
+true: who only computes, without a call, for as long as the lease lasts, no longer looks after its robot,
+which then holds still; the next command simply takes it up again. A rollout looks after itself: its
+setpoints expire, and heavy work beside it does not end it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ BUSY_SHARE = 0.5
 
 
 class Liveness:
-    """Call ``note`` at each verb, ``answers`` at each beat."""
+    """Call ``enter`` and ``leave`` around each verb, ``look`` at each beat."""
 
     def __init__(self) -> None:
         self._thread = threading.current_thread()
@@ -37,16 +39,17 @@ class Liveness:
     def leave(self) -> None:
         self._inside -= 1
 
-    def answers(self) -> bool:
+    def look(self) -> tuple[bool, bool]:
+        """(the process lives, the commanding thread answers), since the last look."""
         if not threading.main_thread().is_alive():
-            return False
+            return False, False
         thread = self._thread if self._thread.is_alive() else threading.main_thread()
         now_ns = time.monotonic_ns()
         cpu_ns = _cpu_ns(thread)
         computed_ns, passed_ns = cpu_ns - self._cpu_ns, now_ns - self._at_ns
         called = self._calls != self._seen_calls or self._inside > 0
         self._cpu_ns, self._at_ns, self._seen_calls = cpu_ns, now_ns, self._calls
-        return called or computed_ns < BUSY_SHARE * passed_ns
+        return True, called or computed_ns < BUSY_SHARE * passed_ns
 
 
 def _cpu_ns(thread: threading.Thread) -> int:

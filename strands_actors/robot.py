@@ -26,7 +26,7 @@ from .portal import open_caller, portal
 from .runtime.contract import Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
-from .supervisors.messages import Accepted, Resumed, Status, StopReport, TaskStatus
+from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
 from .tree import NotConnected, RobotTree
 
 _log = logging.getLogger("strands_actors")
@@ -108,7 +108,7 @@ class RealRobot:
                 plan.port,
                 plan.options,
                 plan.transport,
-                self._liveness.answers,
+                self._liveness.look,
             )
         return await self._tree.connect()
 
@@ -145,7 +145,7 @@ class RealRobot:
             answer = await tree.send_action(action)
             if isinstance(answer, Refused):
                 return answers.refused(answer)
-            return answers.success(_commanded(tree, action, answer))
+            return answers.success(tree.driver.commanded(action, answer.values))
 
         return self._verb(run, "move")
 
@@ -287,12 +287,12 @@ class RealRobot:
         return None if tree is None else self._call(tree.status)
 
     def _describe(self, status: Status | None) -> dict[str, Any]:
-        driver = self._driver
+        driver, tree = self._driver, self._tree
         json: dict[str, Any] = {
             "tool_name": self.tool_name,
             "robot": self._plan.robot,
             "connected": False,
-            "connect_error": _NOT_CONNECTED if self._tree is None else "the wire does not answer",
+            "connect_error": _NOT_CONNECTED if tree is None else tree.problem or "the wire does not answer",
             "firmware_watchdog": driver.firmware_watchdog,
             "unit": driver.unit,
         }
@@ -313,6 +313,7 @@ class RealRobot:
             "last_refusal": status.last_refusal or None,
             "ladder": {str(reason): rung for reason, rung in driver.ladder.items()},
             "faults": {} if status.observation is None else dict(status.observation.faults),
+            "sensors": {} if status.observation is None else answers.sensors(status.observation),
             **status.facts,
         }
 
@@ -341,12 +342,6 @@ class RealRobot:
 
 _NO_ANSWER = (NotConnected, AskTimeout, Unreachable)
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
-
-
-def _commanded(tree: RobotTree, action: Mapping[str, Any], accepted: Accepted) -> dict[str, Any]:
-    target = tree.driver.as_json(accepted.values)
-    named = {str(key).removesuffix(".pos") for key in action}
-    return {"commanded": {key: target[key] for key in target if key in named}, "unit": tree.driver.unit}
 
 
 def _check_rollout(duration: float, n_steps: int | None, hz: float | None) -> str | None:

@@ -81,7 +81,7 @@ class Name:
 
 def notes() -> Iterator[Note]:
     """The robots whose lock somebody holds; notes of others are removed."""
-    for path in sorted(run_dir().glob("*.json")):
+    for path in sorted(run_dir().glob("*.json"), key=lambda path: path.stem):
         lock = path.with_suffix(".lock")
         try:
             fd = os.open(lock, os.O_RDWR | os.O_CLOEXEC)

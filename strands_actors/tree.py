@@ -59,6 +59,8 @@ COMMAND_S = 0.25
 ASK_S = 0.5
 STOP_S = 2.0
 CONNECT_S = 12.0
+RETRY_S = 3.0
+"""The wire's longest pause between two attempts to open it, and one attempt."""
 FENCE_S = 3.0
 
 _SHOWN = 100
@@ -83,7 +85,7 @@ class RobotTree:
         port: str,
         options: dict[str, Any],
         transport: str | None,
-        answers: Callable[[], bool] = lambda: True,
+        liveness: Callable[[], tuple[bool, bool]] = lambda: (True, True),
     ) -> None:
         self.driver: Driver = driver_class(kind, port, options)
         self.kind = kind
@@ -96,7 +98,7 @@ class RobotTree:
         self._port = port
         self._options = options
         self._transport = transport
-        self._answers = answers
+        self._liveness = liveness
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._twin: ChildProcess | None = None
@@ -105,6 +107,8 @@ class RobotTree:
         self._policy_scope: trio.CancelScope | None = None
         self._task = TaskStatus()
         self._task_is_remote = False
+        self.problem = ""
+        """Why the last attempt to connect failed."""
         self._starting = trio.Lock()
         self._writing = trio.Lock()
         """One command of this caller at a time: the gate keeps the newest of those that wait, and each may take
@@ -121,12 +125,20 @@ class RobotTree:
             async with self._starting:
                 return await self._connect()
         except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
-            return f"connect: {failure}"
+            self.problem = f"connect: {str(failure).removeprefix('connect: ')}"
+            return self.problem
 
     async def _connect(self) -> str | None:
-        if self._root_process is None:
+        if self._root_process is not None:
+            # What it says of the link may be from before its present pause between two attempts.
+            status = await self._wait_linked(RETRY_S)
+        else:
             await self._start()
-        status = await self._wait_linked()
+            try:
+                status = await self._wait_linked()
+            except NotConnected:
+                await self._end_root()  # it would go on trying, and take the port from whoever has it next
+                raise
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             if status.locked_by:
                 return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
@@ -191,8 +203,10 @@ class RobotTree:
                 await process.wait()
                 nursery.cancel_scope.cancel()
 
-    async def _wait_linked(self) -> Status:
-        deadline = trio.current_time() + CONNECT_S
+    async def _wait_linked(self, patience_s: float = 0.0) -> Status:
+        """``patience_s``: how long to wait for a link that was lost."""
+        began = trio.current_time()
+        deadline = began + CONNECT_S
         status: Status | None = None
         while trio.current_time() < deadline:
             assert self._root_process is not None
@@ -207,7 +221,8 @@ class RobotTree:
             status = answer
             if status.mode in LINKED and status.mode != Mode.STOPPING:
                 return status
-            if status.connect_error and status.connect_error != "not connected yet":
+            lost = status.connect_error and status.connect_error != "not connected yet"
+            if lost and trio.current_time() >= began + patience_s:
                 raise NotConnected(status.connect_error)
             await trio.sleep(0.01)
         raise NotConnected(f"no answer within {CONNECT_S:g} s" if status is None else status.connect_error)
@@ -215,13 +230,24 @@ class RobotTree:
     async def _beat(self) -> None:
         while True:
             await trio.sleep(BEAT_S)
-            if self._lease is not None and self._answers():
-                self._gate.tell(Beat(self._lease.id))
+            alive, answers = self._liveness()
+            if self._lease is not None and alive:
+                self._gate.tell(Beat(self._lease.id, answers))
 
     async def cleanup(self) -> StopReport | None:
         """Make safe, end the tree. The report, or None when nothing was running."""
         self.closed = True
         self._end_policy("cleanup")
+        report = await self._end_root()
+        if self._twin is not None:
+            self._twin.kill(15)
+            with trio.move_on_after(1.0):
+                await self._twin.wait()
+            await self._twin.fence()
+            self._twin = None
+        return report
+
+    async def _end_root(self) -> StopReport | None:
         process = self._root_process
         report: StopReport | None = None
         if process is not None:
@@ -234,12 +260,6 @@ class RobotTree:
                 await process.wait()
             await process.fence()
             await self._forget(process)
-        if self._twin is not None:
-            self._twin.kill(15)
-            with trio.move_on_after(1.0):
-                await self._twin.wait()
-            await self._twin.fence()
-            self._twin = None
         if self._name is not None:
             self._name.release()
             self._name = None
@@ -449,6 +469,8 @@ class RobotTree:
         return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
 
     async def _may_start(self, verb: str) -> Refused | None:
+        if self.driver.ROLLOUTS:
+            return Refused("no_rollout", f"{verb}: {self.kind}: {self.driver.ROLLOUTS}", "call send_action()")
         self._require()
         if (await self.task()).running:
             return Refused("running", f"{verb}: a task is already running", "call stop_task() first")

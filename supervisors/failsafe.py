@@ -4,8 +4,9 @@ This table *is* the machine: the gate steps it, the property tests drive it, the
 with no row in a mode changes nothing there. ``raises`` says whether the epoch rises: what was prepared in
 an older epoch is refused at the wire.
 
-Which event a reason becomes is the driver's ladder: a rung that keeps motors energised makes it HOLD, any
-other makes it STOP; an e-stop is a stop that also locks.
+A late or lost writer (``HOLDING_REASONS``) is a HOLD when the driver's rung for it keeps the motors energised.
+Everything else is a STOP, whatever its rung: a gripper that keeps its grip is disarmed all the same, and only a
+resume lets it move again. An e-stop is a stop that also locks.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import msgspec
 class Mode(enum.StrEnum):
     DOWN = "down"  # no link; nothing of ours is energised
     LOST = "lost"  # no link; it was lost while energised, or before the safe state was confirmed
-    DISARMED = "disarmed"  # link up, de-energised, waiting for a resume
+    DISARMED = "disarmed"  # link up, on the rung of a stop, waiting for a resume
     ARMING = "arming"  # being energised at the measured position
     ARMED = "armed"  # energised, setpoints are accepted
     HOLDING = "holding"  # energised at the measured position; the last writer is gone or late
@@ -35,8 +36,8 @@ class Event(enum.StrEnum):
     ARM_DONE = "arm done"
     ARM_FAILED = "arm failed"
     SETPOINT = "setpoint accepted"
-    HOLD = "hold"  # any reason whose rung keeps the motors energised
-    STOP = "stop"  # any reason whose rung does not
+    HOLD = "hold"  # a late or lost writer, on a rung that keeps the motors energised
+    STOP = "stop"  # any other reason, and any rung that does not
     SAFE_CONFIRMED = "safe confirmed"
     SAFE_UNCONFIRMED = "safe unconfirmed"
     GIVE_UP = "give up"

@@ -11,7 +11,7 @@ import msgspec
 
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Driver, GateState, Observation, Reason
+from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 
@@ -55,12 +55,18 @@ class _Held(msgspec.Struct):
 
     id: int
     holder: str
-    expires_ns: int
+    expires_ns: int  # unless its process is heard of
+    latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
     under: _Held | None = None
 
     @property
     def owner(self) -> _Held:
         return self.under or self
+
+    def beat(self, until_ns: int, answers: bool) -> None:
+        self.expires_ns = until_ns
+        if answers:
+            self.latches_until_ns = until_ns
 
 
 class Gate(Actor):
@@ -122,7 +128,7 @@ class Gate(Actor):
             case Resume():
                 return self._resume(message)
             case Beat():
-                self._beat(message.lease)
+                self._beat(message)
             case Acquire():
                 return self._acquire(message)
             case Release():
@@ -172,7 +178,7 @@ class Gate(Actor):
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
         if self._lease is not None:
-            self._lease.expires_ns = now_ns + _LEASE_TTL_NS
+            self._lease.beat(now_ns + _LEASE_TTL_NS, answers=True)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -236,14 +242,16 @@ class Gate(Actor):
         elif message.over:
             return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
         self._leases += 1
-        self._lease = _Held(self._leases, message.holder, now_ns + _LEASE_TTL_NS, under)
+        until_ns = now_ns + _LEASE_TTL_NS
+        self._lease = _Held(self._leases, message.holder, until_ns, until_ns, under)
         return Lease(self._leases, self._state.epoch)
 
-    def _beat(self, lease: int) -> None:
+    def _beat(self, message: Beat) -> None:
+        until_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
         held = self._lease
         while held is not None:
-            if held.id == lease:
-                held.expires_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
+            if held.id == message.lease:
+                held.beat(until_ns, message.answers)
             held = held.under
 
     def _release(self, lease: int) -> Deferred | None:
@@ -266,7 +274,11 @@ class Gate(Actor):
             held = self._lease
             if live_until > 0 and probe.now_ns >= live_until:
                 self._trip(Reason.EXPIRED, "the setpoint expired")
-            elif held is None or probe.now_ns >= held.owner.expires_ns:
+            elif (
+                held is None
+                or probe.now_ns >= held.owner.expires_ns
+                or (live_until < 0 and probe.now_ns >= held.latches_until_ns)
+            ):
                 self._trip(Reason.LEASE, f"{held.holder if held else 'the writer'} stopped answering")
         state = self._state
         live = self._live_until_ns != 0 and state.mode is Mode.ARMED
@@ -290,7 +302,8 @@ class Gate(Actor):
     def _trip(self, reason: Reason, cause: str, lock: str = "") -> bool:
         """Order the rung of ``reason``; False when the machine has nothing to do for it."""
         rung = self._driver.ladder[reason]
-        event = Event.HOLD if self._driver.energised(rung) else Event.STOP
+        holds = reason in HOLDING_REASONS and self._driver.energised(rung)
+        event = Event.HOLD if holds else Event.STOP
         return self._step(event, rung, reason, cause, lock)
 
     def _step(self, event: Event, rung: str, reason: Reason, cause: str, lock: str = "") -> bool:

@@ -18,7 +18,7 @@ from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondP
 from strands_actors.runtime.node import Ref
 
 from .failsafe import Mode, State
-from .messages import Fence, HandedOver, Handover, RootBeat, StateIs, StopReport, WireBeat
+from .messages import Fence, HandedOver, Handover, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
 from .watchdog import BEAT_EVERY, BEAT_TTL_S, BEAT_TTL_TICKS, TICK_S, Tick
 
 START_DEADLINE_S = 10.0
@@ -62,6 +62,7 @@ class Guardian(Actor):
         self._beats = 0
         self._quiet_ticks = 0
         self._heard_ns = 0
+        self._silent_until_ns = 0
         self._broken = trio.Event()
         self._why = (Reason.WIRE, "")
         self.idle = trio.Event()  # no wire group runs, and the last one was made safe
@@ -73,14 +74,17 @@ class Guardian(Actor):
         self.context.every(TICK_S, Tick)
 
     def receive(
-        self, message: Tick | WireBeat | StateIs | Handover | Fence
+        self, message: Tick | WireBeat | SilentUntil | StateIs | Handover | Fence
     ) -> HandedOver | StopReport | Deferred | None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
             case WireBeat():
-                self._heard_ns = self.context.clock.now_ns()
-                self._quiet_ticks = 0
+                self._hear()
+            case SilentUntil():
+                self._hear()
+                longest_ns = self._heard_ns + round(self._driver.timing.silent_s * NS)
+                self._silent_until_ns = min(message.until_ns, longest_ns)
             case StateIs():
                 self.state = message
                 self._confirmed = message.mode in (Mode.DOWN, Mode.DISARMED)
@@ -95,11 +99,15 @@ class Guardian(Actor):
                 return self._fence(message)
         return None
 
+    def _hear(self) -> None:
+        self._heard_ns = self.context.clock.now_ns()
+        self._quiet_ticks = 0
+
     def _tick(self, now_ns: int) -> None:
         self._beats += 1
         if self._beats % BEAT_EVERY == 0:
             self._watchdog.tell(RootBeat(self._beats))
-        if self._heard_ns:
+        if self._heard_ns and now_ns >= self._silent_until_ns:
             self._quiet_ticks += 1
             if now_ns - self._heard_ns > BEAT_TTL_S * NS and self._quiet_ticks >= BEAT_TTL_TICKS:
                 self._break(Reason.WIRE, "the wire process stopped answering")
@@ -132,7 +140,7 @@ class Guardian(Actor):
             await trio.sleep_forever()
         self._broken = trio.Event()
         self.idle = trio.Event()
-        self._heard_ns = self._quiet_ticks = 0
+        self._heard_ns = self._quiet_ticks = self._silent_until_ns = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
         place = self._start_wire(start)

@@ -36,11 +36,12 @@ class Lease(Message, frozen=True):
 
 
 class Beat(Message, frozen=True):
-    """The holder lives."""
+    """The holder's process lives; ``answers``: so does the thread that commands the robot."""
 
     lane = "latest"
 
     lease: int
+    answers: bool = True
 
 
 class Release(Message, frozen=True):
@@ -241,6 +242,15 @@ class WireBeat(Message, frozen=True):
     lane = "latest"
 
     number: int
+
+
+class SilentUntil(Message, frozen=True):
+    """The wire process may not beat until then: it opens or arms an SDK that keeps the interpreter's lock.
+    0: that is over. The root believes it for ``Timing.silent_s`` at most."""
+
+    lane = "urgent"
+
+    until_ns: int
 
 
 class StateIs(Message, frozen=True):

@@ -29,12 +29,12 @@ from .messages import (
     MakeSafe,
     Observed,
     SafeDone,
+    SilentUntil,
     StopReport,
     Write,
 )
 
 OPEN_DEADLINE_S = 5.0
-ARM_DEADLINE_S = 2.0
 SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -150,12 +150,13 @@ class Transport(Actor):
         self._last = None
         observation: Observation | None = None
         error = "the link was lost"
+        arm_s = self._driver.timing.arm_s
         try:
-            with self._busy(ARM_DEADLINE_S), trio.fail_after(ARM_DEADLINE_S):
+            with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
                 if self._wire is not None:
                     observation = await self._wire.arm(_Permit(self, epoch, 0))
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
-            error = str(failure) or f"arming took longer than {ARM_DEADLINE_S:g} s"
+            error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
 
     # -- the link
@@ -166,7 +167,7 @@ class Transport(Actor):
             return
         wire = self._driver.open_wire(self.context.clock)
         try:
-            with self._busy(OPEN_DEADLINE_S, number), trio.fail_after(OPEN_DEADLINE_S):
+            with self._busy(OPEN_DEADLINE_S, number), self._silent(), trio.fail_after(OPEN_DEADLINE_S):
                 facts = await wire.open()
                 observation = await wire.read()
                 await self._hand_over(wire)
@@ -207,6 +208,19 @@ class Transport(Actor):
             yield
         finally:
             self._watchdog.tell(Cycled(number))
+
+    @contextlib.contextmanager
+    def _silent(self) -> Iterator[None]:
+        """An SDK may keep the interpreter's lock, and with it this whole process: only the root can wait then."""
+        silent_s = self._driver.timing.silent_s
+        if not silent_s:
+            yield
+            return
+        self._guardian.tell(SilentUntil(self.context.clock.now_ns() + round(silent_s * NS)))
+        try:
+            yield
+        finally:
+            self._guardian.tell(SilentUntil(0))
 
 
 def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:

@@ -36,6 +36,10 @@ class Packet(Protocol):
     def id(self) -> int: ...
     @property
     def params(self) -> bytes: ...
+    @property
+    def failure(self) -> str:
+        """Why the motor did not do what it was asked, by its own word; empty when it did."""
+        ...
 
 
 PacketT = TypeVar("PacketT", bound=Packet)
@@ -75,6 +79,10 @@ class HalfDuplexBus(Generic[PacketT]):
         self._quiet_until_ns = 0
         self.stray_bytes = 0
         """Bytes heard during the last question that belong to no expected reply."""
+        self.refusals: dict[int, str] = {}
+        """Motors that answered the last question with an error, and which: such a reply is dropped."""
+        self.sent_ns = 0
+        """When the last frame left."""
 
     @property
     def quiet(self) -> bool:
@@ -82,7 +90,11 @@ class HalfDuplexBus(Generic[PacketT]):
 
     def send(self, frame: bytes) -> None:
         """A frame that nobody answers. Goes out at once, in the quiet time too."""
+        self._write(frame)
+
+    def _write(self, frame: bytes) -> None:
         self.port.write(frame)
+        self.sent_ns = self.clock.now_ns()
 
     async def transact(
         self,
@@ -92,7 +104,7 @@ class HalfDuplexBus(Generic[PacketT]):
         *,
         wait: bool = False,
     ) -> dict[int, PacketT]:
-        """Ask, and return the replies by id; those that did not come are missing from the result.
+        """Ask, and return the replies by id; those that did not come, or were errors, are missing from it.
 
         ``expected``: id -> number of params of its reply; anything else that arrives is stray.
         In the quiet time raise ``Quiet``, or sit it out when ``wait`` is true.
@@ -103,19 +115,26 @@ class HalfDuplexBus(Generic[PacketT]):
             timeout_s = (len(request) + reply_bytes) * self._byte_s + self._margin_s
         replies: dict[int, PacketT] = {}
         self.stray_bytes = 0
+        refusals = self.refusals = {}
         try:
-            self.port.write(request)
+            self._write(request)
             with trio.move_on_after(timeout_s):
-                while len(replies) < len(expected):
+                while len(replies) + len(refusals) < len(expected):
                     data = await self.port.read()
                     self.stray_bytes += len(data)
                     for packet in self._decoder.feed(data):
-                        if packet.id not in replies and expected.get(packet.id) == len(packet.params):
+                        if packet.id in replies or packet.id in refusals or packet.id not in expected:
+                            continue
+                        if packet.failure:
+                            refusals[packet.id] = packet.failure
+                        elif expected[packet.id] == len(packet.params):
                             replies[packet.id] = packet
-                            self.stray_bytes -= self._overhead + len(packet.params)
+                        else:
+                            continue
+                        self.stray_bytes -= self._overhead + len(packet.params)
         finally:
             # not only on a timeout: a caller that was cancelled leaves its answer on the bus too
-            if len(replies) < len(expected):
+            if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
         return replies
 
@@ -123,7 +142,7 @@ class HalfDuplexBus(Generic[PacketT]):
         """Ask, and return whatever whoever answers, until nothing was heard for ``silence_s``
         (for ``first_s`` at the start)."""
         await self._begin(wait=True)
-        self.port.write(request)
+        self._write(request)
         packets: list[PacketT] = []
         self.stray_bytes = 0
         with trio.move_on_after(first_s) as window:

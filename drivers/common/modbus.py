@@ -98,7 +98,8 @@ class ModbusClient:
         self._number = 0
         self._open: dict[int, ModbusPDU] = {}  # questions whose answer has not come
         self._answers: dict[int, list[int] | None] = {}  # by question that somebody waits for
-        self._waiting_since_ns = 0
+        self._waiting_since_ns = 0  # when it was last heard, or since when it owes an answer
+        self._asked_ns = 0
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
         """Send at once. That it was refused is told by the next ``answer``. Raise ``WireDown``."""
@@ -135,8 +136,10 @@ class ModbusClient:
             raise WireDown(f"{self._name}: {MAX_OPEN} questions without an answer. Check it, then reconnect")
         self._number = self._number % _LAST_ID + 1
         request.dev_id, request.transaction_id = self._unit, self._number
-        if not self._open:
-            self._waiting_since_ns = self._clock.now_ns()
+        now_ns = self._clock.now_ns()
+        if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
+            self._waiting_since_ns = now_ns  # nobody was waiting, or nobody asked
+        self._asked_ns = now_ns
         self._stream.write(encode(request))
         self._open[self._number] = request
         return self._number

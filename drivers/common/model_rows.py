@@ -100,8 +100,8 @@ def parse_rows(text: str) -> list[Row]:
 
 def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
     """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``, ``damping``,
-    ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a position servo of its own name, rate-limited to the
-    joint's velocity; its gains are the plant's business."""
+    ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a
+    position servo of its own name, rate-limited to the joint's velocity; its gains are the plant's business."""
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
     spec.compiler.degree = False

@@ -7,12 +7,14 @@ sequence number: a late reply looks like the answer to the next question of the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 HEADER = b"\xff\xff"
 BROADCAST = 0xFE
 MAX_ID = 0xFD
+OVERHEAD = 6
+"""Bytes of a status that has no params."""
 
 PING = 0x01
 READ = 0x02
@@ -125,6 +127,11 @@ class Packet(NamedTuple):
     code: int
     params: bytes
 
+    @property
+    def failure(self) -> str:
+        """A status tells how the servo is, never that it did not obey."""
+        return ""
+
 
 def frame(servo_id: int, code: int, params: bytes = b"") -> bytes:
     """Bytes of one request, or of one status when ``code`` is an error byte."""
@@ -144,6 +151,10 @@ def write(servo_id: int, register: Register, value: int) -> bytes:
     return frame(servo_id, WRITE, bytes((register.address,)) + register.encode(value))
 
 
+def torque(servo_id: int, on: bool) -> bytes:
+    return write(servo_id, TORQUE_ENABLE, int(on))
+
+
 def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
     return frame(BROADCAST, SYNC_READ, bytes((address, size, *ids)))
 
@@ -151,6 +162,11 @@ def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
     rows = b"".join(bytes((servo_id,)) + register.encode(value) for servo_id, value in values.items())
     return frame(BROADCAST, SYNC_WRITE, bytes((register.address, register.size)) + rows)
+
+
+def goals(counts: Mapping[int, int]) -> bytes:
+    """One setpoint for all."""
+    return sync_write(GOAL_POSITION, counts)
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
@@ -162,8 +178,12 @@ def hold(positions: Mapping[int, int]) -> bytes:
     return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_POSITION.address, 4)) + rows)
 
 
-LIMP = write(BROADCAST, TORQUE_ENABLE, 0)
+LIMP = torque(BROADCAST, False)
 """Torque off on every servo in one frame. A broadcast has no status: confirm by reading register 40."""
+
+RESYNC = b"\0\0"
+"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and 255 bytes
+be waited for; a length of 0 is none, and the parser begins anew."""
 
 
 class Decoder:
@@ -215,6 +235,13 @@ class Decoder:
             del self._buffer[:count]
 
 
+def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
+    """Of a sync write: the first address, and the bytes for each servo."""
+    address, size, *_ = packet.params
+    rows = packet.params[2:]
+    return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows), size + 1)}
+
+
 def classify(packet: Packet) -> str:
     """What a request means for the wire log: setpoint, safe, enable, read, config or other."""
     if packet.code in (PING, READ, SYNC_READ):
@@ -222,11 +249,8 @@ def classify(packet: Packet) -> str:
     if packet.code in (WRITE, REG_WRITE) and packet.params:
         return _classify_write(packet.params[0], (packet.params[1:],))
     if packet.code == SYNC_WRITE and len(packet.params) > 2:
-        size = packet.params[1]
-        rows = packet.params[2:]
-        return _classify_write(
-            packet.params[0], [rows[i + 1 : i + 1 + size] for i in range(0, len(rows), size + 1)]
-        )
+        address, rows = rows_of(packet)
+        return _classify_write(address, list(rows.values()))
     return "other"
 
 
@@ -240,3 +264,15 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     if GOAL_POSITION.address in covers or GOAL_VELOCITY.address in covers or GOAL_TIME.address in covers:
         return "setpoint"
     return "config"
+
+
+def rung(packet: Packet, ids: Collection[int]) -> str:
+    """The rung that a request by itself brings all of ``ids`` to: limp, hold, or none."""
+    if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
+        return ""
+    if packet.code == WRITE:
+        return "limp" if packet.id == BROADCAST else ""
+    address, rows = rows_of(packet)
+    if not rows.keys() >= set(ids):
+        return ""
+    return "hold" if address == GOAL_POSITION.address else "limp"

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import struct
-from typing import NamedTuple
 
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.servo_bus import COUNTS_PER_RAD, ZERO_COUNT, TwinServo
 
 from . import protocol as p
-
-ZERO_COUNT = 2048
-"""Where the encoder stands when the joint is at 0 rad."""
-
-COUNTS_PER_RAD = p.COUNTS / (2 * math.pi)
 
 STALL_CURRENT = 370
 """At full load, in the register's 6.5 mA: 2.4 A [assumed]."""
@@ -33,14 +27,6 @@ FELT_LAYOUT = struct.Struct("<HHHBBxBBxxH")
 reading of six servos would otherwise cost fifty register writes."""
 
 ERROR_VOLTAGE, ERROR_OVERHEAT, ERROR_OVERLOAD = 1, 4, 32
-
-
-class Reading(NamedTuple):
-    """What the encoder and the current sensor feel. ``load``: -1..1 of the servo's stall torque."""
-
-    rad: float
-    rad_s: float
-    load: float
 
 
 def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
@@ -74,48 +60,33 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
     return min(-value, sign - 1) | sign if value < 0 else min(value, sign - 1)
 
 
-class Servo:
-    """Position mode only. ``reading`` is brought up to date by the bus before every request."""
+class Servo(TwinServo):
+    """Position mode only."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float) -> None:
-        self._plant = plant
-        self._joint = joint
-        self._factory = factory_table(servo_id, model, voltage_v)
-        self._eeprom = bytearray(self._factory[: p.EEPROM_END])
-        self._table = bytearray(self._factory)
+        super().__init__(plant, joint, factory_table(servo_id, model, voltage_v), voltage_v, ROOM_TEMPERATURE_C)
+        self._eeprom = bytearray(self.factory[: p.EEPROM_END])
         self._overload_since_s: float | None = None
         self._overloaded = False
         self._waiting = b""
-        self._fault = Fault.OK
-        self.reading = Reading(plant.position_rad[joint], 0.0, 0.0)
-        self.voltage_v = voltage_v
-        self.temperature_c = ROOM_TEMPERATURE_C
         self.power_cycle()
-
-    def get(self, register: p.Register) -> int:
-        end = register.address + register.size
-        return register.decode(bytes(self._table[register.address : end]))
-
-    def put(self, register: p.Register, value: int) -> None:
-        end = register.address + register.size
-        self._table[register.address : end] = register.encode(value)
 
     @property
     def id(self) -> int:
-        return self._table[p.ID.address]
+        return self.table[p.ID.address]
 
     @property
     def bits_per_s(self) -> int | None:
-        code = self._table[p.BAUD.address]
+        code = self.table[p.BAUD.address]
         return p.BAUD_RATES[code] if code < len(p.BAUD_RATES) else None
 
     @property
     def return_delay_s(self) -> float:
-        return self._table[p.RETURN_DELAY.address] * 2e-6
+        return self.table[p.RETURN_DELAY.address] * 2e-6
 
     @property
     def error(self) -> int:
-        table = self._table
+        table = self.table
         decivolts = round(self.voltage_v * 10)
         volts = table[p.MIN_VOLTAGE.address] <= decivolts <= table[p.MAX_VOLTAGE.address]
         hot = self.temperature_c >= table[p.MAX_TEMPERATURE.address]
@@ -125,64 +96,50 @@ class Servo:
             | (ERROR_OVERLOAD if self._overloaded else 0)
         )
 
-    @property
-    def fault(self) -> Fault:
-        return self._fault
-
-    @fault.setter
-    def fault(self, fault: Fault) -> None:
-        if fault is self._fault:
-            return
-        self._sense()  # the last readings of a servo that gets stuck
-        before, self._fault = self._fault, fault
-        self._plant.set_stuck(self._joint, fault is Fault.STUCK)
-        if Fault.OFF in (before, fault):
-            self.power_cycle()
-
     def power_cycle(self) -> None:
         """EEPROM as it was saved, RAM as at delivery, torque off, the goal where the joint is [assumed]."""
-        felt = self._table[FELT]
-        self._table[:] = self._factory
-        self._table[: p.EEPROM_END] = self._eeprom
-        self._table[FELT] = felt
+        felt = self.table[FELT]
+        self.table[:] = self.factory
+        self.table[: p.EEPROM_END] = self._eeprom
+        self.table[FELT] = felt
         self.put(p.LOCK, 1)
         self.put(p.TORQUE_LIMIT, min(1000, self.get(p.MAX_TORQUE)))
         self._overloaded = False
         self._waiting = b""
-        self._sense()
+        self.sense()
         self.put(p.GOAL_POSITION, self.get(p.POSITION))
         self._apply_torque()
 
     def reset(self) -> None:
         """Everything as at delivery but the id."""
         servo_id = self.id
-        self._eeprom[:] = self._factory[: p.EEPROM_END]
+        self._eeprom[:] = self.factory[: p.EEPROM_END]
         self._eeprom[p.ID.address] = servo_id
         self.power_cycle()
 
     def read(self, address: int, size: int) -> bytes:
         """Past the end of the table there are zeros."""
         if address + size > FELT.start:
-            self._sense()
-        return bytes(self._table[address : address + size]).ljust(size, b"\0")
+            self.sense()
+        return bytes(self.table[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
         """Bytes that are read-only, or past the end, are left out."""
-        unlocked = self._table[p.LOCK.address] == 0
+        unlocked = self.table[p.LOCK.address] == 0
         for at, byte in enumerate(data, address):
             if at < p.TABLE_SIZE and at not in p.READ_ONLY:
-                self._table[at] = byte
+                self.table[at] = byte
         covers = range(address, address + len(data))
         if p.TORQUE_ENABLE.address in covers:
             self._overloaded = False
             self._overload_since_s = None
-            if self._table[p.TORQUE_ENABLE.address] == p.MIDDLE_IS_HERE:
+            if self.table[p.TORQUE_ENABLE.address] == p.MIDDLE_IS_HERE:
                 self.put(p.HOMING_OFFSET, max(-2047, min(2047, round(self.reading.rad * COUNTS_PER_RAD))))
                 self.put(p.TORQUE_ENABLE, 0)
                 covers = range(p.HOMING_OFFSET.address, covers.stop)
         if unlocked:
             kept = slice(covers.start, min(covers.stop, p.EEPROM_END))
-            self._eeprom[kept] = self._table[kept]
+            self._eeprom[kept] = self.table[kept]
         if covers.start < p.TORQUE_LIMIT.address + 2 and covers.stop > p.TORQUE_ENABLE.address:
             self._apply_torque()
 
@@ -198,28 +155,27 @@ class Servo:
 
     def protect(self, now_s: float) -> None:
         """Let go after pushing harder than OVERLOAD_TORQUE for PROTECTION_TIME."""
-        if abs(self.reading.load) * 100 <= self._table[p.OVERLOAD_TORQUE.address]:
+        if abs(self.reading.load) * 100 <= self.table[p.OVERLOAD_TORQUE.address]:
             self._overload_since_s = None
             return
         if self._overload_since_s is None:
             self._overload_since_s = now_s
-        if now_s - self._overload_since_s >= self._table[p.PROTECTION_TIME.address] * 0.01:
+        if now_s - self._overload_since_s >= self.table[p.PROTECTION_TIME.address] * 0.01:
             self._overloaded = True
             self.put(p.TORQUE_ENABLE, 0)
             self._apply_torque()
 
-    def _sense(self) -> None:
-        """Bring the read-only registers up to date."""
-        if self._fault is Fault.STUCK:
+    def sense(self) -> None:
+        if self.fault is Fault.STUCK:
             return
         reading = self.reading
         count = round(ZERO_COUNT + reading.rad * COUNTS_PER_RAD) - self.get(p.HOMING_OFFSET)
-        if self._fault is Fault.WRONG:
+        if self.fault is Fault.WRONG:
             count += p.COUNTS // 2
-        if not self._table[p.PHASE.address] & MULTI_TURN_FEEDBACK:
+        if not self.table[p.PHASE.address] & MULTI_TURN_FEEDBACK:
             count %= p.COUNTS
         load = round(max(-1.0, min(1.0, reading.load)) * 1000)
-        self._table[FELT] = FELT_LAYOUT.pack(
+        self.table[FELT] = FELT_LAYOUT.pack(
             _sign_magnitude(p.POSITION, count),
             _sign_magnitude(p.VELOCITY, round(reading.rad_s * COUNTS_PER_RAD)),
             _sign_magnitude(p.LOAD, load),
@@ -232,12 +188,12 @@ class Servo:
 
     def _apply_torque(self) -> None:
         """Make the joint do what the table says."""
-        on = self._table[p.TORQUE_ENABLE.address] != 0
+        on = self.table[p.TORQUE_ENABLE.address] != 0
         if on:
             low, high, goal = self.get(p.MIN_POSITION), self.get(p.MAX_POSITION), self.get(p.GOAL_POSITION)
             if low < high:  # both zero: no limits
                 goal = max(low, min(high, goal))
             count = goal + self.get(p.HOMING_OFFSET)
-            self._plant.set_target(self._joint, (count - ZERO_COUNT) / COUNTS_PER_RAD)
-            self._plant.set_effort_share(self._joint, min(1000, self.get(p.TORQUE_LIMIT)) / 1000)
-        self._plant.set_torque(self._joint, on)
+            self.plant.set_target(self.joint, (count - ZERO_COUNT) / COUNTS_PER_RAD)
+            self.plant.set_effort_share(self.joint, min(1000, self.get(p.TORQUE_LIMIT)) / 1000)
+        self.plant.set_torque(self.joint, on)

@@ -8,10 +8,7 @@ by itself when the object slips.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib import resources
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from strands_actors.drivers.common.tcp_port import parse_address
@@ -20,38 +17,18 @@ from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason
 from strands_actors.runtime.messages import Refused
 
 from .gates import FORCE, POSITION, SPEED, all_gates, keys_of, parse, position_key
+from .protocol import ACTIVATION_S
+from .robots import TABLES
 
 if TYPE_CHECKING:
     from .wire import RobotiqWire
 
 TCP_PORT = 502
-ACTIVATION_S = 10.0
-"""Longest time an activation may take; 2 to 5 s are usual [assumed]."""
-
-
-@cache
-def robots() -> Mapping[str, Mapping[str, Any]]:
-    """The tables of ``robots.toml`` by robot name."""
-    return tomllib.loads(resources.files(__package__).joinpath("robots.toml").read_text("utf-8"))
-
-
-@cache
-def aliases() -> Mapping[str, str]:
-    """Other names a robot answers to -> its name."""
-    return {alias: name for name, table in robots().items() for alias in table["aliases"]}
-
-
-def canonical(robot: str) -> str:
-    """The name of ``robot``'s table. Raise ``ValueError`` for a robot that is not of this wire."""
-    name = aliases().get(robot, robot)
-    if name not in robots():
-        raise ValueError(f"{robot} is not a Robotiq gripper. Use one of {', '.join(robots())}")
-    return name
 
 
 class Robotiq(Driver):
-    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(robots())
-    ALIASES: ClassVar[Mapping[str, str]] = aliases()
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"
     ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
@@ -79,7 +56,7 @@ class Robotiq(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         if unknown := [name for name in options if name not in (*cls.OPTIONS, "tool_name")]:
             raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
-        table = robots()[canonical(robot)]
+        table = TABLES.table(robot)
         unit_id = options.get("unit_id", table["unit"])
         if isinstance(unit_id, bool) or not isinstance(unit_id, int) or not 0 <= unit_id <= 247:
             raise ValueError(f"{robot}: unit_id is {unit_id!r}. Give a whole number from 0 to 247")
@@ -96,11 +73,11 @@ class Robotiq(Driver):
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         resolved = self.resolve(robot, options)
-        self.robot = canonical(robot)
+        self.robot = TABLES.canonical(robot)
         self.port = port
         self.unit_id: int = resolved["unit_id"]
         self.activate: bool = resolved["activate"]
-        self.stroke_mm: float = robots()[self.robot]["stroke_mm"]
+        self.stroke_mm: float = TABLES.table(robot)["stroke_mm"]
         self.ids = (self.unit_id,)
         self.keys = keys_of(self.stroke_mm)
         self.gates = all_gates(self.timing.state_ttl_s)

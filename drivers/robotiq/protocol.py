@@ -22,6 +22,9 @@ TOP = 255
 CURRENT_A = 0.01
 """One count of the current."""
 
+ACTIVATION_S = 10.0
+"""Longest time an activation may take; 2 to 5 s are usual [assumed]."""
+
 _ACTIVATE = 0x01
 _GO_TO = 0x08
 _RELEASE = 0x10

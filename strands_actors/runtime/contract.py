@@ -53,6 +53,10 @@ class Timing(msgspec.Struct, frozen=True):
     stream_ttl_s: float = 0.1  # lifetime of a streamed setpoint
     oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
     state_ttl_s: float = 0.3  # an observation older than this is no observation
+    arm_s: float = 2.0  # longest time that ``Wire.arm`` may take
+    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's constructor keeps
+    # the interpreter's lock. So long the root waits before it calls the process frozen.
+    silent_s: float = 0.0
 
 
 class Observation(Message, frozen=True):
@@ -114,8 +118,8 @@ class Wire(ABC):
 
     @abstractmethod
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write one setpoint (the driver's units, axis order). Call ``permit.check()`` as the last thing
-        before the bytes leave, after any wait. Raise ``WireDown``."""
+        """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing before the bytes
+        leave, after any wait. Raise ``WireDown``."""
 
     @abstractmethod
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
@@ -158,7 +162,7 @@ class GateState(msgspec.Struct, frozen=True, gc=False):
 class Candidate(msgspec.Struct, frozen=True, gc=False):
     """An action on its way through the gates."""
 
-    values: tuple[float, ...]  # the whole target, axis order
+    values: tuple[float, ...]  # the whole target, axis order; then what modifies it, where there is such
     named: tuple[int, ...]  # indices of the axes the action names
 
 
@@ -178,6 +182,8 @@ class Driver(ABC):
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
     reads_cameras: ClassVar[bool] = False
+    ROLLOUTS: ClassVar[str] = ""
+    """Why this robot runs no policies; empty: it does."""
 
     robot: str
     axes: tuple[str, ...]
@@ -213,6 +219,12 @@ class Driver(ABC):
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""
         return dict(zip(self.axes, values, strict=True))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        """What ``send_action`` answers: an accepted action and the target it became."""
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
 
     def energised(self, rung: str) -> bool:
         """Whether motors keep torque on this rung."""

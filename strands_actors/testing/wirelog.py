@@ -13,6 +13,7 @@ class Entry(NamedTuple):
     sender: str  # "host" or "robot"
     kind: str  # setpoint, safe, enable, read, config or other
     data: bytes
+    rung: str | None = None  # of a safe frame: what it brings the whole robot to; "" none, None: not said
 
 
 class WireLog:
@@ -30,7 +31,8 @@ class WireLog:
                     return  # still being written
                 row = json.loads(line)
                 if row["t_ns"] >= since_ns:
-                    yield Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]))
+                    data = bytes.fromhex(row["hex"])
+                    yield Entry(row["t_ns"], row["from"], row["kind"], data, row.get("rung"))
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
         """What the host wrote of one kind."""

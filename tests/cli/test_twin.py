@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 import serial
-from .command import PATIENCE_S, Command, wait_until
 
 from strands_actors.drivers.feetech import protocol
+
+from .command import PATIENCE_S, Command, wait_until
 
 
 @pytest.mark.parametrize("interrupt", [signal.SIGINT, signal.SIGTERM])

@@ -7,8 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from strands_actors.drivers.common.twin import Fault, Reply
+from strands_actors.drivers.common.twin.servo_bus import TORN_FRAME_S
 from strands_actors.drivers.feetech import protocol as p
-from strands_actors.drivers.feetech.twin import TORN_FRAME_S, FeetechBus, main, table_of
+from strands_actors.drivers.feetech.robots import TABLES
+from strands_actors.drivers.feetech.twin import FeetechBus, main
 
 
 class Bench:
@@ -47,7 +49,7 @@ class Bench:
 @pytest.mark.parametrize("robot", ["so100", "so101", "hope_jr", "open_duck_mini", "so101_follower"])
 def test_every_robot_has_its_servos_at_zero(robot: str) -> None:
     bench = Bench(robot)
-    for joint in table_of(robot)["joints"]:
+    for joint in TABLES.table(robot)["joints"]:
         assert p.MODEL_NUMBERS[bench.get(joint["id"], p.MODEL)] == joint["model"]
         assert bench.get(joint["id"], p.POSITION) == 2048
         assert bench.get(joint["id"], p.TORQUE_ENABLE) == 0
@@ -55,8 +57,8 @@ def test_every_robot_has_its_servos_at_zero(robot: str) -> None:
 
 
 def test_an_unknown_robot_or_option_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="there are so100, so101"):
-        table_of("so102")
+    with pytest.raises(ValueError, match="Use one of so100, so101"):
+        TABLES.table("so102")
     with pytest.raises(ValueError, match="link, wire_time"):
         main("so101", options={"speed": 2})
 

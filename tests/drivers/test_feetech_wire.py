@@ -20,7 +20,6 @@ from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
-from strands_actors.drivers.feetech.safing import RESYNC
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.feetech.wire import FeetechWire
 from strands_actors.runtime.clock import MonotonicClock, VirtualClock
@@ -539,7 +538,7 @@ def test_limp_is_confirmed_motor_by_motor() -> None:
         began = trio.current_time()
         reports = await rig.wire.make_safe("limp")
         assert rig.port.written[0][0] == began, "the first frame waits for nothing"
-        assert rig.port.written[0][1].startswith(RESYNC + protocol.LIMP)
+        assert rig.port.written[0][1].startswith(protocol.RESYNC + protocol.LIMP)
         assert [report.id for report in reports] == [1, 2, 3, 4, 5, 6]
         assert all(report.safe and report.written and report.acknowledged for report in reports)
         assert rig.torque() == [0] * 6
@@ -625,7 +624,7 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         assert all(report.safe for report in reports), reports
         at, first = rig.port.written[0]
         counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
-        assert at == began and first.startswith(RESYNC + protocol.hold(counts))
+        assert at == began and first.startswith(protocol.RESYNC + protocol.hold(counts))
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []
         await trio.sleep(1)

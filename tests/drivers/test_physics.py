@@ -13,9 +13,9 @@ import pytest
 
 from strands_actors.drivers.common.model_rows import build, parse_row, parse_rows, quaternion
 from strands_actors.drivers.common.physics import LONGEST_CATCH_UP_S, Plant
-from strands_actors.drivers.feetech.twin import robot_tables
+from strands_actors.drivers.feetech.robots import TABLES as FEETECH
 
-TABLES = robot_tables()
+TABLES = FEETECH.robots
 MODELS = Path(__file__).resolve().parents[3] / "shared" / "models"
 """Mesh models of the makers, when somebody has them beside the checkout."""
 

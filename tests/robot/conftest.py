@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,21 @@ from strands_actors.testing import Twin
 NewArm = Callable[..., RealRobot]
 
 
-@pytest.fixture
-def twin(tmp_path: Path) -> Iterator[Twin]:
-    with Twin("so101", tmp_path) as process:
+@pytest.fixture(scope="session")
+def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    """One for all tests: starting it takes longer than most of them. Where its joints are the tests inherit."""
+    with Twin("so101", tmp_path_factory.mktemp("twin")) as process:
         yield process
+
+
+@pytest.fixture
+def twin(twin_process: Twin) -> Iterator[Twin]:
+    """A healthy robot at rest, with an empty log."""
+    os.truncate(twin_process.log.path, 0)
+    yield twin_process
+    twin_process.go_on()
+    twin_process.fault("ok")
+    twin_process.plug()
 
 
 @pytest.fixture

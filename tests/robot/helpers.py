@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -13,6 +14,10 @@ T = TypeVar("T")
 
 IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, "wrist_roll": 5, "gripper": 6}
 COUNTS_PER_DEGREE = 4095 / 360
+
+FEEDBACK = (11, 27)
+"""Sizes of the blocks that are read in turn, both with the position in them."""
+FEEDBACK_END = p.MOVING.address + 1
 
 PATIENCE_S = 10.0
 """Of a test that waits for something that takes far less on a free machine."""
@@ -52,6 +57,32 @@ def task(arm: Any) -> dict[str, Any]:
 
 def task_ended(arm: Any) -> dict[str, Any]:
     return until(lambda: None if (now := task(arm))["running"] else now, "the task ends")
+
+
+def far(arm: Any, joint: str = "shoulder_pan") -> float:
+    """A place far from where the joint is, on the other side of its middle."""
+    return -60.0 if arm.get_observation()[joint] > 0 else 60.0
+
+
+def moves(arm: Any, joint: str = "shoulder_pan") -> None:
+    """Send the joint far away and wait until it is on its way."""
+    before = arm.get_observation()[joint]
+    json_of(arm.send_action({joint: far(arm, joint)}))
+    until(lambda: abs(arm.get_observation()[joint] - before) > 5.0, "it moves")
+
+
+def at(arm: Any, joint: str, value: float, within: float = 2.0) -> None:
+    until(lambda: abs(arm.get_observation()[joint] - value) < within, f"{joint} is at {value}")
+
+
+def measured_before(log: WireLog, t_ns: int) -> dict[int, int]:
+    """What each servo said last of its position before then."""
+    positions: dict[int, int] = {}
+    for entry in log.entries():
+        frame = packet(entry)
+        if entry.t_ns < t_ns and entry.sender == "robot" and frame is not None and len(frame.params) in FEEDBACK:
+            positions[frame.id] = p.POSITION.decode(frame.params, FEEDBACK_END - len(frame.params))
+    return positions
 
 
 def packet(entry: Entry) -> p.Packet | None:
@@ -95,8 +126,8 @@ def torque_now(log: WireLog, since_ns: int = 0) -> dict[int, int]:
     return register_now(log, p.TORQUE_ENABLE, since_ns)
 
 
-def replies(log: WireLog, servo: int, since_ns: int, until_ns: int) -> int:
-    return sum(
-        entry.sender == "robot" and entry.data[2] == servo and entry.t_ns < until_ns
-        for entry in log.entries(since_ns)
+def replies(log: WireLog, since_ns: int, until_ns: int) -> Counter[int]:
+    """How often each servo answered."""
+    return Counter(
+        entry.data[2] for entry in log.entries(since_ns) if entry.sender == "robot" and entry.t_ns < until_ns
     )

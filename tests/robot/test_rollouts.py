@@ -13,7 +13,7 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import COUNTS_PER_DEGREE, IDS, goals, holds, json_of, limps, status, task, task_ended, until, why
+from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, json_of, limps, status, task, task_ended, until, why
 
 Observed = Mapping[str, float]
 Action = dict[str, float]
@@ -86,6 +86,8 @@ def test_a_chunk_is_executed_action_by_action_at_the_control_rate(arm: RealRobot
             asked.append(time.monotonic())
             return [{"shoulder_pan": (first + number) * 0.5} for number in range(8)]
 
+    json_of(arm.send_action({"shoulder_pan": 0.0}))
+    at(arm, "shoulder_pan", 0.0)
     began_ns = time.monotonic_ns()
     json_of(arm.run_policy(Chunks(), n_steps=24, control_frequency=50))
     ended = task_ended(arm)

@@ -24,11 +24,13 @@ from .conftest import NewArm
 from .helpers import (
     COUNTS_PER_DEGREE,
     IDS,
+    at,
     goals,
     holds,
     json_of,
     limps,
-    packet,
+    measured_before,
+    moves,
     register_now,
     status,
     task,
@@ -43,10 +45,6 @@ COMMANDED_10 = {
         {"json": {"commanded": {"shoulder_pan": 10.0}, "unit": "degrees (gripper: percent open)"}},
     ],
 }
-
-
-def at(arm: RealRobot, joint: str, value: float, within: float = 2.0) -> None:
-    until(lambda: abs(arm.get_observation()[joint] - value) < within, f"{joint} is at {value}")
 
 
 # -- connect, observe, move
@@ -199,7 +197,7 @@ def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -
     json_of(arm.resume())
     hold = holds(twin.log, resumed_ns)[0]
     assert hold.t_ns <= twin.log.host("enable", resumed_ns)[0].t_ns
-    assert goals(hold) == _positions_before(twin, hold.t_ns)
+    assert goals(hold) == measured_before(twin.log, hold.t_ns)
     time.sleep(0.3)  # longer than any lifetime: nothing starts by itself
     assert not twin.log.host("setpoint", resumed_ns)
 
@@ -209,27 +207,15 @@ def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -
     assert kept == {servo: goals(hold)[servo] for servo in kept}
 
 
-def _positions_before(twin: Twin, t_ns: int) -> dict[int, int]:
-    """What each servo said last of its position, before a frame of the host."""
-    before = [entry for entry in twin.log.entries() if entry.t_ns < t_ns]
-    positions: dict[int, int] = {}
-    for entry in before:
-        frame = packet(entry)
-        if entry.sender == "robot" and frame is not None and len(frame.params) in (11, 27):
-            base = p.MOVING.address + 1 - len(frame.params)
-            positions[frame.id] = p.POSITION.decode(frame.params, base)
-    return positions
-
-
 def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRobot, twin: Twin) -> None:
-    arm.send_action({"shoulder_pan": 60.0})
-    until(lambda: arm.get_observation()["shoulder_pan"] > 5.0, "it moves")
+    moves(arm)
+    target = goals(twin.log.host("setpoint")[-1])[1]
     json_of(arm.stop())
     json_of(arm.resume())
     resumed_ns = time.monotonic_ns()
     arm.send_action({"gripper": 40.0})
     first = until(lambda: twin.log.host("setpoint", resumed_ns), "a setpoint")[0]
-    assert goals(first)[1] < 2047.5 + 50 * COUNTS_PER_DEGREE
+    assert abs(goals(first)[1] - target) > 10 * COUNTS_PER_DEGREE
 
 
 # -- asyncio

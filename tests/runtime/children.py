@@ -86,8 +86,8 @@ def speaks(args: dict[str, Any], sock: socket.socket) -> None:
 
 def family(args: dict[str, Any], sock: socket.socket) -> None:
     """A parent of its own: starts an echo, says its pid, and lives on."""
+    signal.signal(signal.SIGINT, lambda *_: sock.sendall(b"interrupted"))
     child = start(f"{__name__}:echo", {})
     sock.sendall(str(child.pid).encode())
-    signal.signal(signal.SIGINT, lambda *_: sock.sendall(b"interrupted"))
     time.sleep(1000)
     child.kill()

@@ -116,7 +116,7 @@ async def test_large_answers_pass() -> None:
 @real_time
 async def test_the_end_of_a_link_is_told_once_and_leaves_no_descriptor(how: str) -> None:
     before = len(os.listdir("/proc/self/fd"))
-    here, there, ours, theirs = two_nodes()
+    _, _, ours, theirs = two_nodes()
     ended: list[str] = []
     ours._on_closed = lambda: ended.append("closed")  # as given to the constructor
     read, write = os.pipe()
@@ -158,7 +158,7 @@ async def test_the_end_of_a_link_is_told_once_and_leaves_no_descriptor(how: str)
 @pytest.mark.parametrize("junk", [b"\xff\xff\xff\xff\x00", b"\x00\x00\x20\x00\x00" + b"x" * 100])
 @real_time
 async def test_a_length_beyond_all_bounds_ends_the_link(junk: bytes) -> None:
-    here, there, ours, theirs = two_nodes()
+    _, _, ours, theirs = two_nodes()
     ended = trio.Event()
     theirs._on_closed = ended.set
     async with trio.open_nursery() as nursery:

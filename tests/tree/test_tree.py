@@ -10,6 +10,7 @@ from strands_actors.runtime.contract import MotorReport, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors.messages import (
     Accepted,
+    Acquire,
     Beat,
     Cycle,
     Fence,
@@ -289,6 +290,33 @@ def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
     run_virtual(run)
 
 
+def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_rollout() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            policy = Writer(tree, "policy")
+            await writer.send(latched=True, a=5.0)
+            for _ in range(30):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answers=False))
+            assert (await tree.status()).mode == "holding"
+            await writer.acquire()
+            lease = await policy.ref.ask(Acquire("policy", over=writer.lease.id), 1.0)
+            assert isinstance(lease, Lease)
+            policy.lease = lease
+            for _ in range(60):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answers=False))
+                assert isinstance(await policy.send(ttl_s=0.1, a=6.0), Accepted)
+            for _ in range(30):  # but a process that is frozen as a whole ends it
+                await trio.sleep(0.05)
+                last = await policy.send(ttl_s=0.1, a=6.0)
+            assert isinstance(last, Refused)
+            assert (await tree.status()).mode == "holding"
+
+    run_virtual(run)
+
+
 def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -479,8 +507,6 @@ def test_the_end_of_a_delegate_holds_before_it_is_answered() -> None:
     """A policy writes under its caller's lease; when it gives its own back the robot holds."""
 
     async def run() -> None:
-        from strands_actors.supervisors.messages import Acquire
-
         async with open_inline_tree() as tree:
             caller = await armed(tree, "caller")
             policy = Writer(tree, "policy")

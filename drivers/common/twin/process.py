@@ -7,8 +7,8 @@ import os
 import signal
 import stat
 import sys
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
 
 import trio
 
@@ -34,6 +34,15 @@ class Served(Protocol):
     def freeze(self, seconds: float) -> None: ...
     async def serve(self) -> None: ...
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class Orderly(Protocol):
+    """A robot that has control lines of its own."""
+
+    def order(self, words: Sequence[str]) -> bool:
+        """Carry one out. False: it is none of this robot's."""
+        ...
 
 
 def run(
@@ -145,6 +154,8 @@ def command(server: Served, line: str) -> None:
             server.plug()
         case ["freeze", seconds]:
             server.freeze(float(seconds))
+        case words if isinstance(server, Orderly) and server.order(words):
+            pass
         case _:
             known = "fault WORD[:unit], power-cycle, unplug, plug, freeze SECONDS"
             raise ValueError(f"no control line {line!r}. use {known}")

@@ -28,6 +28,7 @@ class Exchange(NamedTuple):
     kind: str
     request: bytes
     replies: Sequence[Reply]
+    rung: str | None = None  # what it brings the whole robot to by itself; None: nobody has said
 
 
 class Session(Protocol):
@@ -103,7 +104,7 @@ class Conversation:
             await self._frost.thawed()
             rate = self._channel.bits_per_s()
             for exchange in self._session.receive(data, rate):
-                self._log.write(t_ns, "host", [(exchange.kind, exchange.request)])
+                self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.rung)
                 self._schedule(exchange, t_ns, rate)
 
     def _schedule(self, exchange: Exchange, t_ns: int, rate: int | None) -> None:

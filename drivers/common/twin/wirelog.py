@@ -16,12 +16,16 @@ class WireLog:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
         self._fd = None if path is None else os.open(path, flags, 0o644)
 
-    def write(self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]]) -> None:
-        """Log frames, each with its kind, that were on the wire together. ``t_ns``: CLOCK_MONOTONIC."""
+    def write(
+        self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], rung: str | None = None
+    ) -> None:
+        """Log frames, each with its kind, that were on the wire together. ``t_ns``: CLOCK_MONOTONIC. ``rung``:
+        what they bring the whole robot to by themselves; "" is none, None that nobody has said."""
         if self._fd is None:
             return
+        end = "" if rung is None else f', "rung": "{rung}"'
         lines = [
-            f'{{"t_ns": {t_ns}, "from": "{source}", "kind": "{kind}", "hex": "{data.hex()}"}}\n'
+            f'{{"t_ns": {t_ns}, "from": "{source}", "kind": "{kind}", "hex": "{data.hex()}"{end}}}\n'
             for kind, data in frames
         ]
         os.write(self._fd, "".join(lines).encode())

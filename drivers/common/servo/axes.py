@@ -1,19 +1,17 @@
-"""The robots of this wire, as data: ``robots.toml``, and per joint the line between units and counts."""
+"""Per joint, the line between units and counts."""
 
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping
-from functools import cache
-from importlib import resources
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
 
 from strands_actors.drivers.common.calibration import MotorCalibration
 
-from .protocol import COUNTS
+COUNTS = 4096
+"""Encoder counts a turn: Feetech STS and SMS, Dynamixel X."""
 
 TOP = COUNTS - 1
 MIDDLE = COUNTS // 2
@@ -55,40 +53,18 @@ class Axis(msgspec.Struct, frozen=True):
         return f"{self.key} (id {self.id})"
 
 
-@cache
-def robots() -> Mapping[str, Mapping[str, Any]]:
-    """The tables of ``robots.toml`` by robot name."""
-    return tomllib.loads(resources.files(__package__).joinpath("robots.toml").read_text("utf-8"))
-
-
-@cache
-def aliases() -> Mapping[str, str]:
-    """Other names a robot answers to -> its name."""
-    return {alias: name for name, table in robots().items() for alias in table.get("aliases", ())}
-
-
-def canonical(robot: str) -> str:
-    """The name of ``robot``'s table. Raise ``ValueError`` for a robot that is not of this wire."""
-    name = aliases().get(robot, robot)
-    if name not in robots():
-        raise ValueError(f"{robot} is not a Feetech robot. Use one of {', '.join(robots())}")
-    return name
-
-
-def motor_ids(robot: str) -> dict[str, int]:
-    return {joint["key"]: joint["id"] for joint in robots()[robot]["joints"]}
-
-
-def axes_of(robot: str, calibration: Mapping[str, MotorCalibration] | None) -> tuple[Axis, ...]:
-    """The joints of ``robot`` in action order. Without a calibration a joint in degrees has the whole turn,
-    and a gripper's percent spans the range of its model."""
+def axes_of(
+    joints: Iterable[Mapping[str, Any]], calibration: Mapping[str, MotorCalibration] | None, host_inverts: bool
+) -> tuple[Axis, ...]:
+    """The ``joints`` of a robot's table, in their order. Without a calibration a joint in degrees has the whole
+    turn, and a gripper's percent spans the range of its model. ``host_inverts``: drive mode 1 of the
+    calibration is ours to apply; otherwise the servo does it."""
     return tuple(
-        _axis(joint, None if calibration is None else calibration[joint["key"]])
-        for joint in robots()[robot]["joints"]
+        _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints
     )
 
 
-def _axis(joint: Mapping[str, Any], motor: MotorCalibration | None) -> Axis:
+def _axis(joint: Mapping[str, Any], motor: MotorCalibration | None, host_inverts: bool) -> Axis:
     percent = joint["unit"] == "percent"
     if motor is not None:
         low, high = motor.range_min, motor.range_max
@@ -96,7 +72,7 @@ def _axis(joint: Mapping[str, Any], motor: MotorCalibration | None) -> Axis:
         low, high = (round(MIDDLE + angle * COUNTS_PER_RADIAN) for angle in joint["range_rad"])
     else:
         low, high = 0, TOP
-    inverted = motor is not None and motor.drive_mode == 1
+    inverted = host_inverts and motor is not None and motor.drive_mode == 1
     if percent:
         zero = float(high if inverted else low)
         scale = (high - low) / 100

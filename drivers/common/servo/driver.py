@@ -1,0 +1,122 @@
+"""A robot of position servos on a serial bus, declared: everything but the protocol and the firmware."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from strands_actors.drivers.common import calibration as lerobot
+from strands_actors.drivers.common.gates import parse
+from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateCheck,
+    GateState,
+    Reason,
+    Timing,
+)
+from strands_actors.runtime.messages import Refused
+
+from .axes import Axis, axes_of
+
+NO_CALIBRATION = "none: full servo travel"
+
+
+def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
+    """The constructor keywords of such a driver, with what each means."""
+    return {
+        "calibration": "path of a lerobot calibration file, or its content; "
+        "default: lerobot's file of this tool_name, else full servo travel",
+        "baud": f"speed of the bus, one of {', '.join(map(str, baud_rates))}; default {default_baud}",
+    }
+
+
+class ServoDriver(Driver):
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
+    TABLES: ClassVar[RobotTables]
+    BAUD_RATES: ClassVar[tuple[int, ...]]
+    DEFAULT_BAUD: ClassVar[int]
+    MAX_OFFSET: ClassVar[int]
+    """What the homing offset register can hold."""
+    HOST_INVERTS: ClassVar[bool]
+    """Whether the host applies drive mode 1 of a calibration (lerobot's rule for this servo)."""
+    LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Folder names of lerobot beside the robot's own name and aliases."""
+
+    unit = "degrees (gripper: percent open)"
+    timing = Timing(
+        control_hz=30.0,
+        keepalive_s=0.05,  # a sync write is never acknowledged: a re-send heals a frame the bus lost
+        stream_ttl_s=0.1,
+        oneshot_ttl_s=None,
+        state_ttl_s=0.3,
+    )
+    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        accepted = (*cls.OPTIONS, "tool_name", "calibration_source")
+        if unknown := [name for name in options if name not in accepted]:
+            raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
+        name = cls.TABLES.canonical(robot)
+        baud = options.get("baud") or cls.DEFAULT_BAUD
+        if isinstance(baud, bool) or baud not in cls.BAUD_RATES:
+            raise ValueError(f"{robot}: baud is {baud!r}. Use one of {', '.join(map(str, cls.BAUD_RATES))}")
+        motors, source = cls._calibration(name, options)
+        return {
+            "baud": int(baud),
+            "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
+            "calibration_source": source,
+        }
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        resolved = options if "calibration_source" in options else self.resolve(robot, options)
+        motors = resolved.get("calibration")
+        self.robot = self.TABLES.canonical(robot)
+        self.port = port
+        self.baud = int(resolved.get("baud") or self.DEFAULT_BAUD)
+        self.calibration_source: str = resolved["calibration_source"]
+        self.calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
+        joints = self.TABLES.robots[self.robot]["joints"]
+        self.joints = axes_of(joints, self.calibration, self.HOST_INVERTS)
+        self.axes = tuple(axis.key for axis in self.joints)
+        self.ids = tuple(axis.id for axis in self.joints)
+        self.gates = self.all_gates(self.joints)
+        self._index = {key: at for at, key in enumerate(self.axes)}
+
+    @abstractmethod
+    def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
+        """In the order in which they are asked: the first that refuses answers."""
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return parse(action, self.robot, self.joints, self._index, state)
+
+    @classmethod
+    def _calibration(
+        cls, robot: str, options: Mapping[str, Any]
+    ) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
+        given = options.get("calibration")
+        ids = {joint["key"]: joint["id"] for joint in cls.TABLES.robots[robot]["joints"]}
+        if isinstance(given, Mapping):
+            source = str(options.get("calibration_source") or "given as a dict")
+            return lerobot.check(given, ids, cls.MAX_OFFSET, source), source
+        if isinstance(given, (str, Path)):
+            path: Path | None = Path(given).expanduser()
+        elif given is None:
+            other_names = tuple(alias for alias, name in cls.TABLES.aliases.items() if name == robot)
+            types = (robot, *other_names, *cls.LEROBOT_TYPES.get(robot, ()))
+            tool_name = options.get("tool_name")
+            path = lerobot.find(types, str(tool_name)) if tool_name else None
+        else:
+            raise ValueError(f"{robot}: calibration is {given!r}. Give a path, a dict or None")
+        if path is None:
+            return None, NO_CALIBRATION
+        return lerobot.load(path, ids, cls.MAX_OFFSET), str(path)
+
+
+def _plain(motor: lerobot.MotorCalibration) -> dict[str, int]:
+    return {field: getattr(motor, field) for field in lerobot.FIELDS}

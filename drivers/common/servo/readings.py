@@ -1,0 +1,96 @@
+"""The newest of everything that servos report, per axis, and the ``Observation`` made of it."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Generic, NamedTuple
+
+from strands_actors.drivers.common.half_duplex import PacketT
+from strands_actors.runtime.contract import Observation
+
+from .axes import Axis
+
+_NAN = math.nan
+
+
+class Sample(NamedTuple):
+    """What one reply says."""
+
+    position: int  # counts
+    velocity: float  # counts per second
+    sensors: tuple[float, ...]  # as ``Readings.SENSORS``
+    words: str = ""  # what the servo complains of
+    energised: bool | None = None  # None: the reply does not say
+
+
+class Readings(ABC, Generic[PacketT]):
+    """``limits``: rows of constants that go with every observation, in axis order."""
+
+    SENSORS: tuple[str, ...]
+    """Names of the rows, with their unit."""
+
+    def __init__(self, axes: Sequence[Axis], limits: Mapping[str, tuple[float, ...]]) -> None:
+        count = len(axes)
+        self._axes = tuple(axes)
+        self._position = [_NAN] * count
+        self._stamp_ns = [0] * count
+        self._velocity = [_NAN] * count
+        self._sensors = [[_NAN] * count for _ in self.SENSORS]
+        self._limits = dict(limits)
+        self._limp: set[int] = set()
+        self._words: dict[int, str] = {}
+        self.counts: dict[int, int] = {}
+        """Last measured position by id."""
+
+    @abstractmethod
+    def sample(self, axis: Axis, reply: PacketT, base: int) -> Sample:
+        """Decode a block that was read from address ``base``."""
+
+    def take(
+        self, replies: Mapping[int, PacketT], base: int, now_ns: int, refusals: Mapping[int, str] | None = None
+    ) -> None:
+        for at, axis in enumerate(self._axes):
+            if refusals and axis.id in refusals:
+                self._words[axis.id] = refusals[axis.id]
+            reply = replies.get(axis.id)
+            if reply is None:
+                continue
+            sample = self.sample(axis, reply, base)
+            self.counts[axis.id] = sample.position
+            self._stamp_ns[at] = now_ns
+            self._position[at] = axis.value(sample.position)
+            self._velocity[at] = sample.velocity / axis.scale
+            for row, value in zip(self._sensors, sample.sensors, strict=True):
+                row[at] = value
+            self._words[axis.id] = sample.words
+            if sample.energised is not None:
+                (self._limp.discard if sample.energised else self._limp.add)(axis.id)
+
+    def energised(self) -> None:
+        """All of them, as was read back."""
+        self._limp.clear()
+
+    def observation(self, now_ns: int, silent: Sequence[int], armed: bool) -> Observation:
+        return Observation(
+            t_ns=now_ns,
+            position=tuple(self._position),
+            stamp_ns=tuple(self._stamp_ns),
+            velocity=tuple(self._velocity),
+            sensors={name: tuple(row) for name, row in zip(self.SENSORS, self._sensors, strict=True)}
+            | self._limits,
+            faults=self._faults(silent, armed),
+        )
+
+    def _faults(self, silent: Sequence[int], armed: bool) -> dict[str, str]:
+        faults: dict[str, str] = {}
+        for axis in self._axes:
+            words = [self._words[axis.id]] if self._words.get(axis.id) else []
+            if armed and axis.id in self._limp:
+                words.append("limp")
+            if axis.id in silent:
+                words.append("silent")
+            if words:
+                faults[axis.key] = ", ".join(words)
+        return faults

@@ -1,0 +1,224 @@
+"""Making every servo safe and proving it. Shared by the wire and by the root's second path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar, Generic
+
+import trio
+
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import MotorReport, WireDown
+
+from .axes import Axis
+from .codec import Codec
+
+LIMP = "limp"
+"""Detail of a motor that was to hold and has no torque: not safe, nor driven."""
+
+ATTEMPTS = 3
+ANSWER_S = 0.04
+CONFIRM_S = 1.0
+"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14 s, twice
+an attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than a late one."""
+
+
+class Tally:
+    """What is known so far of each motor."""
+
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        self._axes = axes
+        self.written = False
+        self._answered: set[int] = set()
+        self._safe: set[int] = set()
+        self._detail = {axis.id: "silent" for axis in axes}
+
+    def open(self) -> tuple[int, ...]:
+        """Ids not yet confirmed."""
+        return tuple(axis.id for axis in self._axes if axis.id not in self._safe)
+
+    def answered(self, motor: int, safe: bool, detail: str) -> None:
+        self._answered.add(motor)
+        self._detail[motor] = "" if safe else detail
+        if safe:
+            self._safe.add(motor)
+
+    def unanswered(self, motor: int, detail: str) -> None:
+        if motor not in self._answered:
+            self._detail[motor] = detail
+
+    def failed(self, why: str) -> None:
+        for motor in self.open():
+            self._detail[motor] = why
+
+    def reports(self) -> tuple[MotorReport, ...]:
+        return tuple(
+            MotorReport(
+                axis=axis.key,
+                id=axis.id,
+                written=self.written,
+                acknowledged=axis.id in self._answered,
+                safe=axis.id in self._safe,
+                detail=self._detail[axis.id],
+            )
+            for axis in self._axes
+        )
+
+
+def unreachable(axes: Sequence[Axis], why: str) -> tuple[MotorReport, ...]:
+    tally = Tally(axes)
+    tally.failed(why)
+    return tally.reports()
+
+
+class Safing(Generic[PacketT]):
+    """``travel``: id -> lowest and highest goal the servo takes. We clamp to it, so that what is read back can
+    be compared."""
+
+    REPEATS: ClassVar[int]
+    REPEAT_S: ClassVar[float]
+    """The first safe frame is sent again, so often and so far apart: a servo that was just sending its reply
+    talked over it, and by the last one all have finished."""
+
+    ANYWHERE: ClassVar[tuple[int, int]]
+    """The travel of a servo that has not said its own."""
+
+    def __init__(
+        self,
+        bus: HalfDuplexBus[PacketT],
+        codec: Codec[PacketT],
+        axes: Sequence[Axis],
+        travel: Mapping[int, tuple[int, int]] | None = None,
+    ) -> None:
+        self._bus = bus
+        self._codec = codec
+        self._axes = tuple(axes)
+        self._ids = tuple(axis.id for axis in axes)
+        self._travel = travel or {}
+        self._longest = len(codec.hold(dict.fromkeys(self._ids, 0)))
+        goal, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
+        self._state = torque.address, goal.address + goal.size - torque.address
+
+    def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
+        """The counts a servo will report as its goal when told to stay at ``counts``."""
+        clamped = {}
+        for motor, count in counts.items():
+            low, high = self._travel.get(motor, self.ANYWHERE)
+            clamped[motor] = min(max(count, low), high)
+        return clamped
+
+    def holds(self, block: bytes, base: int, goal: int | None) -> str:
+        """Empty when a servo with these registers, from torque to goal, stays where it is; else what it does."""
+        if goal is None:
+            return "position unknown"
+        if self._codec.TORQUE_ENABLE.decode(block, base) == 0:
+            return LIMP
+        there = self._codec.GOAL_POSITION.decode(block, base)
+        return "" if there == goal else f"goal is {there}, not {goal}"
+
+    async def limp(self) -> tuple[MotorReport, ...]:
+        """Torque off everywhere. Never raises."""
+        tally = Tally(self._axes)
+        try:
+            await self._burst(self._codec.LIMP, tally)
+            with trio.move_on_after(CONFIRM_S):
+                for _ in range(ATTEMPTS):
+                    await self._read_torque(tally)
+                    for motor in tally.open():
+                        await self._insist(motor, tally)
+                    if not tally.open():
+                        break
+        except WireDown as error:
+            tally.failed(str(error))
+        return tally.reports()
+
+    async def hold(self, known: Mapping[int, int], fresh: bool) -> tuple[MotorReport, ...]:
+        """Goals := positions. ``known`` goes out at once; when it is not ``fresh`` a second frame follows
+        with what the servos say now. Never raises."""
+        tally = Tally(self._axes)
+        goals = self.goals(known)
+        try:
+            if goals:
+                await self._burst(self._codec.hold(goals), tally)
+            if not goals or not (fresh or self._bus.quiet):
+                now = self.goals(await self._read_positions())
+                goals |= now
+                if now:
+                    await self._burst(self._codec.hold(now), tally)
+            with trio.move_on_after(CONFIRM_S):
+                for attempt in range(ATTEMPTS):
+                    again = {motor: goals[motor] for motor in tally.open() if motor in goals}
+                    if attempt and again:
+                        self._bus.send(self._codec.hold(again))
+                    await self._read_goals(goals, tally)
+                    if not tally.open():
+                        break
+        except WireDown as error:
+            tally.failed(str(error))
+        return tally.reports()
+
+    async def _burst(self, frame: bytes, tally: Tally) -> None:
+        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer:
+        the servos then take our first bytes for its rest. RESYNC and enough copies to outlast the longest
+        frame, and their parsers have found a header again before the last one."""
+        try:
+            self._bus.port.discard_output()
+        except WireDown as error:
+            tally.failed(str(error))  # worth writing all the same
+        self._bus.send(self._codec.RESYNC + frame * (self._longest // len(frame) + 2))
+        tally.written = True
+        for _ in range(self.REPEATS):
+            await self._pause()
+            self._bus.send(frame)
+
+    async def _pause(self) -> None:
+        clock = self._bus.clock
+        await clock.sleep_until_ns(clock.now_ns() + round(self.REPEAT_S * NS))
+
+    async def _read_torque(self, tally: Tally) -> None:
+        register = self._codec.TORQUE_ENABLE
+        ids = tally.open()
+        replies = await self._ask(ids, register.address, register.size)
+        for motor, reply in replies.items():
+            tally.answered(motor, reply.params[0] == 0, "still energised")
+        self._note_missing(ids, replies, tally)
+
+    async def _insist(self, motor: int, tally: Tally) -> None:
+        """One motor alone: torque off with its acknowledgement, then read back."""
+        register = self._codec.TORQUE_ENABLE
+        for request, size in (
+            (self._codec.torque(motor, False), 0),
+            (self._codec.read(motor, register.address, register.size), register.size),
+        ):
+            replies = await self._bus.transact(request, {motor: size}, ANSWER_S, wait=True)
+            if motor not in replies:
+                self._note_missing((motor,), replies, tally)
+                return
+        tally.answered(motor, replies[motor].params[0] == 0, "still energised")
+
+    async def _read_positions(self) -> dict[int, int]:
+        register = self._codec.POSITION
+        replies = await self._ask(self._ids, register.address, register.size)
+        return {motor: register.decode(reply.params) for motor, reply in replies.items()}
+
+    async def _read_goals(self, goals: Mapping[int, int], tally: Tally) -> None:
+        ids = tally.open()
+        address, size = self._state
+        replies = await self._ask(ids, address, size)
+        for motor, reply in replies.items():
+            detail = self.holds(reply.params, address, goals.get(motor))
+            tally.answered(motor, not detail, detail)
+        self._note_missing(ids, replies, tally)
+
+    async def _ask(self, ids: Sequence[int], address: int, size: int) -> dict[int, PacketT]:
+        request = self._codec.sync_read(ids, address, size)
+        return await self._bus.transact(request, dict.fromkeys(ids, size), ANSWER_S, wait=True)
+
+    def _note_missing(self, ids: Iterable[int], replies: Mapping[int, object], tally: Tally) -> None:
+        detail = "bad reply" if self._bus.stray_bytes else "silent"
+        for motor in ids:
+            if motor in self._bus.refusals:
+                tally.answered(motor, False, f"refuses: {self._bus.refusals[motor]}")
+            elif motor not in replies:
+                tally.unanswered(motor, detail)

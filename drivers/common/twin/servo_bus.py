@@ -1,0 +1,205 @@
+"""The robot's end of a bus of position servos: who hears a request, when, and with which fault."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+from strands_actors.drivers.common.half_duplex import Decoder, PacketT
+from strands_actors.drivers.common.physics import Plant
+
+from .faults import Fault, Faults, Reply
+from .line import PtyLine
+from .process import run
+from .server import Exchange, Robot
+
+TORN_FRAME_S = 0.01
+"""A frame whose rest does not come for so long is given up [assumed]."""
+
+ZERO_COUNT = 2048
+"""Where the encoder stands when the joint is at 0 rad."""
+
+COUNTS = 4096
+COUNTS_PER_RAD = COUNTS / (2 * math.pi)
+
+
+class Register(Protocol):
+    """One entry of a control table."""
+
+    @property
+    def address(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    def encode(self, value: int) -> bytes: ...
+    def decode(self, data: bytes, base: int | None = None) -> int: ...
+
+
+class Reading(NamedTuple):
+    """What the encoder and the current sensor feel. ``load``: -1..1 of the servo's stall torque."""
+
+    rad: float
+    rad_s: float
+    load: float
+
+
+class TwinServo(ABC):
+    """One servo: a control table, and what it does to the joint. ``reading`` is brought up to date by the bus
+    before every request."""
+
+    def __init__(self, plant: Plant, joint: int, table: bytearray, voltage_v: float, room_c: float) -> None:
+        """``table``: as at delivery."""
+        self.plant = plant
+        self.joint = joint
+        self.factory = bytes(table)
+        self.table = table
+        self._fault = Fault.OK
+        self.reading = Reading(plant.position_rad[joint], 0.0, 0.0)
+        self.voltage_v = voltage_v
+        self.temperature_c = room_c
+
+    @property
+    @abstractmethod
+    def id(self) -> int: ...
+    @property
+    @abstractmethod
+    def bits_per_s(self) -> int | None:
+        """The rate it listens at; None: its register says nonsense."""
+
+    @property
+    @abstractmethod
+    def return_delay_s(self) -> float: ...
+    @abstractmethod
+    def sense(self) -> None:
+        """Bring the read-only registers up to date."""
+
+    @abstractmethod
+    def power_cycle(self) -> None: ...
+    @abstractmethod
+    def protect(self, now_s: float) -> None:
+        """What the firmware does by itself as time passes."""
+
+    def get(self, register: Register) -> int:
+        end = register.address + register.size
+        return register.decode(bytes(self.table[register.address : end]))
+
+    def put(self, register: Register, value: int) -> None:
+        end = register.address + register.size
+        self.table[register.address : end] = register.encode(value)
+
+    @property
+    def fault(self) -> Fault:
+        return self._fault
+
+    @fault.setter
+    def fault(self, fault: Fault) -> None:
+        if fault is self._fault:
+            return
+        self.sense()  # the last readings of a servo that gets stuck
+        before, self._fault = self._fault, fault
+        self.plant.set_stuck(self.joint, fault is Fault.STUCK)
+        if Fault.OFF in (before, fault):
+            self.power_cycle()
+
+
+ServoT = TypeVar("ServoT", bound=TwinServo)
+
+
+class ServoBus(ABC, Generic[ServoT, PacketT]):
+    """Requests in, replies out. Time passes between calls, on the clock it is given; it never waits."""
+
+    def __init__(
+        self, plant: Plant, servos: Sequence[ServoT], decoder: Decoder[PacketT], now_s: Callable[[], float]
+    ) -> None:
+        self.plant = plant
+        self.servos = tuple(servos)
+        self.faults = Faults()
+        self._now_s = now_s
+        self._decoder = decoder
+        self._heard_s = now_s()
+
+    @abstractmethod
+    def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
+        """For the log: what a request means."""
+
+    @abstractmethod
+    def answer(self, packet: PacketT, hearing: Mapping[int, Sequence[ServoT]]) -> Iterable[Reply | None]:
+        """Do what a request says. ``hearing``: by id; several servos on one id all answer, as on a real bus."""
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        now_s = self._now_s()
+        if now_s - self._heard_s > TORN_FRAME_S:
+            self._decoder.clear()  # else a damaged length would swallow the frames that follow
+        self._heard_s = now_s
+        for packet in self._decoder.feed(data):
+            yield self.exchange(packet, self.handle(packet, bits_per_s))
+
+    def handle(self, packet: PacketT, bits_per_s: int | None = None) -> list[Reply]:
+        """One request. A servo set to another rate than ``bits_per_s`` does not hear it (None: all do)."""
+        self.pass_time()
+        return self.with_faults(self.answer(packet, self.hearing(bits_per_s)))
+
+    def hearing(self, bits_per_s: int | None) -> dict[int, list[ServoT]]:
+        hearing: dict[int, list[ServoT]] = {}
+        for servo in self.servos:
+            if servo.fault is not Fault.OFF and bits_per_s in (None, servo.bits_per_s):
+                hearing.setdefault(servo.id, []).append(servo)
+        return hearing
+
+    def with_faults(self, replies: Iterable[Reply | None]) -> list[Reply]:
+        faulty = (self.faults.apply(reply) for reply in replies if reply)
+        return [reply for reply in faulty if reply]
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: a servo's id as it is now; None: all."""
+        self.pass_time()
+        self.faults.set(fault, unit)
+        for servo in self.servos:
+            servo.fault = self.faults.of(servo.id)
+
+    def power_cycle(self) -> None:
+        self.pass_time()
+        for servo in self.servos:
+            servo.power_cycle()
+
+    def pass_time(self) -> None:
+        self.step_to(self._now_s())
+
+    def step_to(self, now_s: float) -> None:
+        plant = self.plant
+        plant.catch_up(now_s)
+        columns = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm, plant.effort_limit_nm)
+        for servo, rad, rad_s, nm, limit_nm in zip(self.servos, *columns, strict=True):
+            servo.reading = Reading(rad, rad_s, nm / limit_nm)
+            servo.protect(now_s)
+
+
+OPTIONS = {
+    "link": "path at which the serial port appears (default: in a temporary directory)",
+    "wire_time": "replies take the time a UART takes (default: true)",
+}
+
+
+def serve(
+    robot: Robot,
+    *,
+    port_file: str | None = None,
+    log: str | None = None,
+    fault: str | None = None,
+    parent_fd: int | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> None:
+    """Serve a robot on a serial port until interrupted (see ``run``)."""
+    options = dict(options or {})
+    if unknown := options.keys() - OPTIONS.keys():
+        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
+    run(
+        robot,
+        PtyLine(options.get("link")),
+        port_file=port_file,
+        log=log,
+        fault=fault,
+        parent_fd=parent_fd,
+        wire_time=bool(options.get("wire_time", True)),
+    )

@@ -1,0 +1,187 @@
+"""The twin's gripper: what its registers do to its fingers, and back.
+
+Kinematic: a position controller that moves its fingers at the asked speed until they meet a stop, an object or
+their goal is all that can be seen of it on the wire.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from .protocol import (
+    MAJOR,
+    NO_FAULT,
+    RELEASED,
+    RELEASING,
+    RESET,
+    SILENCE,
+    TOP,
+    Activation,
+    Command,
+    Contact,
+    Status,
+)
+
+SILENCE_S = 1.0
+RELEASE_MM_S = 10.0
+"""Speed of the automatic release [assumed]."""
+
+FREE_CURRENT = 8
+"""Counts of 10 mA while the fingers move, without an object [assumed]."""
+
+LONGEST_STEP_S = 0.5
+"""A process that was paused goes on where it was."""
+
+_TOO_EARLY = 0x05
+_NOT_ACTIVATED = 0x07
+
+
+class Setup(msgspec.Struct, frozen=True):
+    """A gripper and the bench it is on."""
+
+    stroke_mm: float
+    speed_mm_s: tuple[float, float]
+    open: int
+    closed: int
+    activation_s: float = 1.5
+    object_mm: float = 0.0  # width of a rigid object between the fingers; 0: none
+    echo_s: float = 0.0  # from a command's arrival until it counts
+    activated: bool = False
+    gflt: int = NO_FAULT  # a fault it begins with; a minor one it keeps
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], **bench: Any) -> Setup:
+        slowest, fastest = table["speed_mm_s"]
+        return cls(table["stroke_mm"], (slowest, fastest), table["open"], table["closed"], **bench)
+
+
+class Gripper:
+    """Time passes between calls, on the clock it is given; it never waits."""
+
+    def __init__(self, setup: Setup, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._setup = setup
+        self._now_s = now_s
+        self._then_s = now_s()
+        self._heard_s = self._then_s
+        self._position = float(setup.open)  # counts
+        self._command = RESET
+        self._coming: tuple[float, Command] | None = None
+        self._activation = Activation.RESET
+        self._activated_s = 0.0
+        self._contact = Contact.ARRIVED
+        self._fault = setup.gflt
+        self._lasting_fault = setup.gflt if setup.gflt < MAJOR else NO_FAULT
+        self._silence = False  # told once, after a silence
+        self.stuck = False
+        if setup.activated:
+            self._command, self._activation = Command(position=setup.open), Activation.ACTIVE
+
+    @property
+    def asked_to_be_active(self) -> bool:
+        """rACT as it was last written."""
+        return (self._command if self._coming is None else self._coming[1]).activate
+
+    def hear(self) -> None:
+        """A request has come."""
+        now_s = self._now_s()
+        self._silence = self._activation == Activation.ACTIVE and now_s - self._heard_s > SILENCE_S
+        self._heard_s = now_s
+        self._pass_time()
+
+    def write(self, command: Command) -> None:
+        if self._setup.echo_s:
+            self._coming = self._now_s() + self._setup.echo_s, command
+        else:
+            self._obey(command)
+
+    def status(self) -> Status:
+        moving = self._contact == Contact.MOVING and self._command.go_to
+        pressed = self._contact == Contact.CLOSING
+        return Status(
+            activated=self._command.activate,
+            going=self._command.go_to,
+            activation=self._activation,
+            contact=self._contact if self._activation == Activation.ACTIVE else Contact.MOVING,
+            fault=self._fault or (SILENCE if self._silence else NO_FAULT),
+            request=self._command.position,
+            position=round(self._position),
+            current=FREE_CURRENT if moving else self._command.force // 2 if pressed else 0,
+        )
+
+    def power_cycle(self) -> None:
+        """Its registers are new; its fingers stay where they are."""
+        self._command, self._coming = RESET, None
+        self._activation, self._contact = Activation.RESET, Contact.ARRIVED
+        self._fault = self._lasting_fault
+
+    def _obey(self, command: Command) -> None:
+        before, self._command = self._command, command
+        if not command.activate:
+            self._activation = Activation.RESET
+            self._fault = _NOT_ACTIVATED if command.go_to else self._lasting_fault
+            return
+        if not before.activate:
+            self._activation, self._activated_s = Activation.ACTIVATING, self._now_s()
+            self._fault = self._lasting_fault
+        if command.release:
+            self._fault = RELEASING
+        elif command.go_to and self._activation != Activation.ACTIVE:
+            self._fault = _TOO_EARLY
+        elif command.go_to and command != before:
+            self._contact = Contact.MOVING  # also when it has not far to go: the first reading says so
+
+    def _pass_time(self) -> None:
+        now_s = self._now_s()
+        step_s = min(now_s - self._then_s, LONGEST_STEP_S)
+        self._then_s = now_s
+        if self._coming is not None and self._coming[0] <= now_s:
+            command, self._coming = self._coming[1], None
+            self._obey(command)
+        if self.stuck or step_s <= 0:
+            return
+        if self._activation == Activation.ACTIVATING:
+            self._activate(step_s)
+        elif self._fault == RELEASING:
+            if self._move(self._setup.open, RELEASE_MM_S, step_s):
+                self._fault = RELEASED
+        elif self._activation == Activation.ACTIVE and self._command.go_to and not self._fault:
+            slowest, fastest = self._setup.speed_mm_s
+            self._go(slowest + (fastest - slowest) * self._command.speed / TOP, step_s)
+
+    def _activate(self, step_s: float) -> None:
+        """The whole stroke, there and back."""
+        setup = self._setup
+        done = (self._now_s() - self._activated_s) / max(setup.activation_s, 1e-9)
+        speed = 2.2 * setup.stroke_mm / max(setup.activation_s, 1e-9)
+        self._move(setup.closed if done < 0.5 else setup.open, speed, step_s)
+        if done >= 1.0:
+            self._position = float(setup.open)
+            self._activation, self._contact = Activation.ACTIVE, Contact.ARRIVED
+            if self._fault == _TOO_EARLY:
+                self._fault = self._lasting_fault
+
+    def _go(self, speed_mm_s: float, step_s: float) -> None:
+        setup = self._setup
+        goal = min(max(self._command.position, setup.open), setup.closed)
+        if self._move(goal, speed_mm_s, step_s):
+            met = self._object is not None and goal > self._object and self._position >= self._object
+            self._contact = Contact.CLOSING if met else Contact.ARRIVED
+
+    def _move(self, goal: float, speed_mm_s: float, step_s: float) -> bool:
+        """Towards ``goal``, as far as an object lets it; whether it has come to its end."""
+        if self._object is not None and self._position <= self._object:
+            goal = min(goal, self._object)
+        reach = speed_mm_s / self._setup.stroke_mm * TOP * step_s
+        left = goal - self._position
+        self._position += min(max(left, -reach), reach)
+        return abs(left) <= reach
+
+    @property
+    def _object(self) -> float | None:
+        """The count at which the fingers touch it."""
+        width_mm, stroke_mm = self._setup.object_mm, self._setup.stroke_mm
+        return TOP * (1.0 - width_mm / stroke_mm) if width_mm > 0 else None

@@ -1,0 +1,330 @@
+"""The gripper's registers in the wire process, and the root's second path to them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.drivers.common.modbus import ModbusClient
+from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+
+from . import protocol
+from .gates import FORCE, POSITION, SPEED
+from .protocol import Activation, Command, Contact, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from .driver import Robotiq
+
+    OpenStream = Callable[[str, int], Awaitable[ByteStream]]
+
+READ_S = 0.03
+"""How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to hear of us."""
+
+ASK_AGAIN_S = 0.1
+HELLO_S = 0.6
+"""More than a peer may be silent: what opens and does not speak is told as such."""
+
+POLL_S = 0.05
+RESET_S = 1.0
+ECHO_POLLS = 2
+"""By then the gripper repeats what it was told [assumed]; before, what it says of objects is about the past."""
+
+ATTEMPTS = 3
+CONFIRM_S = 0.25
+"""Of each attempt: three, and a connection, fit into what a stop may take."""
+
+_NAN = math.nan
+
+
+class Gripper:
+    """One gripper on one connection: its registers as ``Command`` and ``Status``."""
+
+    def __init__(self, client: ModbusClient) -> None:
+        self._client = client
+
+    def write(self, command: Command) -> None:
+        """Leaves at once. Raise ``WireDown``."""
+        self._client.write_registers(protocol.OUTPUT, command.registers())
+
+    async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
+        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked meanwhile.
+        Raise ``WireDown``."""
+        end_s = trio.current_time() + within_s
+        while (left_s := end_s - trio.current_time()) > 0:
+            if permit is not None:
+                permit.check()
+            number = self.ask()
+            status = await self.answer(number, min(left_s, ASK_AGAIN_S))
+            if status is not None:
+                return status
+            self.forget(number)
+        return None
+
+    def ask(self) -> int:
+        return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
+
+    async def answer(self, number: int, within_s: float) -> Status | None:
+        registers = await self._client.answer(number, within_s)
+        return None if registers is None else Status.from_registers(registers)
+
+    def forget(self, number: int) -> None:
+        self._client.forget(number)
+
+    def close(self) -> None:
+        self._client.close()
+
+
+async def open_gripper(driver: Robotiq, clock: Clock, open_stream: OpenStream) -> Gripper:
+    """Connect. Raise ``WireDown``."""
+    try:
+        host, port = driver.address()
+    except ValueError as error:
+        raise WireDown(str(error)) from None
+    stream = await open_stream(host, port)
+    return Gripper(ModbusClient(stream, driver.unit_id, f"{driver.robot} at {host}:{port}", clock))
+
+
+async def hold(gripper: Gripper, known: Status | None, driver: Robotiq) -> MotorReport:
+    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the gripper is
+    asked first: a hold would activate one that is not, and that moves its fingers."""
+    written = heard = False
+    detail = "silent"
+    try:
+        for _ in range(ATTEMPTS):
+            known = known or await gripper.status(CONFIRM_S)
+            if known is None:
+                continue
+            gripper.write(protocol.safe_command(known))
+            written = True
+            known = await gripper.status(CONFIRM_S)
+            heard = heard or known is not None
+            detail = "silent" if known is None else protocol.unsafe_words(known)
+            if not detail:
+                break
+    except WireDown as error:
+        detail = str(error)
+    return report(driver, written, heard, detail)
+
+
+def report(driver: Robotiq, written: bool, heard: bool, detail: str) -> MotorReport:
+    """``detail``: why it is not known to be safe; empty when it is."""
+    return MotorReport(driver.axes[0], driver.unit_id, written, heard, not detail, detail)
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, gripper: Gripper, status: Status, now_ns: int) -> None:
+        self.gripper = gripper
+        self.status = status
+        self.heard_ns = now_ns
+        self.asked: int | None = None  # the reading that has not been answered
+        self.asked_ns = 0
+        self.wanted: int | None = None  # the position last written, until its echo is seen
+        self.polls = 0  # readings since without that echo
+
+
+class RobotiqWire(Wire):
+    def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._open_stream = open_stream
+        self._session_or_none: _Session | None = None
+        self._armed = False
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        driver = self._driver
+        gripper = await open_gripper(driver, self._clock, self._open_stream)
+        try:
+            status = await gripper.status(HELLO_S)
+            if status is None:
+                raise WireDown(
+                    f"{driver.robot} at {driver.port}: connected, but no answer. Check unit_id= and its power"
+                )
+        except BaseException:
+            gripper.close()
+            raise
+        self._session_or_none = _Session(gripper, status, self._clock.now_ns())
+        return {"port": driver.port, "unit_id": driver.unit_id, "stroke_mm": driver.stroke_mm}
+
+    async def arm(self, permit: Permit) -> Observation:
+        session = self._session()
+        status = await self._ask(permit)
+        if status.fault == protocol.RELEASING:
+            raise WireDown(
+                f"arm: the gripper reports {protocol.fault_words(status.fault)}. Wait until it has ended"
+            )
+        if status.needs_activation:
+            status = await self._activate(permit)
+        command = protocol.safe_command(status)
+        permit.check()
+        session.gripper.write(command)
+        for _ in range(ECHO_POLLS):
+            status = await self._ask(permit)
+            if status.request == command.position and not status.going:
+                break
+            await trio.sleep(POLL_S)
+        else:
+            raise WireDown(
+                f"arm: the gripper does not take its position as target ({status.request}, not "
+                f"{command.position}). Try again; check who else writes to it"
+            )
+        session.wanted = None
+        self._armed = True
+        return self._observation(session)
+
+    async def read(self) -> Observation:
+        session = self._session()
+        now_ns = self._clock.now_ns()
+        if session.asked is not None and now_ns - session.asked_ns > ASK_AGAIN_S * NS:
+            session.gripper.forget(session.asked)
+            session.asked = None
+        if session.asked is None:
+            session.asked, session.asked_ns = session.gripper.ask(), now_ns
+        status = await session.gripper.answer(session.asked, READ_S)
+        if status is not None:
+            session.asked = None
+            self._take(session, status)
+            if self._armed and not status.active:
+                self._armed = False
+                raise WireDown(
+                    f"read: the gripper is no longer activated (gSTA {status.activation}). Was its power cut?"
+                )
+        return self._observation(session)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        if not session.status.active:  # being told to go would activate it
+            raise WireDown("write: the gripper is not activated. Activate it first")
+        position, speed, force = (round(protocol.TOP * values[slot]) for slot in (POSITION, SPEED, FORCE))
+        permit.check()
+        session.gripper.write(Command(go_to=True, position=position, speed=speed, force=force))
+        session.wanted, session.polls = position, 0
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        self._armed = False
+        if session is None:
+            return (report(self._driver, False, False, "not connected"),)
+        session.wanted = None
+        return (await hold(session.gripper, session.status, self._driver),)
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.gripper.close()
+        self._session_or_none = None
+        self._armed = False
+
+    async def _activate(self, permit: Permit) -> Status:
+        session, driver = self._session(), self._driver
+        if not driver.activate:
+            raise WireDown(
+                f"arm: the gripper is not activated (gSTA {session.status.activation}, gFLT "
+                f"{session.status.fault}), and activate= is False. Activating moves its fingers through their "
+                "whole stroke"
+            )
+        permit.check()
+        session.gripper.write(protocol.RESET)
+        if await self._poll(permit, RESET_S, Activation.RESET) is None:
+            raise WireDown("arm: the gripper does not take the reset. Check who else writes to it")
+        permit.check()
+        session.gripper.write(protocol.ACTIVATE)
+        status = await self._poll(permit, protocol.ACTIVATION_S, Activation.ACTIVE)
+        if status is None:
+            raise WireDown(
+                f"arm: the gripper did not finish its activation within {protocol.ACTIVATION_S:g} s (gSTA "
+                f"{session.status.activation}, {protocol.fault_words(session.status.fault)}). "
+                "Free its fingers and check its supply"
+            )
+        if status.fault >= protocol.MAJOR:
+            raise WireDown(f"arm: activated, but {protocol.fault_words(status.fault)}. Check supply and fingers")
+        return status
+
+    async def _poll(self, permit: Permit, within_s: float, wanted: Activation) -> Status | None:
+        """The first status with that gSTA, or None."""
+        with trio.move_on_after(within_s):
+            while True:
+                status = await self._ask(permit)
+                if status.activation == wanted:
+                    return status
+                await trio.sleep(POLL_S)
+        return None
+
+    async def _ask(self, permit: Permit) -> Status:
+        """A status before anything else happens. Raise ``WireDown``."""
+        session = self._session()
+        status = await session.gripper.status(HELLO_S, permit)
+        if status is None:
+            raise WireDown("arm: the gripper does not answer. Check its power")
+        self._take(session, status)
+        return status
+
+    def _take(self, session: _Session, status: Status) -> None:
+        session.status = status
+        session.heard_ns = self._clock.now_ns()
+        if session.wanted is not None:
+            if status.request == session.wanted:
+                session.wanted = None
+            else:
+                session.polls += 1
+
+    def _observation(self, session: _Session) -> Observation:
+        status = session.status
+        believed = status.active and status.going and session.wanted is None
+        closed = status.position / protocol.TOP
+        faults = [protocol.fault_words(status.fault)] if status.fault else []
+        if session.wanted is not None and session.polls >= ECHO_POLLS:
+            faults.append(f"unconfirmed: asked for {session.wanted}, it repeats {status.request}")
+        return Observation(
+            t_ns=session.heard_ns,
+            position=(closed,),
+            stamp_ns=(session.heard_ns,),
+            sensors={
+                "aperture_mm": (self._driver.aperture_mm(closed),),
+                "current_a": (status.current * protocol.CURRENT_A,),
+                "moving": (float(status.contact == Contact.MOVING) if believed else _NAN,),
+                "contact": (_CONTACT[Contact(status.contact)] if believed else _NAN,),
+                "activation": (float(status.activation),),
+                "fault": (float(status.fault),),
+            },
+            faults={self._driver.axes[0]: ", ".join(faults)} if faults else {},
+        )
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+_CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
+"""Met while opening, met while closing, nothing there; while it moves it is not known."""
+
+
+class RobotiqSecondPath(SecondPath):
+    """The root's way to the gripper: a connection of its own, made when it is needed. By then the wire's is gone
+    with its process, so a gateway that takes one client takes this one."""
+
+    def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._open_stream = open_stream
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        try:
+            gripper = await open_gripper(self._driver, self._clock, self._open_stream)
+        except WireDown as error:
+            return (report(self._driver, False, False, str(error)),)
+        try:
+            return (await hold(gripper, None, self._driver),)
+        finally:
+            gripper.close()
+
+    def close(self) -> None:
+        pass

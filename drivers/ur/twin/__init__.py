@@ -1,0 +1,131 @@
+"""The robot's end of a UR's wires: RTDE, script ports, dashboard; MuJoCo behind them.
+
+Besides the control lines of every twin it takes ``safety MODE``, ``mode MODE`` and ``remote yes|no``, with the
+names of ``protocol.SafetyMode`` and ``protocol.RobotMode``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import trio
+
+from strands_actors.drivers.common.twin import Fault, Faults, TcpServer, WireLog, run_server
+
+from .. import protocol as p
+from ..arms import JOINTS, arm_of
+from .controller import TICK_HZ, Controller
+from .lines import Dashboard, ScriptPort
+from .rtde import RtdeServer
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8; the ports are fixed)",
+    "program_start_s": "seconds from a program's text to its first line (default 0.05)",
+}
+
+
+class Machine:
+    """What may happen to the robot."""
+
+    def __init__(self, controller: Controller, faults: Faults) -> None:
+        self.controller = controller
+        self.faults = faults
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None:
+        """``unit`` 1 to 6: a joint, which can only get stuck. None: what the controller sends."""
+        if unit is None:
+            self.faults.set(fault)
+        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= len(JOINTS):
+            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
+        else:
+            raise ValueError(f"a joint, 1 to {len(JOINTS)}, can be ok or stuck, not {fault}")
+
+    def power_cycle(self) -> None:
+        self.controller.reset()
+
+
+class URServer(TcpServer):
+    """Serves one controller at its ports, and makes its time pass."""
+
+    def __init__(self, robot: str, log: WireLog, host: str | None, program_start_s: float) -> None:
+        def on_event(kind: str) -> None:
+            log.write(time.monotonic_ns(), "robot", [(kind, b"")])
+
+        self.controller = Controller(arm_of(robot), program_start_s=program_start_s, on_event=on_event)
+        faults = Faults()
+        self._rtde = RtdeServer(self.controller, faults)
+        self._machine = Machine(self.controller, faults)
+        scripts = ScriptPort(self.controller).handle
+        handlers = {
+            p.RTDE_PORT: self._rtde.handle,
+            p.DASHBOARD_PORT: Dashboard(self.controller, robot).handle,
+            p.PRIMARY_PORT: scripts,
+            p.SECONDARY_PORT: scripts,
+            p.REALTIME_PORT: scripts,
+        }
+        super().__init__(self._machine, handlers, log, host)
+
+    @property
+    def address(self) -> str:
+        return super().address.partition(":")[0]
+
+    def set_fault(self, text: str) -> None:
+        super().set_fault(text)
+        if self._machine.faults.of(None) is Fault.OFF:
+            self.unplug()
+
+    def power_cycle(self) -> None:
+        """Every connection ends; the controller comes back with the arm's power off."""
+        super().power_cycle()
+        self.unplug()
+        self.plug()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["safety", name] if name in p.SafetyMode.__members__:
+                self.controller.set_safety(p.SafetyMode[name])
+            case ["mode", name] if name in p.RobotMode.__members__:
+                self.controller.set_mode(p.RobotMode[name])
+            case ["remote", "yes" | "no" as word]:
+                self.controller.remote = word == "yes"
+            case _:
+                return False
+        return True
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(super().serve)
+            nursery.start_soon(self._tick)
+
+    async def _tick(self) -> None:
+        period_s = 1.0 / TICK_HZ
+        due_s = trio.current_time()
+        while True:
+            await self._frost.thawed()
+            self.controller.tick()
+            self._rtde.push(time.monotonic())
+            due_s = max(due_s + period_s, trio.current_time() - period_s)
+            await trio.sleep_until(due_s)
+
+
+def main(
+    robot: str,
+    *,
+    port_file: str | None = None,
+    log: str | None = None,
+    fault: str | None = None,
+    parent_fd: int | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> None:
+    """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    options = dict(options or {})
+    if unknown := options.keys() - OPTIONS.keys():
+        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
+    arm_of(robot)
+
+    def build(wire_log: WireLog) -> URServer:
+        return URServer(robot, wire_log, options.get("host"), float(options.get("program_start_s", 0.05)))
+
+    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)

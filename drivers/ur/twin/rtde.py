@@ -1,0 +1,161 @@
+"""The twin's RTDE server: recipes, who may write which input, and the stream of samples."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Mapping
+
+from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
+
+from .. import protocol as p
+from .controller import INPUT_TYPES, OUTPUT_TYPES, TICK_HZ, Controller
+
+VERSION = struct.pack(">4I", 5, 13, 1, 0)
+WRONG_BY_RAD = 0.5
+
+
+class RtdeServer:
+    """All clients of one controller."""
+
+    def __init__(self, controller: Controller, faults: Faults) -> None:
+        self.controller = controller
+        self.faults = faults
+        self.owners: dict[str, Client] = {}
+        self._clients: set[Client] = set()
+        self._ticks = 0
+
+    async def handle(self, connection: Connection) -> None:
+        client = Client(self, connection)
+        self._clients.add(client)
+        try:
+            await client.serve()
+        finally:
+            self._clients.discard(client)
+            for name in [name for name, owner in self.owners.items() if owner is client]:
+                del self.owners[name]
+
+    def push(self, now_s: float) -> None:
+        """After a tick: its sample, to whom it is due."""
+        self._ticks += 1
+        due = [client for client in self._clients if client.wants(self._ticks)]
+        values = self.controller.outputs() if due else {}
+        for client in due:
+            client.queue(values, now_s)
+        for client in self._clients:
+            client.flush(now_s)
+
+
+class Client:
+    def __init__(self, server: RtdeServer, connection: Connection) -> None:
+        self._server = server
+        self._connection = connection
+        self._decoder = p.Decoder()
+        self._outputs: p.Recipe | None = None
+        self._every = 1
+        self._started = False
+        self._inputs: dict[int, p.Recipe] = {}
+        self._waiting: deque[tuple[float, bytes]] = deque()
+        self._stale: Mapping[str, p.Value] = {}
+
+    async def serve(self) -> None:
+        while True:
+            t_ns, data = await self._connection.receive()
+            try:
+                for packet in self._decoder.feed(data):
+                    self._handle(t_ns, packet)
+            except p.Garbled:
+                return
+
+    def wants(self, tick: int) -> bool:
+        return self._started and self._outputs is not None and tick % self._every == 0
+
+    def queue(self, values: Mapping[str, p.Value], now_s: float) -> None:
+        """Samples are not logged: a hundred a second, each as long as a page, would bury the rest."""
+        assert self._outputs is not None
+        faults = self._server.faults
+        fault = faults.of(None)
+        if fault is Fault.STUCK:
+            values = self._stale or values
+        elif fault is Fault.WRONG:
+            wrong = values["actual_q"]
+            assert isinstance(wrong, tuple)
+            values = {**values, "actual_q": tuple(rad + WRONG_BY_RAD for rad in wrong)}
+        self._stale = values
+        reply = faults.apply(Reply(0.0, self._outputs.pack(values)))
+        if reply is not None:
+            self._waiting.append((now_s + reply.delay_s + reply.late_s, reply.data))
+
+    def flush(self, now_s: float) -> None:
+        while self._waiting and self._waiting[0][0] <= now_s:
+            self._connection.send(self._waiting.popleft()[1])
+
+    def _handle(self, t_ns: int, packet: p.Packet) -> None:
+        raw = p.frame(*packet)
+        if packet.kind == p.Kind.DATA:
+            self._take(t_ns, raw, packet.payload)
+            return
+        self._connection.heard(t_ns, "config" if packet.kind == p.Kind.INPUTS else "read", raw)
+        answer = self._answer(packet)
+        if answer is not None:
+            self._connection.say("read", p.frame(packet.kind, answer))
+
+    def _take(self, t_ns: int, raw: bytes, payload: bytes) -> None:
+        recipe = self._inputs.get(payload[0]) if payload else None
+        if recipe is None:
+            self._connection.heard(t_ns, "other", raw)
+            return
+        values = recipe.unpack(payload)
+        number = next((values[name] for name in COMMAND_REGISTERS if name in values), None)
+        kind = p.classify_command(number) if isinstance(number, int) else "config"
+        self._connection.heard(t_ns, kind, raw)
+        self._server.controller.write(values)
+
+    def _answer(self, packet: p.Packet) -> bytes | None:
+        payload = packet.payload
+        match packet.kind:
+            case p.Kind.VERSION:
+                return b"\x01" if payload == struct.pack(">H", p.RTDE_VERSION) else b"\x00"
+            case p.Kind.CONTROLLER:
+                return VERSION
+            case p.Kind.OUTPUTS:
+                return self._agree_outputs(payload)
+            case p.Kind.INPUTS:
+                return self._agree_inputs(payload)
+            case p.Kind.START:
+                self._started = self._outputs is not None
+                return b"\x01" if self._started or self._inputs else b"\x00"
+            case p.Kind.PAUSE:
+                self._started = False
+                return b"\x01"
+        return None
+
+    def _agree_outputs(self, payload: bytes) -> bytes:
+        (hz,) = struct.unpack_from(">d", payload)
+        names = _names(payload[8:])
+        types = [OUTPUT_TYPES.get(name, p.NOT_FOUND) for name in names]
+        if p.NOT_FOUND not in types:
+            self._outputs = p.Recipe(1, names, types)
+            self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1
+        return b"\x01" + ",".join(types).encode()
+
+    def _agree_inputs(self, payload: bytes) -> bytes:
+        names, owners = _names(payload), self._server.owners
+        types = [
+            p.IN_USE if owners.get(name, self) is not self else INPUT_TYPES.get(name, p.NOT_FOUND)
+            for name in names
+        ]
+        number = 0
+        if p.IN_USE not in types and p.NOT_FOUND not in types:
+            number = len(self._inputs) + 1
+            self._inputs[number] = p.Recipe(number, names, types)
+            owners.update(dict.fromkeys(names, self))
+        return bytes([number]) + ",".join(types).encode()
+
+
+COMMAND_REGISTERS = ("input_int_register_0", f"input_int_register_{p.UPPER_RANGE}")
+"""Where the control script looks for its command, by the range it was told to use."""
+
+
+def _names(text: bytes) -> list[str]:
+    return [name for name in text.decode("ascii", "replace").split(",") if name]

@@ -1,0 +1,243 @@
+"""A UR controller in the wire process: what is done with the SDK, and when it is not trusted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+
+from . import plain
+from .arms import JOINTS
+from .driver import WATCHDOG_HZ
+from .gates import CONTROL_S, refuse_modes
+from .plain import STANDING_RAD_S
+from .protocol import RuntimeState
+from .sdk import Sample, Sdk, SdkSpent
+
+if TYPE_CHECKING:
+    from .driver import UR
+
+START_S = 3.0
+"""From the upload of the control script until it runs."""
+
+FEED_S = 0.025
+"""Between kicks of a watchdog that waits 100 ms."""
+
+SILENT_S = 0.04
+"""Nothing is written to a controller whose clock stands still for so long: it would take it up late."""
+
+CONFIRM_S = 0.4
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, sdk: Sdk, sample: Sample, now_ns: int) -> None:
+        self.sdk = sdk
+        self.sample = sample
+        self.stamp_ns = now_ns  # when the controller's clock was last seen to advance
+        self.controls = False  # the control script is ours, runs, and its watchdog is armed
+        self.servoing = False
+        self.fed_ns = 0
+        self.lost = ""  # why control was lost since the robot was armed
+
+    def look(self, now_ns: int) -> None:
+        """Take the newest sample. A controller that stopped our program is not written to again before the next
+        arming: its operator unlocks it, and nothing may move because of that."""
+        sample = self.sdk.sample()
+        if sample.time_s != self.sample.time_s:
+            self.stamp_ns = now_ns
+        self.sample = sample
+        if self.controls:
+            refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
+            if refusal is not None:
+                self.lose(refusal.offered)
+            elif sample.runtime_state not in (RuntimeState.PLAYING, RuntimeState.PAUSED, RuntimeState.PAUSING):
+                self.lose("the controller stopped its program")
+
+    def lose(self, why: str) -> None:
+        self.lost, self.controls, self.servoing = why, False, False
+
+    def silent_s(self, now_ns: int) -> float:
+        return (now_ns - self.stamp_ns) / NS
+
+    def moving(self) -> list[str]:
+        """Joints that do."""
+        pairs = zip(JOINTS, self.sample.velocity, strict=True)
+        return [joint for joint, rad_s in pairs if abs(rad_s) >= STANDING_RAD_S]
+
+    def observation(self, now_ns: int) -> Observation:
+        sample = self.sample
+        return Observation(
+            t_ns=now_ns,
+            position=sample.position,
+            stamp_ns=(self.stamp_ns,) * len(JOINTS),
+            velocity=sample.velocity,
+            sensors={
+                "current_a": sample.current,
+                "temperature_c": sample.temperature,
+                "tcp_pose_m_rad": sample.pose,
+                "robot_mode": (sample.robot_mode,),
+                "safety_mode": (sample.safety_mode,),
+                "runtime_state": (sample.runtime_state,),
+                "speed_scaling": (sample.speed_scaling,),
+                "control": (float(self.controls),),
+                "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
+            },
+            faults={"controller": self.lost} if self.lost else {},
+        )
+
+
+class URWire(Wire):
+    def __init__(self, driver: UR, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._session_or_none: _Session | None = None
+
+    async def open(self) -> dict[str, Any]:
+        """The plain ports first: against a controller that is frozen the SDK's constructors never return."""
+        self.close()
+        try:
+            host = self._driver.host
+        except ValueError as error:
+            raise WireDown(f"open: {error}") from None
+        facts = await plain.hello(host)
+        await plain.look(host)
+        sdk = Sdk(host)
+        await sdk.open_receive()
+        self._session_or_none = _Session(sdk, sdk.sample(), self._clock.now_ns())
+        return {"address": host, **facts}
+
+    async def arm(self, permit: Permit) -> Observation:
+        session = self._session()
+        host = self._driver.host
+        self._look(session)
+        sample = session.sample
+        refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
+        if refusal is not None:
+            raise WireDown(refusal.text.replace("move: ", "arm: ", 1))
+        if sample.runtime_state != RuntimeState.STOPPED:
+            raise WireDown("arm: a program runs on the controller. stop() ends it, then resume()")
+        if (await plain.ask_dashboard(host, "is in remote control"))[0].lower() == "false":
+            raise WireDown("arm: the controller is in local control. Switch it to remote on the pendant")
+        await plain.look(host)
+        permit.check()
+        await session.sdk.open_control()
+        permit.check()
+        await self._start_script(session, permit)
+        session.lost, session.controls, session.servoing = "", True, False
+        return session.observation(self._clock.now_ns())
+
+    async def read(self) -> Observation:
+        session = self._session()
+        if session.sdk.hangs:
+            raise SdkSpent(session.sdk.hangs)
+        # While it servoes only setpoints feed the controller's watchdog, and those are earned one by one.
+        if session.controls and not session.servoing and self._due(session):
+            await session.sdk.kick()
+            session.fed_ns = self._clock.now_ns()
+        else:
+            await trio.lowlevel.checkpoint()
+        self._look(session)
+        now_ns = self._clock.now_ns()
+        silent_s = session.silent_s(now_ns)
+        if silent_s > self._driver.timing.state_ttl_s:
+            raise WireDown(
+                f"read: the clock of {self._driver.robot} stands still for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
+        return session.observation(now_ns)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        self._look(session)
+        if not session.controls:
+            raise PermitDenied(session.lost or "not armed")
+        if session.silent_s(self._clock.now_ns()) > SILENT_S:
+            raise PermitDenied("the controller's clock stands still")
+        session.servoing = True
+        if not await session.sdk.servo(values, permit.check):
+            session.lose("the control script is not running")
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return tuple(MotorReport(joint, at, False, False, False, "not connected") for at, joint in _NUMBERED)
+        ended = rung != "hold"
+        servoed = session.controls and await self._stop_by_sdk(session, ended)
+        if servoed and await self._stands(session, ended):
+            return tuple(MotorReport(joint, at, True, True, True) for at, joint in _NUMBERED)
+        if ended or session.sdk.hangs:
+            session.lose("stopped without the SDK")
+            return await plain.stop(self._driver.host)
+        moving = session.moving()
+        return tuple(
+            MotorReport(joint, at, servoed, servoed, joint not in moving, "moves" if joint in moving else "")
+            for at, joint in _NUMBERED
+        )
+
+    def close(self) -> None:
+        """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends
+        with this process, which cannot open another."""
+        self._session_or_none = None
+
+    # -- parts
+
+    async def _start_script(self, session: _Session, permit: Permit) -> None:
+        """Upload the control script, see it run, arm its watchdog. Raise ``WireDown``."""
+        sdk = session.sdk
+        if not await sdk.upload():
+            raise WireDown("arm: the controller does not take the control script. Try again")
+        with trio.move_on_after(START_S):
+            while not (session.sample.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
+                await trio.sleep(CONTROL_S)
+                permit.check()
+                session.look(self._clock.now_ns())
+        permit.check()
+        if session.sample.runtime_state != RuntimeState.PLAYING:
+            raise WireDown(f"arm: the control script does not start within {START_S:g} s. Look at the pendant")
+        if not await sdk.set_watchdog(WATCHDOG_HZ):
+            raise WireDown("arm: the control script does not arm its watchdog. Try again")
+        session.fed_ns = self._clock.now_ns()
+
+    async def _stop_by_sdk(self, session: _Session, ended: bool) -> bool:
+        """servoStop, and for a stop the end of the script. Whether the controller answered."""
+        session.servoing = False
+        try:
+            stopped = await session.sdk.servo_stop()
+            if ended:
+                session.controls = False
+                await session.sdk.stop_script()
+        except SdkSpent:
+            return False
+        session.fed_ns = self._clock.now_ns()
+        return stopped
+
+    async def _stands(self, session: _Session, ended: bool) -> bool:
+        """Whether samples show that no joint moves, and for a stop that no program runs."""
+        with trio.move_on_after(CONFIRM_S):
+            while True:
+                await trio.sleep(CONTROL_S)
+                session.look(self._clock.now_ns())
+                fresh = session.silent_s(self._clock.now_ns()) < SILENT_S
+                over = not ended or session.sample.runtime_state == RuntimeState.STOPPED
+                if fresh and over and not session.moving():
+                    return True
+        return False
+
+    def _look(self, session: _Session) -> None:
+        session.look(self._clock.now_ns())
+
+    def _due(self, session: _Session) -> bool:
+        return self._clock.now_ns() - session.fed_ns >= round(FEED_S * NS)
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+_NUMBERED = tuple(enumerate(JOINTS))

@@ -1,0 +1,209 @@
+"""Dependencies run one way, downhill: surfaces -> supervisors -> runtime <- drivers. Kept by reading the code."""
+
+from __future__ import annotations
+
+import ast
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = "strands_actors"
+
+
+class Import(NamedTuple):
+    line: int
+    target: str  # absolute: a module, or a module and a name in it
+    is_lazy: bool  # inside a function
+
+
+def modules_below(root: Path, package: str) -> dict[str, Path]:
+    """Every module of the package, also behind its links, by its full name."""
+    found = {}
+    for directory, _, files in os.walk(root / package, followlinks=True):
+        for file in files:
+            if file.endswith(".py"):
+                parts = (Path(directory) / file).relative_to(root).with_suffix("").parts
+                found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = Path(directory) / file
+    return found
+
+
+def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
+    """What a module imports when it runs; what only type checkers read is left out."""
+    yield from _walk(ast.parse(source), name if is_package else name.rpartition(".")[0], is_lazy=False)
+
+
+def _walk(node: ast.AST, package: str, is_lazy: bool) -> Iterator[Import]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import):
+            for alias in child.names:
+                yield Import(child.lineno, alias.name, is_lazy)
+        elif isinstance(child, ast.ImportFrom):
+            base = child.module or ""
+            if child.level:
+                above = package.split(".")[: len(package.split(".")) - child.level + 1]
+                base = ".".join([*above, base] if base else above)
+            for alias in child.names:
+                yield Import(child.lineno, f"{base}.{alias.name}", is_lazy)
+        elif isinstance(child, ast.If) and _is_type_checking(child.test):
+            for other in child.orelse:
+                yield from _walk(ast.Module([other], []), package, is_lazy)
+        else:
+            inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            yield from _walk(child, package, is_lazy or inside)
+
+
+def _is_type_checking(test: ast.expr) -> bool:
+    return ast.unparse(test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+
+
+MODULES = modules_below(ROOT, PACKAGE)
+IMPORTS = {
+    name: list(imports_of(name, path.name == "__init__.py", path.read_text()))
+    for name, path in sorted(MODULES.items())
+}
+
+
+def module_of(target: str) -> str:
+    """The module an import loads: of ``from a.b import c`` that is a.b.c or a.b."""
+    return target if target in MODULES else target.rpartition(".")[0]
+
+
+def is_in(module: str, *packages: str) -> bool:
+    return any(module == package or module.startswith(f"{package}.") for package in packages)
+
+
+def allowed(name: str) -> tuple[str, ...] | None:
+    """The parts of the package that a module may import; None for the surfaces."""
+    parts = name.split(".")[1:]
+    match parts:
+        case ["runtime", *_]:
+            return (f"{PACKAGE}.runtime",)
+        case ["supervisors", *_]:
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.supervisors")
+        case ["drivers"]:
+            return (f"{PACKAGE}.runtime",)
+        case ["drivers", "common", *_]:
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.drivers.common")
+        case ["drivers", wire, *_]:
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.drivers.common", f"{PACKAGE}.drivers.{wire}")
+    return None
+
+
+def faults(name: str, imports: list[Import]) -> list[str]:
+    """What a module imports and must not."""
+    found = []
+    for line, target, _ in imports:
+        if is_in(target, "drivers", "supervisors"):
+            found.append(f"{name}:{line} imports {target}: a user's own folder of that name would shadow it")
+        if not is_in(target, PACKAGE):
+            continue
+        may = allowed(name)
+        if may is not None:
+            if not is_in(module_of(target), *may):
+                found.append(f"{name}:{line} imports {target}; it may import {', '.join(may)}")
+        elif is_in(module_of(target), f"{PACKAGE}.drivers") and module_of(target) != f"{PACKAGE}.drivers":
+            found.append(f"{name}:{line} imports {target}: a driver is loaded by name, through the registry")
+    return found
+
+
+def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """One path per loop that a depth-first walk closes."""
+    found, done = [], set()
+
+    def visit(name: str, path: list[str]) -> None:
+        if name in path:
+            found.append([*path[path.index(name) :], name])
+            return
+        if name in done:
+            return
+        for target in sorted(graph[name]):
+            visit(target, [*path, name])
+        done.add(name)
+
+    for name in graph:
+        visit(name, [])
+    return found
+
+
+def test_the_walk_sees_the_whole_package() -> None:
+    for name in (
+        PACKAGE,
+        f"{PACKAGE}.runtime.node",
+        f"{PACKAGE}.supervisors.gate",
+        f"{PACKAGE}.drivers",
+        f"{PACKAGE}.drivers.common.half_duplex",
+        f"{PACKAGE}.drivers.feetech.wire",
+    ):
+        assert name in MODULES
+    assert not any("/." in str(path) for path in MODULES.values())
+    assert {target for _, target, _ in IMPORTS[f"{PACKAGE}.supervisors.gate"]} & {f"{PACKAGE}.runtime.actor.Actor"}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_module_imports_only_what_is_below_it(name: str) -> None:
+    assert faults(name, IMPORTS[name]) == []
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    lazy = {f"{PACKAGE}"}  # its names are looked up when they are asked for
+    graph = {
+        name: {
+            module_of(target)
+            for _, target, is_lazy in imports
+            if is_in(target, PACKAGE) and not (is_lazy and name in lazy)
+        }
+        - {name}
+        for name, imports in IMPORTS.items()
+    }
+    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
+
+
+# -- the rules themselves
+
+
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [
+        ("strands_actors.runtime.node", "from ..supervisors import gate"),
+        ("strands_actors.runtime.node", "import strands_actors.tree"),
+        ("strands_actors.runtime.node", "from strands_actors import tree"),
+        ("strands_actors.runtime.node", "def f():\n  from strands_actors.drivers import WIRES"),
+        ("strands_actors.supervisors.gate", "from ..drivers.feetech import wire"),
+        ("strands_actors.supervisors.gate", "from .. import rundir"),
+        ("strands_actors.drivers", "from .feetech.driver import Feetech"),
+        ("strands_actors.drivers.common.physics", "from ..feetech import axes"),
+        ("strands_actors.drivers.feetech.wire", "from ...supervisors.gate import Gate"),
+        ("strands_actors.drivers.feetech.wire", "from .. import list_native_drivers"),
+        ("strands_actors.tree", "from .drivers.feetech.driver import Feetech"),
+        ("strands_actors.tree", "import drivers"),
+        ("strands_actors.tree", "import drivers.feetech.wire"),
+        ("strands_actors.tree", "from supervisors import gate"),
+        ("strands_actors.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
+    ],
+)
+def test_a_fault_is_found(name: str, source: str) -> None:
+    is_package = name == "strands_actors.drivers"
+    assert len(faults(name, list(imports_of(name, is_package, source)))) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [
+        ("strands_actors.runtime.node", "import trio\nfrom .actor import Actor\nfrom . import link"),
+        ("strands_actors.runtime.node", "if TYPE_CHECKING:\n  from ..tree import RobotTree"),
+        ("strands_actors.supervisors.gate", "from ..runtime.actor import Actor\nfrom .messages import Stop"),
+        ("strands_actors.drivers.feetech.wire", "from ..common.half_duplex import X\nfrom .protocol import Y"),
+        ("strands_actors.tree", "from .drivers import WIRES\nfrom .supervisors.gate import Gate"),
+    ],
+)
+def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:
+    assert faults(name, list(imports_of(name, False, source))) == []
+
+
+def test_a_cycle_is_found() -> None:
+    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c", "b"]]
+    assert cycles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []

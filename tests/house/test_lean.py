@@ -1,0 +1,71 @@
+"""The root and wire processes stay small: no numpy, no mujoco, no screen library, under 60 MB each."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.portal import portal
+from strands_actors.runtime.messages import Message
+from strands_actors.supervisors.messages import Describe, TreeReport
+from strands_actors.supervisors.root import Root
+
+HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual")
+MAX_MB = 60.0
+
+IMPORT = {
+    "root": "import strands_actors.supervisors.root",
+    "wire": "import strands_actors.supervisors.wire",
+    "driver": """
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.runtime.clock import MonotonicClock
+driver_class = get_native_driver_class("so101")
+driver = driver_class("so101", "/dev/null", driver_class.resolve("so101", {}))
+driver.open_wire(MonotonicClock())
+""",
+}
+
+
+@pytest.mark.parametrize("what", IMPORT)
+def test_a_fresh_process_loads_nothing_heavy(what: str) -> None:
+    script = f"{IMPORT[what]}\nimport sys\nprint(*sorted({{name.partition('.')[0] for name in sys.modules}}))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "strands_actors" in loaded
+    assert [name for name in HEAVY if name in loaded] == []
+
+
+def resident_mb(pid: int) -> float:
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1]) / 1024
+    raise AssertionError(f"process {pid} has no memory")
+
+
+def shared_objects(pid: int) -> set[str]:
+    lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return {parts[5] for parts in (line.split(maxsplit=5) for line in lines) if len(parts) == 6}
+
+
+def test_the_processes_of_a_live_robot_are_small() -> None:
+    async def describe() -> Message | None:
+        return await portal().node.ref("strands/so101/actor/root", Root).ask(Describe(), 5.0)
+
+    with Robot("so101", mode="real", transport="twin") as robot:
+        assert robot.send_action({"shoulder_pan": 5.0})["status"] == "success"
+        report = portal().call(describe)
+        assert isinstance(report, TreeReport)
+        pids = {process.role: process.pid for process in report.processes}
+        figures = {role: resident_mb(pids[role]) for role in ("root", "wire")}
+        mapped = {role: shared_objects(pids[role]) for role in figures}
+        # The twin has physics in it: what is looked for here can be found.
+        assert any("mujoco" in path for path in shared_objects(pids["twin"]))
+    print(", ".join(f"{role}: {figure:.1f} MB" for role, figure in figures.items()))
+    for role, figure in figures.items():
+        assert figure < MAX_MB, role
+        assert any("zenoh" in path for path in mapped[role])
+        assert [path for path in mapped[role] for name in HEAVY if f"/{name}" in path] == []

@@ -1,0 +1,92 @@
+"""What is installed is what is in the checkout, whether it came by wheel or by source."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+NEEDED = (
+    "strands_actors/__init__.py",
+    "strands_actors/py.typed",
+    "strands_actors/runtime/node.py",
+    "strands_actors/supervisors/gate.py",
+    "strands_actors/drivers/__init__.py",
+    "strands_actors/drivers/common/half_duplex.py",
+    "strands_actors/drivers/feetech/driver.py",
+    "strands_actors/drivers/feetech/robots.toml",
+)
+
+
+def build(kind: str, source: Path, into: Path) -> Path:
+    """As ``python -m build --no-isolation`` does it: the backend, in a process of its own, in ``source``."""
+    script = f"import sys; from hatchling.build import build_{kind}; print(build_{kind}(sys.argv[1]))"
+    command = [sys.executable, "-c", script, str(into)]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return into / done.stdout.split()[-1]
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build("sdist", ROOT, tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build("wheel", ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def wheel_of_sdist(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = tmp_path_factory.mktemp("source")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(source, filter="data")
+    return build("wheel", source / sdist.name.removesuffix(".tar.gz"), tmp_path_factory.mktemp("again"))
+
+
+def names(wheel: Path) -> list[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return sorted(archive.namelist())
+
+
+def test_a_wheel_has_everything_in_its_installed_place(wheel: Path) -> None:
+    packed = names(wheel)
+    assert [name for name in NEEDED if name not in packed] == []
+    tops = {name.partition("/")[0] for name in packed}
+    assert tops == {"strands_actors", wheel.name.removesuffix("-py3-none-any.whl") + ".dist-info"}
+    assert [name for name in packed if "__pycache__" in name or name.endswith(".pyc")] == []
+    assert len(packed) == len(set(packed))
+
+
+def test_a_wheel_has_every_file_of_the_checkout(wheel: Path) -> None:
+    kept = (".py", ".toml", ".typed")
+    wanted = {
+        str((Path(directory) / file).relative_to(ROOT))
+        for directory, _, files in os.walk(ROOT / "strands_actors", followlinks=True)
+        for file in files
+        if file.endswith(kept)
+    }
+    assert wanted - set(names(wheel)) == set()
+
+
+def test_a_wheel_built_from_the_sdist_is_the_same(wheel: Path, wheel_of_sdist: Path) -> None:
+    assert names(wheel_of_sdist) == names(wheel)
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(wheel_of_sdist) as other:
+        for name in names(wheel):
+            if name.startswith("strands_actors/"):
+                assert one.read(name) == other.read(name), name
+
+
+def test_an_sdist_has_no_folder_that_would_shadow_a_users_own(sdist: Path) -> None:
+    with tarfile.open(sdist) as archive:
+        tops = {name.split("/")[1] for name in archive.getnames()}
+    assert {"strands_actors", "pyproject.toml", "README.md", "LICENSE"} <= tops
+    assert tops & {"drivers", "supervisors", "tests"} == set()

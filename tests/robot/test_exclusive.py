@@ -1,0 +1,110 @@
+"""Two programs and one robot, and two robots of one name."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from strands_actors.robot import RealRobot
+from strands_actors.rundir import notes
+from strands_actors.testing import Twin
+
+from .conftest import NewArm
+from .helpers import at, json_of, status
+
+SCRIPT = """
+import json, sys
+from strands_actors import Robot
+arm = Robot("so101", mode="real", port=sys.argv[1])
+problem = arm.connect_eagerly()
+print(json.dumps({"name": arm.name, "problem": problem}), flush=True)
+sys.stdin.readline()
+arm.cleanup()
+"""
+
+
+class Program:
+    """Another process that opens an arm, until told to end."""
+
+    def __init__(self, port: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, port],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        )
+
+    def __enter__(self) -> Program:
+        assert self.process.stdout is not None
+        self.told = json.loads(self.process.stdout.readline())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.communicate("\n", timeout=20)
+
+
+def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
+    arm: RealRobot, twin: Twin, new_arm: NewArm
+) -> None:
+    arm.send_action({"shoulder_pan": 10.0})
+    began_ns = time.monotonic_ns()
+    second = new_arm(port=twin.port)
+    reason = second.connect_eagerly() or ""
+    assert twin.port in reason
+    assert "exclusive" in reason or "lock" in reason
+    assert "who else has it" in reason
+    assert second.name == "so101-2"
+    second.cleanup()
+
+    assert not twin.log.host("safe", began_ns)  # whoever was refused released nothing
+    told = status(arm)
+    assert (told["state"], told["connected"], told["faults"]) == ("armed", True, {})
+    at(arm, "shoulder_pan", 10.0)
+    assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
+
+
+def test_another_program_is_refused_and_gets_it_afterwards(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    with Program(twin.port) as program:
+        assert "who else has it" in program.told["problem"]
+    assert not twin.log.host("safe", began_ns)
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
+    json_of(arm.cleanup())
+    with Program(twin.port) as program:
+        assert program.told == {"name": "so101", "problem": None}
+
+
+def test_one_that_was_refused_can_connect_when_the_port_is_free(
+    arm: RealRobot, twin: Twin, new_arm: NewArm
+) -> None:
+    second = new_arm(port=twin.port)
+    assert second.connect_eagerly() is not None
+    arm.cleanup()
+    assert second.connect_eagerly() is None
+    assert second.send_action({"shoulder_pan": 5.0})["status"] == "success"
+
+
+def test_one_that_was_refused_does_not_snatch_the_port(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
+    second = new_arm(port=twin.port)
+    assert second.connect_eagerly() is not None
+    arm.cleanup()
+    time.sleep(2.5)  # longer than the longest pause between two attempts
+    third = new_arm(port=twin.port, tool_name="third")
+    assert third.connect_eagerly() is None
+
+
+@pytest.mark.usefixtures("arm")
+def test_robots_of_one_name_are_told_apart(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with (
+        Twin("so101", tmp_path_factory.mktemp("second")) as twin,
+        Program(twin.port) as program,
+    ):
+        assert program.told == {"name": "so101-2", "problem": None}
+        assert [note.robot for note in notes()] == ["so101", "so101-2"]
+    assert [note.robot for note in notes()] == ["so101"]

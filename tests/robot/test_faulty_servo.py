@@ -1,0 +1,118 @@
+"""One servo silent, late or garbling while the arm is in use (SAF-005): the other five do not suffer."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .helpers import IDS, at, goals, json_of, limps, replies, status, torque_now, until, why
+
+FAULTS = ("off", "delayed", "garbage")
+THIRD = "elbow_flex (id 3)"
+OTHERS = [servo for servo in IDS.values() if servo != 3]
+
+WINDOW_S = 1.5
+
+
+def rates(twin: Twin) -> dict[int, float]:
+    """Answers a second of each of the others, from now on."""
+    began_ns = time.monotonic_ns()
+    time.sleep(WINDOW_S)
+    heard = replies(twin.log, began_ns, began_ns + round(WINDOW_S * 1e9))
+    return {servo: heard[servo] / WINDOW_S for servo in OTHERS}
+
+
+def break_third(arm: RealRobot, twin: Twin, fault: str) -> None:
+    twin.fault(f"{fault}:3")
+    until(lambda: "silent" in status(arm)["faults"].get("elbow_flex", ""), "the third servo is missed")
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_others_go_on(arm: RealRobot, twin: Twin, fault: str) -> None:
+    normal = rates(twin)
+    break_third(arm, twin, fault)
+    seen = rates(twin)
+    assert all(seen[servo] >= normal[servo] / 2 for servo in OTHERS), (seen, normal)
+
+    refusal = until(lambda: _refused(arm, {"elbow_flex": 5.0}), "a command to the third is refused")
+    assert f"no position from {THIRD} for" in refusal
+    assert refusal.startswith("move: ")
+    assert "elbow_flex" in why(arm.send_action({"shoulder_pan": 5.0, "elbow_flex": 5.0}))
+    began_ns = time.monotonic_ns()
+    assert arm.send_action({"shoulder_pan": 20.0})["status"] == "success"
+    assert until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
+    at(arm, "shoulder_pan", 20.0)
+    assert status(arm)["observation_age_s"] < 0.5
+    assert status(arm)["state"] == "armed"
+
+    twin.fault("ok:3")
+    until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "it is heard again")
+    if fault == "off":  # it had no supply, so its torque is off
+        until(lambda: "is limp" in (_refused(arm, {"elbow_flex": 5.0}) or ""), "its torque is looked at")
+        json_of(arm.stop())
+        json_of(arm.resume())
+    assert arm.send_action({"elbow_flex": 5.0})["status"] == "success"
+    at(arm, "elbow_flex", 5.0, within=4.0)
+
+
+def _refused(arm: RealRobot, action: dict[str, float]) -> str | None:
+    answer = arm.send_action(action)
+    return None if answer["status"] == "success" else answer["content"][0]["text"]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, fault: str) -> None:
+    arm.send_action({"shoulder_pan": 20.0})
+    break_third(arm, twin, fault)
+    stopped_ns = time.monotonic_ns()
+    answer = arm.stop()
+    took_s = (time.monotonic_ns() - stopped_ns) / 1e9
+    assert took_s < 3.0
+    twin.log.safe_within(stopped_ns, 0.3)
+    assert limps(twin.log, stopped_ns)
+    off = torque_now(twin.log, stopped_ns)
+    assert {servo: off.get(servo) for servo in OTHERS} == dict.fromkeys(OTHERS, 0)
+
+    assert THIRD in why(answer)
+    told = answer["content"][1]["json"]
+    assert (told["stopped"], told["unconfirmed"]) == (False, ["elbow_flex"])
+    assert [name for name, motor in told["motors"].items() if motor["safe"]] == [
+        name for name in IDS if name != "elbow_flex"
+    ]
+    assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
+    assert status(arm)["state"] == "unconfirmed"
+
+    twin.fault("ok:3")
+    until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "it is heard again")
+    assert json_of(arm.stop())["unconfirmed"] == []
+    assert torque_now(twin.log, stopped_ns) == dict.fromkeys(IDS.values(), 0)
+    assert twin.log.setpoints_after_safe(stopped_ns) == 0
+    json_of(arm.resume())
+    assert arm.send_action({"elbow_flex": 5.0, "shoulder_pan": 0.0})["status"] == "success"
+    at(arm, "shoulder_pan", 0.0)
+
+
+@pytest.mark.parametrize("fault", ["off", "garbage"])
+def test_an_arm_with_a_dead_servo_is_not_energised(arm: RealRobot, twin: Twin, fault: str) -> None:
+    break_third(arm, twin, fault)
+    arm.stop()
+    resumed_ns = time.monotonic_ns()
+    assert THIRD in why(arm.resume())
+    assert status(arm)["state"] in ("unconfirmed", "stopping")
+    assert not twin.log.host("enable", resumed_ns)
+    assert not twin.log.host("setpoint", resumed_ns)
+
+
+def test_a_goal_of_the_silent_joint_is_never_made_up(arm: RealRobot, twin: Twin) -> None:
+    """Commands to other joints keep sending the last good target for it."""
+    arm.send_action({"elbow_flex": 10.0})
+    target = goals(until(lambda: twin.log.host("setpoint"), "a setpoint")[0])[3]
+    break_third(arm, twin, "delayed")
+    began_ns = time.monotonic_ns()
+    arm.send_action({"gripper": 50.0})
+    written = until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
+    assert {goals(entry)[3] for entry in written} == {target}

@@ -1,0 +1,77 @@
+"""The robot itself freezes while it moves: everything still answers, and it comes back disarmed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .helpers import IDS, goals, holds, json_of, limps, moves, status, until, why
+
+STATUS_S = 0.2
+STOP_S = 3.0
+
+
+@pytest.fixture
+def frozen(arm: RealRobot, twin: Twin) -> Iterator[Twin]:
+    moves(arm)
+    twin.pause()
+    yield twin
+    twin.go_on()  # before the arm is cleaned up
+
+
+def status_time_s(arm: RealRobot) -> float:
+    began_s = time.monotonic()
+    status(arm)
+    return time.monotonic() - began_s
+
+
+def test_status_goes_on_answering_and_says_that_the_robot_is_gone(arm: RealRobot, frozen: Twin) -> None:
+    times_s = []
+    deadline_s = time.monotonic() + 2.0
+    while time.monotonic() < deadline_s:
+        times_s.append(status_time_s(arm))
+        time.sleep(0.02)
+    assert max(times_s) < STATUS_S
+    told = status(arm)
+    assert told["connected"] is False
+    assert told["connect_error"]
+    assert not arm.is_connected
+    assert "move: not connected" in why(arm.send_action({"shoulder_pan": 0.0}))
+
+
+@pytest.mark.parametrize("after_s", [0.0, 1.2])
+def test_stop_is_an_error_that_names_every_motor(arm: RealRobot, frozen: Twin, after_s: float) -> None:
+    time.sleep(after_s)
+    began_s = time.monotonic()
+    answer = arm.stop()
+    assert time.monotonic() - began_s < STOP_S
+    for name, servo in IDS.items():
+        assert f"{name} (id {servo})" in why(answer)
+    assert answer["content"][1]["json"]["unconfirmed"] == list(IDS)
+    assert status_time_s(arm) < STATUS_S
+
+    frozen.go_on()
+    # Frozen too short for the link to count as lost, it still waits for a stop that is confirmed.
+    until(lambda: status(arm)["connected"] and status(arm)["state"] in ("disarmed", "unconfirmed"), "it is back")
+    json_of(arm.stop())
+    assert status(arm)["state"] == "disarmed"
+    assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
+
+
+def test_it_recovers_by_itself_disarmed_and_resumes_where_it_is(arm: RealRobot, frozen: Twin) -> None:
+    until(lambda: not status(arm)["connected"], "it is noticed")
+    thawed_ns = time.monotonic_ns()
+    frozen.go_on()
+    until(lambda: status(arm)["state"] == "disarmed", "it is back, disarmed")
+    safe = limps(frozen.log, thawed_ns)[0]
+    json_of(arm.resume())
+    assert frozen.log.setpoints_after_safe(safe.t_ns) == 0
+    hold = holds(frozen.log, safe.t_ns)[0]
+    arm.send_action({"gripper": 50.0})
+    first = until(lambda: frozen.log.host("setpoint", hold.t_ns), "a setpoint")[0]
+    assert goals(first)[1] == goals(hold)[1]

@@ -1,0 +1,180 @@
+"""The cable is pulled and put back, or the robot is not there yet (SAF-012, SAF-011)."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors.drivers.feetech import protocol as p
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .conftest import NewArm
+from .helpers import (
+    IDS,
+    goals,
+    holds,
+    json_of,
+    limps,
+    measured_before,
+    register_now,
+    status,
+    task_ended,
+    until,
+    why,
+)
+
+TWO_PERIODS_S = 0.5
+"""Two periods of the wire are 0.07 s; the rest is for a busy machine."""
+
+
+class Mover:
+    """Commands the arm at 50 Hz from a thread of its own, whatever it answers."""
+
+    def __init__(self, arm: RealRobot) -> None:
+        self._arm = arm
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        began_s = time.monotonic()
+        while not self._end.wait(0.02):
+            self._arm.send_action({"shoulder_pan": 15.0 * math.sin(3.0 * (time.monotonic() - began_s))})
+
+    def stop(self) -> None:
+        self._end.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def mover(arm: RealRobot, twin: Twin) -> Iterator[Mover]:
+    moving = Mover(arm)
+    until(lambda: len(twin.log.host("setpoint")) > 10, "it moves")
+    yield moving
+    moving.stop()
+
+
+def test_unplugged_while_moving_and_put_back(arm: RealRobot, twin: Twin, mover: Mover) -> None:
+    twin.unplug()
+    pulled_s = time.monotonic()
+    until(lambda: not status(arm)["connected"], "it is noticed")
+    assert time.monotonic() - pulled_s < TWO_PERIODS_S
+    told = status(arm)
+    assert "the port is gone" in told["connect_error"] or "cannot open" in told["connect_error"]
+    assert told["state"] == "lost"
+    assert not arm.is_connected
+    assert "move: not connected" in why(arm.send_action({"shoulder_pan": 0.0}))
+    assert why(arm.resume()).startswith("resume: ")
+    unreached = arm.stop()
+    assert all(f"{name} (id {servo})" in why(unreached) for name, servo in IDS.items())
+
+    plugged_ns = time.monotonic_ns()
+    twin.plug()
+    until(lambda: status(arm)["connected"], "it is found again")
+    until(lambda: status(arm)["state"] == "disarmed", "it is made safe")
+    first = next(entry for entry in twin.log.entries(plugged_ns) if entry.kind in ("safe", "setpoint", "enable"))
+    assert limps(twin.log, plugged_ns)[0] == first
+    assert register_now(twin.log, p.TORQUE_ENABLE, first.t_ns) == dict.fromkeys(IDS.values(), 0)
+
+    time.sleep(0.3)  # the mover goes on commanding
+    assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
+    assert not twin.log.host("setpoint", plugged_ns)
+    mover.stop()
+
+    resumed_ns = time.monotonic_ns()
+    json_of(arm.resume())
+    hold = holds(twin.log, resumed_ns)[0]
+    assert goals(hold) == measured_before(twin.log, hold.t_ns)
+    assert not twin.log.host("setpoint", resumed_ns)
+    assert arm.send_action({"gripper": 50.0})["status"] == "success"
+    first_setpoint = until(lambda: twin.log.host("setpoint", resumed_ns), "a setpoint")[0]
+    assert {servo: goals(first_setpoint)[servo] for servo in (1, 2, 3, 4, 5)} == {
+        servo: goals(hold)[servo] for servo in (1, 2, 3, 4, 5)
+    }
+
+
+def test_a_rollout_ends_with_the_cable(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.run_policy(lambda observation: {"shoulder_pan": observation["shoulder_pan"] + 1.0}))
+    until(lambda: len(twin.log.host("setpoint")) > 5, "it moves")
+    twin.unplug()
+    ended = task_ended(arm)
+    assert ended["exit_reason"] in ("gate", "policy"), ended
+    plugged_ns = time.monotonic_ns()
+    twin.plug()
+    until(lambda: status(arm)["state"] == "disarmed", "it is back")
+    json_of(arm.resume())
+    time.sleep(0.2)
+    assert not twin.log.host("setpoint", plugged_ns)
+    assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
+
+
+def test_it_comes_back_however_often_it_is_pulled(arm: RealRobot, twin: Twin) -> None:
+    for _ in range(3):
+        twin.unplug()
+        until(lambda: not status(arm)["connected"], "it is noticed")
+        twin.plug()
+        until(lambda: status(arm)["state"] == "disarmed", "it is back")
+        json_of(arm.resume())
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
+
+
+def test_pulled_while_at_rest_it_stays_at_rest(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.stop())
+    twin.unplug()
+    until(lambda: not status(arm)["connected"], "it is noticed")
+    plugged_ns = time.monotonic_ns()
+    twin.plug()
+    until(lambda: status(arm)["state"] == "disarmed", "it is back")
+    assert not twin.log.host("enable", plugged_ns)
+    assert not twin.log.host("setpoint", plugged_ns)
+
+
+def test_connecting_waits_for_a_link_that_is_about_to_come_back(arm: RealRobot, twin: Twin) -> None:
+    twin.unplug()
+    until(lambda: not status(arm)["connected"], "it is noticed")
+    assert (arm.connect_eagerly() or "").startswith("connect: ")
+    twin.plug()
+    assert arm.connect_eagerly() is None
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
+
+
+def test_a_robot_that_is_not_there_yet(twin: Twin, new_arm: NewArm) -> None:
+    twin.unplug()
+    arm = new_arm(port=twin.port)
+    reason = arm.connect_eagerly() or ""
+    assert reason.startswith(f"connect: {twin.port}: cannot open"), reason
+    assert not arm.is_connected
+    assert arm.get_observation() == {}
+    assert (status(arm)["connected"], status(arm)["connect_error"]) == (False, reason)
+    assert "connect_eagerly()" in why(arm.send_action({"shoulder_pan": 0.0}))
+    twin.plug()
+    assert arm.connect_eagerly() is None
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
+
+
+def test_a_robot_with_a_servo_missing_is_not_energised(twin: Twin, new_arm: NewArm) -> None:
+    twin.fault("off:3")
+    arm = new_arm(port=twin.port)
+    reason = arm.connect_eagerly() or ""
+    assert "elbow_flex (id 3) does not answer" in reason, reason
+    assert "Check cables and ids; so101 has ids 1, 2, 3, 4, 5, 6" in reason
+    assert "elbow_flex" in status(arm)["connect_error"]
+    time.sleep(0.3)
+    assert not twin.log.host("enable")
+    assert not twin.log.host("setpoint")
+    twin.fault("ok:3")
+    assert arm.connect_eagerly() is None
+    assert arm.send_action({"elbow_flex": 5.0})["status"] == "success"
+
+
+def test_a_port_with_nothing_behind_it(new_arm: NewArm, tmp_path: Path) -> None:
+    for nothing in (tmp_path / "nothing", tmp_path):
+        reason = new_arm(port=str(nothing), tool_name=f"arm{nothing.name[:8]}").connect_eagerly() or ""
+        assert str(nothing) in reason
+        assert "Check port=" in reason
