@@ -386,7 +386,10 @@ class RobotTree:
 
     async def observe(self) -> Observation | Refused:
         self._require()
-        answer = await self._gate.ask(GetObservation(), ASK_S)
+        try:
+            answer = await self._gate.ask(GetObservation(), ASK_S)
+        except (AskTimeout, Unreachable) as failure:
+            return Refused("unreachable", f"observe: {failure}", "resume() when the robot is back")
         return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "no answer")
 
     async def status(self) -> Status | None:

@@ -114,7 +114,7 @@ class ModbusSession:
         try:
             for request, frame in self._decoder.feed(data):
                 kind = self._twin.kind(request)
-                yield Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else "")
+                yield Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
         except Garbled:
             raise ClientGone from None  # as a server does with what it cannot follow
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -73,12 +74,12 @@ class Twin:
     def unplug(self) -> None:
         """Pull the cable; returns when it is out."""
         self._command("unplug")
-        self._wait(lambda: not os.path.lexists(self.port))
+        self._wait(lambda: not _is_there(self.port))
 
     def plug(self) -> None:
         """Put the cable back; returns when the port is there."""
         self._command("plug")
-        self._wait(lambda: os.path.exists(self.port))
+        self._wait(lambda: _is_there(self.port))
 
     def pause(self) -> None:
         """Freeze the whole robot, until ``go_on``."""
@@ -112,3 +113,15 @@ class Twin:
             self.process.kill()
             self.process.communicate()
             raise
+
+
+def _is_there(port: str) -> bool:
+    """Whether somebody could connect: to a path, or to host:port."""
+    host, colon, number = port.rpartition(":")
+    if not colon:
+        return os.path.exists(port)
+    try:
+        socket.create_connection((host, int(number)), PATIENCE_S).close()
+    except ConnectionRefusedError:
+        return False
+    return True

@@ -18,9 +18,8 @@ PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
 
 PROGRAM = """
-import json, sys
-from strands_actors.drivers.feetech.twin import main
-main(**json.loads(sys.argv[1]))
+import importlib, json, sys
+importlib.import_module(f"strands_actors.drivers.{sys.argv[1]}.twin").main(**json.loads(sys.argv[2]))
 """
 
 
@@ -33,9 +32,10 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
 
 
 class TwinProcess:
-    def __init__(self, directory: Path, robot: str = "so101", **arguments: Any) -> None:
+    def __init__(self, directory: Path, robot: str = "so101", wire: str = "feetech", **arguments: Any) -> None:
         self.log_path = directory / "wire.ndjson"
         self.port_file = directory / "port"
+        self._wire = wire
         self._arguments = {
             "robot": robot,
             "port_file": str(self.port_file),
@@ -46,7 +46,7 @@ class TwinProcess:
     def __enter__(self) -> TwinProcess:
         inherited = self._arguments.get("parent_fd")
         self.process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, json.dumps(self._arguments)],
+            [sys.executable, "-c", PROGRAM, self._wire, json.dumps(self._arguments)],
             stdin=subprocess.PIPE,
             stderr=subprocess.PIPE,
             pass_fds=() if inherited is None else (inherited,),

@@ -13,6 +13,8 @@ from strands_actors import Robot
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
+from .helpers import state
+
 NewArm = Callable[..., RealRobot]
 
 
@@ -51,5 +53,7 @@ def new_arm(run_dir: Path) -> Iterator[NewArm]:
 def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
     """Connected to the twin and armed."""
     robot = new_arm(port=twin.port)
-    assert robot.connect_eagerly() is None
+    # A twin that a busy machine lets wait counts as silent: worth another try, here.
+    problems = [problem for _ in range(3) if (problem := robot.connect_eagerly()) is not None]
+    assert state(robot) == "armed", problems
     return robot

@@ -51,6 +51,11 @@ def status(arm: Any) -> dict[str, Any]:
     return json_of(arm.get_status())
 
 
+def state(arm: Any) -> str | None:
+    """None while the wire does not answer."""
+    return status(arm).get("state")
+
+
 def task(arm: Any) -> dict[str, Any]:
     return json_of(arm.get_task_status())
 

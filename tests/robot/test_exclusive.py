@@ -56,7 +56,7 @@ def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
     began_ns = time.monotonic_ns()
     second = new_arm(port=twin.port)
     reason = second.connect_eagerly() or ""
-    assert twin.port in reason
+    assert twin.port in reason, status(arm)
     assert "exclusive" in reason or "lock" in reason
     assert "who else has it" in reason
     assert second.name == "so101-2"

@@ -9,7 +9,7 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import IDS, at, goals, json_of, limps, replies, status, torque_now, until, why
+from .helpers import IDS, at, goals, json_of, limps, replies, state, status, torque_now, until, why
 
 FAULTS = ("off", "delayed", "garbage")
 THIRD = "elbow_flex (id 3)"
@@ -47,7 +47,7 @@ def test_the_others_go_on(arm: RealRobot, twin: Twin, fault: str) -> None:
     assert until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     at(arm, "shoulder_pan", 20.0)
     assert status(arm)["observation_age_s"] < 0.5
-    assert status(arm)["state"] == "armed"
+    assert state(arm) == "armed"
 
     twin.fault("ok:3")
     until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "it is heard again")
@@ -84,7 +84,7 @@ def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, faul
         name for name in IDS if name != "elbow_flex"
     ]
     assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
-    assert status(arm)["state"] == "unconfirmed"
+    assert state(arm) == "unconfirmed"
 
     twin.fault("ok:3")
     until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "it is heard again")
@@ -102,7 +102,7 @@ def test_an_arm_with_a_dead_servo_is_not_energised(arm: RealRobot, twin: Twin, f
     arm.stop()
     resumed_ns = time.monotonic_ns()
     assert THIRD in why(arm.resume())
-    assert status(arm)["state"] in ("unconfirmed", "stopping")
+    assert state(arm) in ("unconfirmed", "stopping")
     assert not twin.log.host("enable", resumed_ns)
     assert not twin.log.host("setpoint", resumed_ns)
 

@@ -10,7 +10,7 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import IDS, goals, holds, json_of, limps, moves, status, until, why
+from .helpers import IDS, goals, holds, json_of, limps, moves, state, status, until, why
 
 STATUS_S = 0.2
 STOP_S = 3.0
@@ -57,9 +57,9 @@ def test_stop_is_an_error_that_names_every_motor(arm: RealRobot, frozen: Twin, a
 
     frozen.go_on()
     # Frozen too short for the link to count as lost, it still waits for a stop that is confirmed.
-    until(lambda: status(arm)["connected"] and status(arm)["state"] in ("disarmed", "unconfirmed"), "it is back")
+    until(lambda: status(arm)["connected"] and state(arm) in ("disarmed", "unconfirmed"), "it is back")
     json_of(arm.stop())
-    assert status(arm)["state"] == "disarmed"
+    assert state(arm) == "disarmed"
     assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
 
 
@@ -67,7 +67,7 @@ def test_it_recovers_by_itself_disarmed_and_resumes_where_it_is(arm: RealRobot, 
     until(lambda: not status(arm)["connected"], "it is noticed")
     thawed_ns = time.monotonic_ns()
     frozen.go_on()
-    until(lambda: status(arm)["state"] == "disarmed", "it is back, disarmed")
+    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
     safe = limps(frozen.log, thawed_ns)[0]
     json_of(arm.resume())
     assert frozen.log.setpoints_after_safe(safe.t_ns) == 0

@@ -6,14 +6,27 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
 
 import pytest
 
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, json_of, limps, status, task, task_ended, until, why
+from .helpers import (
+    COUNTS_PER_DEGREE,
+    IDS,
+    at,
+    goals,
+    holds,
+    json_of,
+    limps,
+    state,
+    status,
+    task,
+    task_ended,
+    until,
+    why,
+)
 
 Observed = Mapping[str, float]
 Action = dict[str, float]
@@ -66,7 +79,7 @@ def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
         assert (ended["steps"], ended["exit_reason"], ended["instruction"]) == (5, "n_steps", "forward"), ended
         assert len({entry.data for entry in twin.log.host("setpoint", began_ns)}) >= 1
         assert until(lambda ns=began_ns: holds(twin.log, ns), "it is held afterwards")  # type: ignore[misc]
-    assert status(arm)["state"] == "holding"
+    assert state(arm) == "holding"
     assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
 
 
@@ -127,7 +140,7 @@ def test_a_policy_that_raises_ends_the_rollout_with_its_words(arm: RealRobot, tw
     assert (ended["exit_reason"], ended["exit_detail"]) == ("policy", "LookupError: no weights here")
     json_of(arm.run_policy(lambda observation: 3))
     assert "the policy returned int" in task_ended(arm)["exit_detail"]
-    assert status(arm)["state"] in ("armed", "holding")
+    assert state(arm) in ("armed", "holding")
 
 
 # -- refusals
@@ -190,7 +203,7 @@ def test_stop_task_holds_and_gives_the_robot_back(arm: RealRobot, twin: Twin) ->
     assert holds(twin.log, began_ns)
     time.sleep(0.2)
     assert twin.log.setpoints_after_safe(began_ns) == 0
-    assert status(arm)["state"] == "holding"
+    assert state(arm) == "holding"
     assert json_of(arm.stop_task()) == ended  # nothing runs: what is told is how it ended
 
 
@@ -284,7 +297,7 @@ def test_a_policy_that_goes_silent_is_held_and_the_rollout_says_why(
     assert ended["exit_reason"] == "policy", ended
     assert "no action for 100 ms" in ended["exit_detail"]
     assert holds(twin.log, twin.log.host("setpoint")[0].t_ns)
-    assert status(arm)["state"] == "holding"
+    assert state(arm) == "holding"
 
 
 def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> None:

@@ -23,6 +23,7 @@ from .helpers import (
     limps,
     measured_before,
     register_now,
+    state,
     status,
     task_ended,
     until,
@@ -77,7 +78,7 @@ def test_unplugged_while_moving_and_put_back(arm: RealRobot, twin: Twin, mover: 
     plugged_ns = time.monotonic_ns()
     twin.plug()
     until(lambda: status(arm)["connected"], "it is found again")
-    until(lambda: status(arm)["state"] == "disarmed", "it is made safe")
+    until(lambda: state(arm) == "disarmed", "it is made safe")
     first = next(entry for entry in twin.log.entries(plugged_ns) if entry.kind in ("safe", "setpoint", "enable"))
     assert limps(twin.log, plugged_ns)[0] == first
     assert register_now(twin.log, p.TORQUE_ENABLE, first.t_ns) == dict.fromkeys(IDS.values(), 0)
@@ -107,7 +108,7 @@ def test_a_rollout_ends_with_the_cable(arm: RealRobot, twin: Twin) -> None:
     assert ended["exit_reason"] in ("gate", "policy"), ended
     plugged_ns = time.monotonic_ns()
     twin.plug()
-    until(lambda: status(arm)["state"] == "disarmed", "it is back")
+    until(lambda: state(arm) == "disarmed", "it is back")
     json_of(arm.resume())
     time.sleep(0.2)
     assert not twin.log.host("setpoint", plugged_ns)
@@ -119,7 +120,7 @@ def test_it_comes_back_however_often_it_is_pulled(arm: RealRobot, twin: Twin) ->
         twin.unplug()
         until(lambda: not status(arm)["connected"], "it is noticed")
         twin.plug()
-        until(lambda: status(arm)["state"] == "disarmed", "it is back")
+        until(lambda: state(arm) == "disarmed", "it is back")
         json_of(arm.resume())
     assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
 
@@ -130,7 +131,7 @@ def test_pulled_while_at_rest_it_stays_at_rest(arm: RealRobot, twin: Twin) -> No
     until(lambda: not status(arm)["connected"], "it is noticed")
     plugged_ns = time.monotonic_ns()
     twin.plug()
-    until(lambda: status(arm)["state"] == "disarmed", "it is back")
+    until(lambda: state(arm) == "disarmed", "it is back")
     assert not twin.log.host("enable", plugged_ns)
     assert not twin.log.host("setpoint", plugged_ns)
 

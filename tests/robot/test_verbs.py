@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import logging
 import math
 import os
@@ -32,6 +33,7 @@ from .helpers import (
     measured_before,
     moves,
     register_now,
+    state,
     status,
     task,
     torque_now,
@@ -51,7 +53,7 @@ COMMANDED_10 = {
 
 
 def test_connecting_energises_every_servo_where_it_is(arm: RealRobot, twin: Twin) -> None:
-    assert status(arm)["state"] == "armed"
+    assert state(arm) == "armed"
     assert arm.is_connected
     assert torque_now(twin.log) == dict.fromkeys(IDS.values(), 1)
     enables = twin.log.host("enable")
@@ -168,7 +170,7 @@ def test_stop_releases_every_motor_and_names_it(arm: RealRobot, twin: Twin) -> N
 
     assert "call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert "resume() first" in why(arm.run_policy(lambda observation: observation))
-    assert status(arm)["state"] == "disarmed"
+    assert state(arm) == "disarmed"
     time.sleep(0.2)  # a few keepalive periods
     assert twin.log.setpoints_after_safe(began_ns) == 0
 
@@ -183,7 +185,7 @@ def test_stop_and_resume_can_be_repeated(arm: RealRobot) -> None:
         json_of(arm.stop())
         json_of(arm.resume())
         json_of(arm.resume())
-    assert status(arm)["state"] == "armed"
+    assert state(arm) == "armed"
 
 
 def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -> None:
@@ -245,7 +247,7 @@ def test_inside_asyncio_stop_and_status_do_not_block_the_loop(arm: RealRobot, tw
     assert json_of(told)["state"] == "armed"
     took_s = stopped["content"][1]["json"]["took_ms"] / 1e3
     assert took_s > 0.15
-    gaps = [later - earlier for earlier, later in zip(turns, turns[1:], strict=False)]
+    gaps = [later - earlier for earlier, later in itertools.pairwise(turns)]
     assert turns[-1] - turns[0] >= 0.8 * took_s
     assert max(gaps) < 0.5 * took_s, gaps
 
@@ -287,7 +289,7 @@ def test_verbs_may_be_called_from_several_threads_at_once(arm: RealRobot) -> Non
     for thread in threads:
         thread.join()
     assert problems == []
-    assert status(arm)["state"] == "armed"
+    assert state(arm) == "armed"
 
 
 def test_threads_that_command_a_held_robot_at_once_all_get_it_back(arm: RealRobot) -> None:
