@@ -251,13 +251,13 @@ class RobotTree:
         process = self._root_process
         report: StopReport | None = None
         if process is not None:
-            try:
-                answer = await self._root.ask(Shutdown(Reason.CLEANUP, self._holder), FENCE_S)
-                report = answer if isinstance(answer, StopReport) else None
-            except (AskTimeout, Unreachable):
-                pass  # a root that does not answer is fenced below; the wire then makes itself safe
-            with trio.move_on_after(FENCE_S):
-                await process.wait()
+            # A root that does not answer is fenced at once; the wire then makes itself safe.
+            if await self.describe() is not None:
+                with contextlib.suppress(AskTimeout, Unreachable):
+                    answer = await self._root.ask(Shutdown(Reason.CLEANUP, self._holder), FENCE_S)
+                    report = answer if isinstance(answer, StopReport) else None
+                with trio.move_on_after(FENCE_S):
+                    await process.wait()
             await process.fence()
             await self._forget(process)
         if self._name is not None:
@@ -373,14 +373,12 @@ class RobotTree:
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
 
     async def _root_answers(self) -> bool:
+        """Whether the root lives and still keeps a wire: after its restart budget is spent only a new tree helps."""
         process = self._root_process
         if process is None or not process.alive:
             return False
-        try:
-            await self._tasks.ask(GetTask(), ASK_S)
-        except (AskTimeout, Unreachable):
-            return False
-        return True
+        report = await self.describe()
+        return report is not None and report.state != Mode.FAILED
 
     # -- reading
 

@@ -18,10 +18,11 @@ from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondP
 from strands_actors.runtime.node import Ref
 
 from .failsafe import Mode, State
-from .messages import Fence, HandedOver, Handover, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
+from .messages import Fence, HandedOver, Handover, Renew, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
 from .watchdog import BEAT_EVERY, BEAT_TTL_S, BEAT_TTL_TICKS, TICK_S, Tick
 
 START_DEADLINE_S = 10.0
+RENEW_PAUSE_S = 0.05
 
 
 class WireBroken(Exception):
@@ -63,6 +64,7 @@ class Guardian(Actor):
         self._quiet_ticks = 0
         self._heard_ns = 0
         self._silent_until_ns = 0
+        self._renews = False  # this life of the wire ends because its process is spent
         self._broken = trio.Event()
         self._why = (Reason.WIRE, "")
         self.idle = trio.Event()  # no wire group runs, and the last one was made safe
@@ -74,7 +76,7 @@ class Guardian(Actor):
         self.context.every(TICK_S, Tick)
 
     def receive(
-        self, message: Tick | WireBeat | SilentUntil | StateIs | Handover | Fence
+        self, message: Tick | WireBeat | SilentUntil | Renew | StateIs | Handover | Fence
     ) -> HandedOver | StopReport | Deferred | None:
         match message:
             case Tick():
@@ -85,6 +87,9 @@ class Guardian(Actor):
                 self._hear()
                 longest_ns = self._heard_ns + round(self._driver.timing.silent_s * NS)
                 self._silent_until_ns = min(message.until_ns, longest_ns)
+            case Renew():
+                self._renews = True
+                self._break(Reason.WIRE, message.why)
             case StateIs():
                 self.state = message
                 self._confirmed = message.mode in (Mode.DOWN, Mode.DISARMED)
@@ -134,10 +139,20 @@ class Guardian(Actor):
         self._orderly = confirmed
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """The supervisor's child: one life of the wire group. Always raises ``WireBroken`` or ``Cancelled``."""
-        if self._leaving:
-            task_status.started()
-            await trio.sleep_forever()
+        """The supervisor's child: one life of the wire group, and another whenever its process is spent. Always
+        raises ``WireBroken`` or ``Cancelled``."""
+        while True:
+            if self._leaving:
+                task_status.started()
+                await trio.sleep_forever()
+            await self._live(task_status)
+            if not self._renews:
+                raise WireBroken(self._why[1])
+            task_status = trio.TASK_STATUS_IGNORED
+            await trio.sleep(RENEW_PAUSE_S)
+
+    async def _live(self, task_status: trio.TaskStatus[None]) -> None:
+        self._renews = False
         self._broken = trio.Event()
         self.idle = trio.Event()
         self._heard_ns = self._quiet_ticks = self._silent_until_ns = 0
@@ -154,7 +169,6 @@ class Guardian(Actor):
                 if not self._orderly:
                     await self._make_safe(start.epoch)
                 self.idle.set()
-        raise WireBroken(self._why[1])
 
     async def _until_broken(self, place: Place) -> None:
         async with trio.open_nursery() as nursery:

@@ -244,6 +244,14 @@ class WireBeat(Message, frozen=True):
     number: int
 
 
+class Renew(Message, frozen=True):
+    """The wire asks for a new process: its SDK is spent."""
+
+    lane = "urgent"
+
+    why: str
+
+
 class SilentUntil(Message, frozen=True):
     """The wire process may not beat until then: it opens or arms an SDK that keeps the interpreter's lock.
     0: that is over. The root believes it for ``Timing.silent_s`` at most."""

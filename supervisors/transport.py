@@ -15,7 +15,15 @@ import trio
 
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Driver, MotorReport, Observation, PermitDenied, Wire, WireDown
+from strands_actors.runtime.contract import (
+    Driver,
+    MotorReport,
+    Observation,
+    PermitDenied,
+    ProcessSpent,
+    Wire,
+    WireDown,
+)
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 
 from .messages import (
@@ -28,6 +36,7 @@ from .messages import (
     LinkUp,
     MakeSafe,
     Observed,
+    Renew,
     SafeDone,
     SilentUntil,
     StopReport,
@@ -81,6 +90,13 @@ class Transport(Actor):
         self._guardian: Ref = self.context.ref(guardian)
 
     async def receive(self, message: Write | Cycle | MakeSafe | Arm) -> None:
+        try:
+            await self._obey(message)
+        except ProcessSpent as spent:
+            self._guardian.tell(Renew(str(spent)))
+            await trio.sleep_forever()  # the root ends this process; if it does not hear, it misses our beats
+
+    async def _obey(self, message: Write | Cycle | MakeSafe | Arm) -> None:
         match message:
             case Write():
                 self._last = message

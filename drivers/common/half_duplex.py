@@ -18,11 +18,12 @@ from strands_actors.runtime.clock import NS, Clock
 from .serial_port import BytePort
 
 QUIET_S = 0.1
-MARGIN_S = 0.012
-"""Allowance for return delay, adapter and operating system, on top of the time the bytes take."""
+MARGIN_S = 0.025
+"""Allowance for return delay, adapter (an FTDI chip's own timer alone is 16 ms from the factory) and operating
+system, on top of the time the bytes take. A stop may have to wait for one answer: half its bound."""
 
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0)
-"""Wait before a silent motor is asked again. A vain question costs the margin and the quiet time, 0.11 s:
+"""Wait before a silent motor is asked again. A vain question costs the margin and the quiet time, 0.13 s:
 at the shortest wait the others keep more than half their rate."""
 
 MISSES_TOLERATED = 1

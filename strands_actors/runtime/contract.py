@@ -97,6 +97,12 @@ class WireDown(Exception):
     """The wire cannot be used: not there, closed, or not answering. The text says what and what to do."""
 
 
+class ProcessSpent(Exception):
+    """Only a new process can use this wire again: the SDK in this one hangs, or cannot be closed. Any call of a
+    ``Wire`` but ``make_safe`` may raise it. The root ends the process, makes the robot safe by its second path and
+    starts another; that is no failure of the tree. The text says why."""
+
+
 class Wire(ABC):
     """All I/O of one robot's wire. Calls never overlap."""
 

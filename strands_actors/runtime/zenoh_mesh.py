@@ -10,6 +10,7 @@ callback runs on zenoh's thread: it appends to a deque and writes an eventfd, no
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 from collections import deque
@@ -62,6 +63,7 @@ class ZenohMesh:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
+        self._pid = os.getpid()
         self._inbox: deque[bytes] = deque()
         self._wake_pending = False
         self._read_fd, self._write_fd = _wake_pair()
@@ -70,6 +72,7 @@ class ZenohMesh:
         self._watched: dict[str, Any] = {}
         self._lost: deque[str] = deque()
         self.node: Node
+        _open.add(self)
 
     @classmethod
     async def open(cls, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> ZenohMesh:
@@ -101,6 +104,7 @@ class ZenohMesh:
 
     def close(self) -> None:
         """Close the session. Blocks for a few milliseconds."""
+        _open.discard(self)
         self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
 
     # -- the Way protocol
@@ -165,6 +169,18 @@ class ZenohMesh:
         if not self._wake_pending:
             self._wake_pending = True
             os.write(self._write_fd, b"\1\0\0\0\0\0\0\0")
+
+
+_open: set[ZenohMesh] = set()
+
+
+@atexit.register
+def _close_all() -> None:
+    """A thread of zenoh's that enters Python while the interpreter goes aborts the process: at the end of a
+    script every session is closed before that. Not in a forked child, where they have no threads."""
+    for mesh in list(_open):
+        if mesh._pid == os.getpid():
+            mesh.close()
 
 
 def _wake_pair() -> tuple[int, int]:

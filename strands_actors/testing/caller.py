@@ -1,7 +1,8 @@
 """The script of a caller that drives a twin, and then ends the way it is told on standard input.
 
-``python -m strands_actors.testing.caller loop`` commands the robot itself at 50 Hz; ``task TRIGGER`` has
-a policy process do so. It prints one JSON line when the robot moves, then obeys: exception, exit or spin.
+``python -m strands_actors.testing.caller ROBOT loop`` commands the robot itself at 50 Hz; ``ROBOT task
+TRIGGER`` has a policy process do so. It prints one JSON line when the robot moves, then obeys: exception,
+exit or spin.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import time
 from strands_actors import Robot
 
 
-def main(motion: str, trigger: str = "") -> None:
-    arm = Robot("so101", mode="real", transport="twin")
+def main(robot: str, motion: str, trigger: str = "") -> None:
+    arm = Robot(robot, mode="real", transport="twin")
     problem = arm.connect_eagerly()
     if problem is not None:
         raise SystemExit(problem)
@@ -29,11 +30,12 @@ def main(motion: str, trigger: str = "") -> None:
         )
         while arm.get_task_status()["content"][0]["json"]["steps"] < 10:
             time.sleep(0.01)
+    joint = next(iter(arm.get_observation()))
     began_s, told = time.monotonic(), False
     while True:
         if motion == "loop":
             angle = 10.0 * math.sin(time.monotonic() - began_s)
-            arm.send_action({"shoulder_pan": angle})
+            arm.send_action({joint: angle})
         if not told and time.monotonic() - began_s > 0.2:
             told = True
             print(json.dumps(arm.tree()), flush=True)

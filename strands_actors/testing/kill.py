@@ -1,7 +1,7 @@
 """One cell of the kill matrix: break one process of a moving robot in one way, and read the wire.
 
-``python -m strands_actors.testing.kill --repeats 20`` runs every cell, prints median and worst, and ends with
-code 1 when one was unsafe or later than its published bound.
+``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median and worst,
+and ends with code 1 when one was unsafe or later than its published bound.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from typing import Any, TypeVar
 import trio
 import trio.lowlevel
 
-from strands_actors.drivers.feetech import protocol
+from strands_actors.factory import plan
 from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.contract import Driver, Reason
 from strands_actors.runtime.frames import TELL
 from strands_actors.runtime.node import PREFIX, Node
 from strands_actors.runtime.process import wait_for_end_of
@@ -44,11 +45,8 @@ FAULTS = ("exception", "exit", "SIGTERM", "SIGINT", "SIGKILL", "SIGSTOP", "spin"
 LIVING = ("SIGSTOP", "spin")
 """Faults that leave the process there."""
 
-STREAM_TTL_S = 0.1
-MARGIN_S = 0.05
 SETTLE_S = 0.4
 """How long the wire is watched after the safe frame."""
-IDS = range(1, 7)
 
 
 @dataclass(frozen=True)
@@ -69,25 +67,38 @@ class Outcome:
         return self.all_motors and self.setpoints_after == 0
 
 
-def bound_s(victim: str, fault: str) -> float:
-    """Published: 50 ms after a death; after a freeze or a spin, what has to lapse and 50 ms."""
+def driver_of(robot: str) -> Driver:
+    """The driver of ``robot`` on its twin."""
+    wanted = plan(robot, "real", transport="twin")
+    return wanted.driver_class(wanted.robot, "", wanted.options)
+
+
+def bound_s(driver: Driver, victim: str, fault: str) -> float:
+    """Published: the driver's after a death; after a freeze or a spin, what has to lapse before it too."""
     if fault not in LIVING:
         # An exception in a policy's own code is caught: the rollout ends, the process with it.
-        return MARGIN_S
-    lapses_s = {"caller": LEASE_TTL_S, "policy": STREAM_TTL_S, "wire": BEAT_TTL_S, "root": BEAT_TTL_S}
-    return lapses_s[victim] + MARGIN_S
+        return driver.bound_s
+    stream_ttl_s = driver.timing.stream_ttl_s
+    lapses_s = {"caller": LEASE_TTL_S, "policy": stream_ttl_s, "wire": BEAT_TTL_S, "root": BEAT_TTL_S}
+    return lapses_s[victim] + driver.bound_s
 
 
-def expected_rung(victim: str, fault: str) -> str:
-    if victim == "policy" or (victim == "caller" and fault in LIVING):
-        return "hold"
-    return "limp"
+def expected_rung(driver: Driver, victim: str, fault: str) -> str:
+    """The driver's, for the reason that the fault becomes."""
+    living = fault in LIVING
+    reasons = {
+        "caller": Reason.LEASE if living else Reason.CALLER,
+        "policy": Reason.EXPIRED if living else Reason.POLICY,
+        "wire": Reason.WIRE,
+        "root": Reason.ROOT,
+    }
+    return driver.ladder[reasons[victim]]
 
 
-async def run_cell(victim: str, fault: str) -> Outcome:
+async def run_cell(victim: str, fault: str, robot: str = "so101") -> Outcome:
     """Start a robot, move it, break the victim, read the log. Ends everything it started."""
-    with tempfile.TemporaryDirectory(prefix="sa-") as directory, _caller(Path(directory), victim) as caller:
-        return await _break(caller, victim, fault)
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory, _caller(Path(directory), robot, victim) as caller:
+        return await _break(caller, driver_of(robot), victim, fault)
 
 
 @dataclass
@@ -121,7 +132,7 @@ class _Running:
 
 
 @contextlib.contextmanager
-def _caller(directory: Path, victim: str) -> Iterator[_Running]:
+def _caller(directory: Path, robot: str, victim: str) -> Iterator[_Running]:
     log, trigger = directory / "wire.ndjson", directory / "trigger"
     motion = ["loop"] if victim == "caller" else ["task", str(trigger)]
     environment = {
@@ -132,7 +143,7 @@ def _caller(directory: Path, victim: str) -> Iterator[_Running]:
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
     }
     with subprocess.Popen(
-        [sys.executable, "-m", "strands_actors.testing.caller", *motion],
+        [sys.executable, "-m", "strands_actors.testing.caller", robot, *motion],
         env=environment,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -151,7 +162,7 @@ def _caller(directory: Path, victim: str) -> Iterator[_Running]:
                     os.kill(entry["pid"], signal.SIGKILL)
 
 
-async def _break(running: _Running, victim: str, fault: str) -> Outcome:
+async def _break(running: _Running, driver: Driver, victim: str, fault: str) -> Outcome:
     pid = running.pid(victim)
     died_ns: list[int] = []
 
@@ -171,11 +182,12 @@ async def _break(running: _Running, victim: str, fault: str) -> Outcome:
                 os.kill(pid, signal.SIGCONT)
             await trio.sleep(SETTLE_S)
         nursery.cancel_scope.cancel()
-    rung = expected_rung(victim, fault)
+    rung = expected_rung(driver, victim, fault)
+    bound_ms = bound_s(driver, victim, fault) * 1e3
     safe = next((entry for entry in running.log.host("safe", began_ns) if is_rung(entry, rung)), None)
     first = running.log.first_safe(began_ns)
     if safe is None or first is None:
-        return Outcome(victim, fault, rung, float("inf"), bound_s(victim, fault) * 1e3, -1, False)
+        return Outcome(victim, fault, rung, float("inf"), bound_ms, -1, False)
     caller_died = victim == "caller" and fault not in LIVING
     since_ns = died_ns[0] if caller_died and died_ns else began_ns
     return Outcome(
@@ -183,7 +195,7 @@ async def _break(running: _Running, victim: str, fault: str) -> Outcome:
         fault,
         rung,
         max(0.0, (safe.t_ns - since_ns) / 1e6),
-        bound_s(victim, fault) * 1e3,
+        bound_ms,
         running.log.setpoints_after_safe(began_ns),
         True,
         (died_ns[0] - began_ns) / 1e6 if caller_died and died_ns else 0.0,
@@ -238,12 +250,8 @@ async def _until(look: Callable[[], T | None]) -> T:
 
 
 def is_rung(entry: Entry, rung: str) -> bool:
-    """Whether a frame brings every servo to ``rung``."""
-    if rung == "limp":
-        return entry.data == protocol.LIMP
-    packets = list(protocol.Decoder().feed(entry.data))
-    rows = packets[0].params[2:] if packets else b""
-    return [rows[at] for at in range(0, len(rows), 5)] == list(IDS)
+    """Whether a safe frame brings the whole robot to ``rung``; on a wire that does not say, each does."""
+    return entry.rung is None or entry.rung == rung
 
 
 def _summary(outcomes: list[Outcome]) -> dict[str, Any]:
@@ -265,6 +273,7 @@ def _summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robot", default="so101")
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--victim", choices=VICTIMS, action="append")
     parser.add_argument("--fault", choices=FAULTS, action="append")
@@ -272,7 +281,7 @@ def main() -> int:
     every_safe = True
     for victim in options.victim or VICTIMS:
         for fault in options.fault or FAULTS:
-            row = _summary([trio.run(run_cell, victim, fault) for _ in range(options.repeats)])
+            row = _summary([trio.run(run_cell, victim, fault, options.robot) for _ in range(options.repeats)])
             every_safe = every_safe and row["safe"]
             print(json.dumps(row), flush=True)
     return 0 if every_safe else 1

@@ -88,6 +88,10 @@ class Twin:
     def go_on(self) -> None:
         self.process.send_signal(signal.SIGCONT)
 
+    def order(self, line: str) -> None:
+        """A control line that only this robot has."""
+        self._command(line)
+
     def _command(self, line: str) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(line + "\n")

@@ -115,7 +115,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.plant = plant
         self.servos = tuple(servos)
         self.faults = Faults()
-        self._now_s = now_s
+        self.now_s = now_s
         self._decoder = decoder
         self._heard_s = now_s()
 
@@ -128,7 +128,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         """Do what a request says. ``hearing``: by id; several servos on one id all answer, as on a real bus."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        now_s = self._now_s()
+        now_s = self.now_s()
         if now_s - self._heard_s > TORN_FRAME_S:
             self._decoder.clear()  # else a damaged length would swallow the frames that follow
         self._heard_s = now_s
@@ -164,7 +164,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             servo.power_cycle()
 
     def pass_time(self) -> None:
-        self.step_to(self._now_s())
+        self.step_to(self.now_s())
 
     def step_to(self, now_s: float) -> None:
         plant = self.plant

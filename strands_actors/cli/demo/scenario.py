@@ -218,7 +218,7 @@ class Scenario:
     def _first_safe(self, outcome: Outcome) -> int | None:
         """Its index in the wire's log."""
         self._watch.wire.poll()
-        return self._watch.wire.first("safe", outcome.struck_ns)
+        return self._watch.wire.first_safe(outcome.rung, outcome.struck_ns)
 
     def _look(self, outcome: Outcome, look_s: float) -> None:
         """Count what comes behind the safe frame until just before the resume."""
@@ -232,8 +232,6 @@ class Scenario:
             "good" if outcome.in_time else "bad",
         )
         time.sleep(look_s)
-        if outcome.rung == "hold" and (state := self._read("state")) != "holding":
-            outcome.detail = f"the robot is {state}, not holding"
         outcome.resumed_ns = time.monotonic_ns()
         wire.poll()
         outcome.setpoints_after = wire.setpoints_behind(index, outcome.resumed_ns)

@@ -16,6 +16,7 @@ class _Line(msgspec.Struct):
     t_ns: int
     sender: str = msgspec.field(name="from")
     kind: str
+    rung: str | None = None
 
 
 class Frame(NamedTuple):
@@ -23,6 +24,7 @@ class Frame(NamedTuple):
 
     t_ns: int
     kind: str  # setpoint, safe, enable, read, config or other
+    rung: str | None  # of a safe frame: what it brings the whole robot to by itself; None: not said
 
 
 class Wire:
@@ -50,12 +52,13 @@ class Wire:
                 entry = self._decode(line)
                 self.times_ns.append(entry.t_ns)
                 if entry.sender == "host":
-                    self.frames.append(Frame(entry.t_ns, entry.kind))
+                    self.frames.append(Frame(entry.t_ns, entry.kind, entry.rung))
 
-    def first(self, kind: str, since_ns: int) -> int | None:
-        """Index of the first frame of a kind since a time."""
+    def first_safe(self, rung: str, since_ns: int) -> int | None:
+        """Index of the first frame since a time that brings the whole robot to a rung."""
         for index in range(self._at(since_ns), len(self.frames)):
-            if self.frames[index].kind == kind:
+            frame = self.frames[index]
+            if frame.kind == "safe" and frame.rung in (None, rung):
                 return index
         return None
 
