@@ -62,8 +62,11 @@ class Mock:
 
 
 class Sine:
-    """A slow sine on every axis around where it was first seen, starting there. One action a call.
-    ``spread``: how far each axis is ahead of the one before, in turns."""
+    """A slow sine on every axis, eased into from where the axis was first seen. One action a call.
+
+    ``amplitude`` and ``center`` in the driver's units; the center of an axis that is not named is where it was
+    first seen. ``spread``: how far each axis is ahead of the one before, in turns.
+    """
 
     def __init__(
         self,
@@ -72,24 +75,31 @@ class Sine:
         hz: float = 0.25,
         only: Sequence[str] = (),
         spread: float = 0.0,
+        center: Mapping[str, float] | None = None,
+        ease_s: float = 1.0,
     ) -> None:
         self._axes = list(only) or list(axes)
         self._amplitude = amplitude
         self._hz = hz
         self._spread = spread
-        self._center: dict[str, float] = {}
+        self._center = dict(center or {})
+        self._ease_s = ease_s
+        self._start: dict[str, float] = {}
         self._began_s = 0.0
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
         now_s = time.monotonic()
-        if not self._center:
-            self._center = {axis: observation[axis] for axis in self._axes}
+        if not self._start:
+            self._start = {axis: observation[axis] for axis in self._axes}
             self._began_s = now_s
-        turns = self._hz * (now_s - self._began_s)
-        return {
-            axis: center + self._amplitude * (_sine(turns + j * self._spread) - _sine(j * self._spread))
-            for j, (axis, center) in enumerate(self._center.items())
-        }
+        passed_s = now_s - self._began_s
+        share = min(1.0, passed_s / self._ease_s)
+        ease = share * share * (3 - 2 * share)
+        action = {}
+        for j, (axis, start) in enumerate(self._start.items()):
+            wave = self._amplitude * _sine(self._hz * passed_s + j * self._spread)
+            action[axis] = start + ease * (self._center.get(axis, start) + wave - start)
+        return action
 
 
 def _sine(turns: float) -> float:

@@ -373,7 +373,7 @@ class RobotTree:
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
 
     async def _root_answers(self) -> bool:
-        """Whether the root lives and still keeps a wire: after its restart budget is spent only a new tree helps."""
+        """Whether the root lives and still keeps a wire; once its restart budget is spent only a new tree helps."""
         process = self._root_process
         if process is None or not process.alive:
             return False

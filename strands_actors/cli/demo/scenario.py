@@ -28,7 +28,7 @@ READY = {
     "wrist_roll": 0.0,
     "gripper": 45.0,
 }
-"""Commanded before each rollout: a limp arm has sunk, and a sine needs room on both sides."""
+"""What the sine eases into: a limp arm has sunk, and a sine needs room on both sides."""
 
 LOOK_S = 3.0
 """How long the wire is searched for a safe frame, far past every bound."""
@@ -141,7 +141,6 @@ class Scenario:
     def _move(self, what: str) -> None:
         """Start the rollout; return when its first setpoint was on the wire."""
         deadline = time.monotonic() + RESTART_S
-        self._insist(lambda: self._robot.send_action(READY), deadline)
         self._insist(self._start_task, deadline)
         wait_for(lambda: self._task()["steps"] > 0 or not self._task()["running"], RESTART_S)
         wait_for(lambda: self._watch.pid("policy") is not None, RESTART_S)
@@ -149,7 +148,7 @@ class Scenario:
 
     def _start_task(self) -> dict[str, Any]:
         return self._robot.start_task(
-            "wave", policy_provider="sine", duration=3600.0, control_frequency=CONTROL_HZ, **MOTION
+            "wave", policy_provider="sine", duration=3600.0, control_frequency=CONTROL_HZ, center=READY, **MOTION
         )
 
     def _insist(self, verb: Callable[[], dict[str, Any]], deadline: float) -> dict[str, Any]:
