@@ -15,6 +15,8 @@ from strands_actors.runtime.contract import Driver
 
 WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
+    "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
+    "ur": "strands_actors.drivers.ur.driver:UR",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
 }
 """One entry a wire: the class that declares its robots."""

@@ -11,7 +11,6 @@ setpoints expire, and heavy work beside it does not end it.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 
@@ -26,7 +25,7 @@ class Liveness:
         self._thread = threading.current_thread()
         self._calls = 0
         self._seen_calls = 0
-        self._cpu_ns = 0
+        self._busy_ns = 0
         self._at_ns = time.monotonic_ns()
         self._inside = 0
 
@@ -45,18 +44,19 @@ class Liveness:
             return False, False
         thread = self._thread if self._thread.is_alive() else threading.main_thread()
         now_ns = time.monotonic_ns()
-        cpu_ns = _cpu_ns(thread)
-        computed_ns, passed_ns = cpu_ns - self._cpu_ns, now_ns - self._at_ns
+        busy_ns = _computed_ns(thread)
+        computed_ns, passed_ns = busy_ns - self._busy_ns, now_ns - self._at_ns
         called = self._calls != self._seen_calls or self._inside > 0
-        self._cpu_ns, self._at_ns, self._seen_calls = cpu_ns, now_ns, self._calls
+        self._busy_ns, self._at_ns, self._seen_calls = busy_ns, now_ns, self._calls
         return True, called or computed_ns < BUSY_SHARE * passed_ns
 
 
-def _cpu_ns(thread: threading.Thread) -> int:
-    """CPU time of a thread; 0 where the system does not tell (macOS)."""
-    if not sys.platform.startswith("linux") or thread.ident is None:
-        return 0
+def _computed_ns(thread: threading.Thread) -> int:
+    """How long a thread has computed, or waited for a processor to compute on; 0 where the system does not tell
+    (macOS). Without the wait, a thread that spins on a busy machine would look as if it slept."""
     try:
-        return time.clock_gettime_ns(time.pthread_getcpuclockid(thread.ident))
-    except OSError:  # it ended between the two calls
+        with open(f"/proc/self/task/{thread.native_id}/schedstat") as stat:
+            computed, waited, _ = stat.read().split()
+    except OSError:
         return 0
+    return int(computed) + int(waited)

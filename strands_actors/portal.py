@@ -24,7 +24,7 @@ from .runtime.zenoh_mesh import ZenohMesh, unix_endpoint
 
 T = TypeVar("T")
 
-LEAVE_S = 0.5
+LEAVE_S = 0.08
 """How long the end of a script waits for the loop."""
 
 

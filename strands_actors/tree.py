@@ -17,7 +17,7 @@ import trio
 
 from .rundir import Name, Note
 from .runtime.contract import Driver, Observation, Reason
-from .runtime.messages import Refused
+from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.zenoh_mesh import unix_endpoint
@@ -109,6 +109,7 @@ class RobotTree:
         self._task_is_remote = False
         self.problem = ""
         """Why the last attempt to connect failed."""
+        self._stops = 0
         self._starting = trio.Lock()
         self._writing = trio.Lock()
         """One command of this caller at a time: the gate keeps the newest of those that wait, and each may take
@@ -129,6 +130,7 @@ class RobotTree:
             return self.problem
 
     async def _connect(self) -> str | None:
+        stops = self._stops
         if self._root_process is not None:
             # What it says of the link may be from before its present pause between two attempts.
             status = await self._wait_linked(RETRY_S)
@@ -142,7 +144,7 @@ class RobotTree:
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             if status.locked_by:
                 return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
-            answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+            answer = await self._energise(stops)
             if not isinstance(answer, Resumed):
                 return _text(answer)
         async with self._writing:
@@ -333,6 +335,7 @@ class RobotTree:
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
         self._require()
+        self._stops += 1
         try:
             answer = await self._gate.ask(Stop(reason, self._holder, lock), STOP_S)
         except (AskTimeout, Unreachable):
@@ -359,18 +362,45 @@ class RobotTree:
             return await self._resume()
 
     async def _resume(self) -> Resumed | Refused:
+        stops = self._stops
         if not await self._root_answers():
             if self._root_process is not None:
                 await self._root_process.fence()
                 await self._forget(self._root_process)
             await self._start()
         await self._wait_linked()
-        answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+        answer = await self._energise(stops)
         if isinstance(answer, Resumed):
             async with self._writing:
                 refusal = await self._acquire()
             return refusal or answer
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+
+    async def _energise(self, stops: int) -> Message | None:
+        """Have the gate arm, unless it was told to stop since (``stops``: how often it had been before)."""
+        if self._stops != stops:
+            return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
+        answer: Message | None = None
+        failure: Exception = NotConnected("the wire ended while it was arming; try again")
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._watch_arming, nursery.cancel_scope)
+            try:
+                answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+            except (AskTimeout, Unreachable) as error:
+                failure = error
+            nursery.cancel_scope.cancel()
+        if answer is None:
+            raise failure
+        return answer
+
+    async def _watch_arming(self, asked: trio.CancelScope) -> None:
+        """A gate that dies takes the question with it: its successor, which does not arm, gives it away."""
+        idle = 0
+        while idle < 2:
+            await trio.sleep(0.2)
+            status = await self.status()
+            idle = 0 if status is None or status.mode in (Mode.ARMING, Mode.STOPPING) else idle + 1
+        asked.cancel()
 
     async def _root_answers(self) -> bool:
         """Whether the root lives and still keeps a wire; once its restart budget is spent only a new tree helps."""

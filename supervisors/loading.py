@@ -23,6 +23,8 @@ def load(where: str) -> Any:
 
 
 def load_driver(description: dict[str, Any]) -> Driver:
+    """For a process that is going to use it: with what it needs imported."""
     driver_class = load(description["class"])
     driver: Driver = driver_class(description["robot"], description["port"], description["options"])
+    driver.preload()
     return driver

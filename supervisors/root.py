@@ -19,6 +19,7 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
@@ -58,13 +59,14 @@ class Root(Actor):
 class Tree:
     """What runs in the root process."""
 
-    def __init__(self, args: dict[str, Any]) -> None:
+    def __init__(self, args: dict[str, Any], spawner: Spawner) -> None:
+        self.spawner = spawner
         self.robot: str = args["robot"]
         self.args = args
         self.at = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
-        self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]])
+        self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
         self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire)
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -90,6 +92,7 @@ class Tree:
         async with trio.open_nursery() as nursery:
             self.nursery = nursery
             await nursery.start(self.node.run)
+            await nursery.start(self.spawner.run)
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
@@ -176,8 +179,9 @@ class Tree:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
-    trio.run(_main, args, sock)
+    spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
+    trio.run(_main, args, sock, spawner)
 
 
-async def _main(args: dict[str, Any], sock: socket.socket) -> None:
-    await Tree(args).run(sock)
+async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner) -> None:
+    await Tree(args, spawner).run(sock)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import msgspec
@@ -16,7 +16,7 @@ from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
-from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.process import ChildProcess
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
 from . import addresses
@@ -33,8 +33,14 @@ STOP_S = 0.3
 class Tasks(Actor):
     """At most one policy process. Its death, by whatever cause, is told to the gate at once."""
 
-    def __init__(self, robot: str, connect: Callable[[], list[str]]) -> None:
+    def __init__(
+        self,
+        robot: str,
+        connect: Callable[[], list[str]],
+        start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
+    ) -> None:
         self._robot = robot
+        self._start_process = start
         self._connect = connect
         self.process: ChildProcess | None = None
         self.starts = 0
@@ -53,12 +59,12 @@ class Tasks(Actor):
             case GetTask():
                 return self._status
             case StartTask():
-                return self._start(message)
+                return await self._start(message)
             case StopTask():
                 return await self._stop()
         return None
 
-    def _start(self, message: StartTask) -> TaskStatus | Refused:
+    async def _start(self, message: StartTask) -> TaskStatus | Refused:
         if self.process is not None:
             return Refused("running", "start_task: a task is already running", "stop it first")
         args = {
@@ -68,7 +74,10 @@ class Tasks(Actor):
             "rollout": msgspec.to_builtins(message.rollout),
             "connect": self._connect(),
         }
-        self.process = start("strands_actors.supervisors.tasks:main", args)
+        try:
+            self.process = await self._start_process("strands_actors.supervisors.tasks:main", args)
+        except OSError as error:
+            return Refused("no_process", f"start_task: no process can be started: {error}", "resume()")
         self.starts += 1
         self._stopping = False
         self._status = TaskStatus(running=True, instruction=message.rollout.instruction)

@@ -1,4 +1,4 @@
-"""Dynamixel Protocol 2.0, X series: frames, registers, checksums. Pure: no I/O, no clock.
+"""Dynamixel Protocol 2.0: frames and checksums. Pure: no I/O, no clock. The registers are in ``table``.
 
 Instruction ``FF FF FD 00 id len len inst params.. crc crc``, status ``FF FF FD 00 id len len 55 err params.. crc
 crc``; ``len`` (two bytes, low first, as every word here) counts what follows it. Inside the body ``FF FF FD``
@@ -10,6 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
+
+from .table import BAUD_RATES as BAUD_RATES
+from .table import GOAL_POSITION as GOAL_POSITION
+from .table import GOALS, PROFILE_VELOCITY, Register
+from .table import MODEL_NUMBERS as MODEL_NUMBERS
+from .table import POSITION as POSITION
+from .table import TORQUE_ENABLE as TORQUE_ENABLE
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -36,101 +43,6 @@ BULK_WRITE = 0x93
 FAST_BULK_READ = 0x9A
 
 
-class Register(NamedTuple):
-    """One entry of the control table. Signed words are two's complement."""
-
-    address: int
-    size: int = 1
-    signed: bool = False
-
-    def encode(self, value: int) -> bytes:
-        """Little-endian bytes. Raise ``ValueError`` outside the register's range."""
-        try:
-            return value.to_bytes(self.size, "little", signed=self.signed)
-        except OverflowError:
-            raise ValueError(f"{value} does not fit {self.size} byte(s)") from None
-
-    def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
-        start = 0 if base is None else self.address - base
-        return int.from_bytes(data[start : start + self.size], "little", signed=self.signed)
-
-
-# EEPROM: cannot be written while torque is on
-MODEL = Register(0, 2)
-FIRMWARE = Register(6)
-ID = Register(7)
-BAUD = Register(8)
-RETURN_DELAY = Register(9)  # 2 us a count, factory 250
-DRIVE_MODE = Register(10)  # bit 0: turns the other way; the servo does it, not the host
-MODE = Register(11)
-HOMING_OFFSET = Register(20, 4, True)
-MAX_TEMPERATURE = Register(31)  # deg C
-MAX_VOLTAGE = Register(32, 2)  # 0.1 V
-MIN_VOLTAGE = Register(34, 2)
-PWM_LIMIT = Register(36, 2)  # 885: all of it
-CURRENT_LIMIT = Register(38, 2)
-VELOCITY_LIMIT = Register(44, 4)
-MAX_POSITION = Register(48, 4)
-MIN_POSITION = Register(52, 4)
-SHUTDOWN = Register(63)  # which hardware errors take the torque away
-# RAM
-TORQUE_ENABLE = Register(64)
-LED = Register(65)
-STATUS_LEVEL = Register(68)  # 0: answers a ping, 1: and a read, 2: everything
-REGISTERED = Register(69)
-HARDWARE_ERROR = Register(70)
-BUS_WATCHDOG = Register(98, 1, True)  # 20 ms a count; 0: off, -1: tripped
-GOAL_PWM = Register(100, 2, True)
-GOAL_CURRENT = Register(102, 2, True)
-GOAL_VELOCITY = Register(104, 4, True)
-PROFILE_ACCELERATION = Register(108, 4)
-PROFILE_VELOCITY = Register(112, 4)  # 0: none, as fast as it can
-GOAL_POSITION = Register(116, 4, True)
-# read only
-MOVING = Register(122)
-CURRENT = Register(126, 2, True)  # XL330: 1 mA; XL430, which has no current sensor: load, 0.1 %
-VELOCITY = Register(128, 4, True)  # 0.229 rpm
-POSITION = Register(132, 4, True)
-VOLTAGE = Register(144, 2)  # 0.1 V
-TEMPERATURE = Register(146)  # deg C
-
-TABLE_SIZE = 147
-EEPROM_END = 64
-READ_ONLY = frozenset((*range(7), 69, 70, *range(120, TABLE_SIZE)))
-GOALS = range(GOAL_PWM.address, GOAL_POSITION.address + GOAL_POSITION.size)
-"""Goals, and the profile on the way to them."""
-
-POSITION_MODE = 3
-EXTENDED_POSITION_MODE = 4
-CURRENT_POSITION_MODE = 5
-MODE_NAMES = {
-    0: "current",
-    1: "velocity",
-    POSITION_MODE: "position",
-    EXTENDED_POSITION_MODE: "extended position",
-    CURRENT_POSITION_MODE: "current-based position",
-    16: "pwm",
-}
-
-WATCHDOG_OFF = 0
-WATCHDOG_TRIPPED = -1
-WATCHDOG_COUNT_S = 0.02
-
-BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
-"""Rate per code of register 8."""
-
-MODEL_NUMBERS = {
-    1020: "XM430-W350",
-    1060: "XL430-W250",
-    1070: "XC430",
-    1120: "XM540-W270",
-    1190: "XL330-M077",
-    1200: "XL330-M288",
-    1210: "XC330-T181",
-    1220: "XC330-T288",
-}
-
 ERROR_NUMBERS = {
     1: "result fail",
     2: "instruction error",
@@ -143,22 +55,6 @@ ERROR_NUMBERS = {
 RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = ERROR_NUMBERS
 ALERT = 0x80
 """Bit of the error byte: register 70 is not zero. Not an error of the reply, which is whole."""
-
-VOLTAGE_BIT, OVERHEAT_BIT, ENCODER_BIT, SHOCK_BIT, OVERLOAD_BIT = 0x01, 0x04, 0x08, 0x10, 0x20
-HARDWARE_BITS = {
-    VOLTAGE_BIT: "voltage",
-    OVERHEAT_BIT: "overheat",
-    ENCODER_BIT: "encoder",
-    SHOCK_BIT: "electric shock",
-    OVERLOAD_BIT: "overload",
-}
-
-
-def error_words(hardware_error: int) -> str:
-    """The names of the bits set in register 70."""
-    known = [word for bit, word in HARDWARE_BITS.items() if hardware_error & bit]
-    rest = hardware_error & ~sum(HARDWARE_BITS)
-    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -201,9 +97,9 @@ class Packet(NamedTuple):
         return ERROR_NUMBERS.get(number, f"error {number}") if number else ""
 
 
-def frame(servo_id: int, code: int, params: bytes = b"", error: int | None = None) -> bytes:
-    """Bytes of one frame; ``error``: of a status (default: its error byte is 0)."""
-    body = bytes((code,)) if code != STATUS else bytes((code, error or 0))
+def frame(servo_id: int, code: int, params: bytes = b"", error: int = 0) -> bytes:
+    """Bytes of one frame; ``error``: the error byte, if it is a status."""
+    body = bytes((code, error)) if code == STATUS else bytes((code,))
     stuffed = (body + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     data = HEADER + bytes((servo_id,)) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
     return data + crc16(data).to_bytes(2, "little")
@@ -303,8 +199,7 @@ class Decoder:
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.garbage_bytes = 0
-        self.damaged: list[int] = []
-        """Ids of frames with a wrong CRC; a servo answers one that was meant for it with an error."""
+        self._damaged: list[tuple[int, bytes]] = []
 
     @property
     def pending(self) -> int:
@@ -313,6 +208,11 @@ class Decoder:
 
     def clear(self) -> None:
         self._buffer.clear()
+
+    def take_damaged(self) -> list[tuple[int, bytes]]:
+        """Frames with a wrong CRC since the last call, with their id: a servo says so to whoever means it."""
+        taken, self._damaged = self._damaged, []
+        return taken
 
     def feed(self, data: bytes) -> Iterator[Packet]:
         buffer = self._buffer
@@ -333,7 +233,7 @@ class Decoder:
                 return
             whole = bytes(buffer[: 7 + length])
             if crc16(whole[:-2]).to_bytes(2, "little") != whole[-2:]:
-                self.damaged.append(whole[4])
+                self._damaged = [*self._damaged[-9:], (whole[4], whole)]
                 self._drop(len(HEADER))
                 continue
             del buffer[: 7 + length]

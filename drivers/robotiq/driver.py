@@ -8,6 +8,7 @@ by itself when the object slips.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -102,6 +103,9 @@ class Robotiq(Driver):
     def aperture_mm(self, closed: float) -> float:
         """Nominal: the real scale is not linear at its ends [assumed]."""
         return self.stroke_mm * (1.0 - closed)
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
 
     def open_wire(self, clock: Clock) -> RobotiqWire:
         from .wire import RobotiqWire

@@ -48,6 +48,7 @@ class Contact(enum.IntEnum):
 
 
 FAULTS = {
+    0x00: "no fault",
     0x05: "action delayed, activation is not finished",
     0x07: "the activation bit is not set",
     0x08: "over temperature",

@@ -7,26 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.drivers.common.modbus import ModbusClient
-from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
+from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
 
 from . import protocol
+from .client import ASK_AGAIN_S, GripperClient, hold, open_gripper, report
 from .gates import FORCE, POSITION, SPEED
 from .protocol import Activation, Command, Contact, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
-
+    from .client import OpenStream
     from .driver import Robotiq
-
-    OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 
 READ_S = 0.03
 """How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to hear of us."""
 
-ASK_AGAIN_S = 0.1
 HELLO_S = 0.6
 """More than a peer may be silent: what opens and does not speak is told as such."""
 
@@ -35,99 +31,20 @@ RESET_S = 1.0
 ECHO_POLLS = 2
 """By then the gripper repeats what it was told [assumed]; before, what it says of objects is about the past."""
 
-ATTEMPTS = 3
-CONFIRM_S = 0.25
-"""Of each attempt: three, and a connection, fit into what a stop may take."""
-
 _NAN = math.nan
-
-
-class Gripper:
-    """One gripper on one connection: its registers as ``Command`` and ``Status``."""
-
-    def __init__(self, client: ModbusClient) -> None:
-        self._client = client
-
-    def write(self, command: Command) -> None:
-        """Leaves at once. Raise ``WireDown``."""
-        self._client.write_registers(protocol.OUTPUT, command.registers())
-
-    async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
-        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked meanwhile.
-        Raise ``WireDown``."""
-        end_s = trio.current_time() + within_s
-        while (left_s := end_s - trio.current_time()) > 0:
-            if permit is not None:
-                permit.check()
-            number = self.ask()
-            status = await self.answer(number, min(left_s, ASK_AGAIN_S))
-            if status is not None:
-                return status
-            self.forget(number)
-        return None
-
-    def ask(self) -> int:
-        return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
-
-    async def answer(self, number: int, within_s: float) -> Status | None:
-        registers = await self._client.answer(number, within_s)
-        return None if registers is None else Status.from_registers(registers)
-
-    def forget(self, number: int) -> None:
-        self._client.forget(number)
-
-    def close(self) -> None:
-        self._client.close()
-
-
-async def open_gripper(driver: Robotiq, clock: Clock, open_stream: OpenStream) -> Gripper:
-    """Connect. Raise ``WireDown``."""
-    try:
-        host, port = driver.address()
-    except ValueError as error:
-        raise WireDown(str(error)) from None
-    stream = await open_stream(host, port)
-    return Gripper(ModbusClient(stream, driver.unit_id, f"{driver.robot} at {host}:{port}", clock))
-
-
-async def hold(gripper: Gripper, known: Status | None, driver: Robotiq) -> MotorReport:
-    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the gripper is
-    asked first: a hold would activate one that is not, and that moves its fingers."""
-    written = heard = False
-    detail = "silent"
-    try:
-        for _ in range(ATTEMPTS):
-            known = known or await gripper.status(CONFIRM_S)
-            if known is None:
-                continue
-            gripper.write(protocol.safe_command(known))
-            written = True
-            known = await gripper.status(CONFIRM_S)
-            heard = heard or known is not None
-            detail = "silent" if known is None else protocol.unsafe_words(known)
-            if not detail:
-                break
-    except WireDown as error:
-        detail = str(error)
-    return report(driver, written, heard, detail)
-
-
-def report(driver: Robotiq, written: bool, heard: bool, detail: str) -> MotorReport:
-    """``detail``: why it is not known to be safe; empty when it is."""
-    return MotorReport(driver.axes[0], driver.unit_id, written, heard, not detail, detail)
 
 
 class _Session:
     """What exists between ``open`` and ``close``."""
 
-    def __init__(self, gripper: Gripper, status: Status, now_ns: int) -> None:
+    def __init__(self, gripper: GripperClient, status: Status, now_ns: int) -> None:
         self.gripper = gripper
         self.status = status
         self.heard_ns = now_ns
         self.asked: int | None = None  # the reading that has not been answered
         self.asked_ns = 0
-        self.wanted: int | None = None  # the position last written, until its echo is seen
-        self.polls = 0  # readings since without that echo
+        self.told: int | None = None  # where the last setpoint says to go
+        self.misses = 0  # readings in a row that repeat something else
 
 
 class RobotiqWire(Wire):
@@ -136,7 +53,6 @@ class RobotiqWire(Wire):
         self._clock = clock
         self._open_stream = open_stream
         self._session_or_none: _Session | None = None
-        self._armed = False
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -176,8 +92,7 @@ class RobotiqWire(Wire):
                 f"arm: the gripper does not take its position as target ({status.request}, not "
                 f"{command.position}). Try again; check who else writes to it"
             )
-        session.wanted = None
-        self._armed = True
+        session.told = None
         return self._observation(session)
 
     async def read(self) -> Observation:
@@ -191,9 +106,9 @@ class RobotiqWire(Wire):
         status = await session.gripper.answer(session.asked, READ_S)
         if status is not None:
             session.asked = None
+            was_active = session.status.active
             self._take(session, status)
-            if self._armed and not status.active:
-                self._armed = False
+            if was_active and not status.active:  # whatever was decided was decided about another state
                 raise WireDown(
                     f"read: the gripper is no longer activated (gSTA {status.activation}). Was its power cut?"
                 )
@@ -206,21 +121,20 @@ class RobotiqWire(Wire):
         position, speed, force = (round(protocol.TOP * values[slot]) for slot in (POSITION, SPEED, FORCE))
         permit.check()
         session.gripper.write(Command(go_to=True, position=position, speed=speed, force=force))
-        session.wanted, session.polls = position, 0
+        if session.told != position:
+            session.told, session.misses = position, 0
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
-        self._armed = False
         if session is None:
             return (report(self._driver, False, False, "not connected"),)
-        session.wanted = None
+        session.told = None
         return (await hold(session.gripper, session.status, self._driver),)
 
     def close(self) -> None:
         if self._session_or_none is not None:
             self._session_or_none.gripper.close()
         self._session_or_none = None
-        self._armed = False
 
     async def _activate(self, permit: Permit) -> Status:
         session, driver = self._session(), self._driver
@@ -269,19 +183,16 @@ class RobotiqWire(Wire):
     def _take(self, session: _Session, status: Status) -> None:
         session.status = status
         session.heard_ns = self._clock.now_ns()
-        if session.wanted is not None:
-            if status.request == session.wanted:
-                session.wanted = None
-            else:
-                session.polls += 1
+        session.misses = 0 if session.told in (None, status.request) else session.misses + 1
 
     def _observation(self, session: _Session) -> Observation:
         status = session.status
-        believed = status.active and status.going and session.wanted is None
+        # without rGTO gOBJ means nothing; before the echo it is about the command before
+        believed = status.active and status.going and session.told in (None, status.request)
         closed = status.position / protocol.TOP
         faults = [protocol.fault_words(status.fault)] if status.fault else []
-        if session.wanted is not None and session.polls >= ECHO_POLLS:
-            faults.append(f"unconfirmed: asked for {session.wanted}, it repeats {status.request}")
+        if session.misses >= ECHO_POLLS:
+            faults.append(f"unconfirmed: asked for {session.told}, it repeats {status.request}")
         return Observation(
             t_ns=session.heard_ns,
             position=(closed,),
@@ -309,7 +220,8 @@ _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, C
 
 class RobotiqSecondPath(SecondPath):
     """The root's way to the gripper: a connection of its own, made when it is needed. By then the wire's is gone
-    with its process, so a gateway that takes one client takes this one."""
+    with its process, so a gateway that takes one client takes this one. A name for an address has to be looked up
+    then, too: a number is quicker."""
 
     def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._driver = driver

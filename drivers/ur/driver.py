@@ -24,13 +24,11 @@ from strands_actors.runtime.contract import (
 from strands_actors.runtime.messages import Refused
 
 from .arms import JOINTS, arm_of, arms
-from .gates import CONTROL_HZ, CONTROL_S, all_gates, parse
+from .gates import CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
 from .protocol import RTDE_PORT
 
 if TYPE_CHECKING:
     from .wire import URWire
-
-WATCHDOG_HZ = 10.0
 
 
 class UR(Driver):

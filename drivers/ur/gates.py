@@ -15,6 +15,8 @@ from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, robot_mode_name, 
 
 CONTROL_HZ = 125.0
 CONTROL_S = 1 / CONTROL_HZ
+WATCHDOG_HZ = 10.0
+"""Of the controller: so often at least it wants to hear from us while our script runs."""
 
 LOOKAHEAD_S = 0.1
 """servoJ spreads a step over this: a slower stream may not step further than the joint turns meanwhile."""
@@ -22,8 +24,8 @@ LOOKAHEAD_S = 0.1
 _ROUNDING = 1e-9
 
 _UNLOCK = {
-    "PROTECTIVE_STOP": "look at the arm, then unlock it on the pendant; then stop() and resume()",
-    "SAFEGUARD_STOP": "close the safeguard; then stop() and resume()",
+    "PROTECTIVE_STOP": "look at the arm, then unlock it on the pendant",
+    "SAFEGUARD_STOP": "close the safeguard",
 }
 
 
@@ -66,7 +68,7 @@ def refuse_modes(robot: int, safety: int) -> Refused | None:
         )
     if safety not in MOVABLE_SAFETY:
         name = safety_mode_name(safety)
-        remedy = _UNLOCK.get(name.split()[0], "clear it on the pendant; then stop() and resume()")
+        remedy = _UNLOCK.get(name.split()[0], "clear it on the pendant")
         return Refused("safety_mode", f"move: {name}", remedy, name, "NORMAL (1) or REDUCED (2)")
     return None
 

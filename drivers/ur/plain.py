@@ -47,13 +47,23 @@ async def _connected(host: str, port: int) -> AsyncIterator[trio.SocketStream]:
     except trio.TooSlowError:
         raise WireDown(f"{host}:{port}: no answer within {CONNECT_S:g} s. Check port=, network and power") from None
     except OSError as error:
-        why = error.strerror or str(error)
-        raise WireDown(f"{host}:{port}: cannot connect ({why}). Check port=, network and power") from None
+        raise WireDown(f"{host}:{port}: cannot connect ({_words(error)}). Check port=, network and power") from None
     try:
         yield stream
     finally:
         with trio.CancelScope(shield=True):
             await trio.aclose_forcefully(stream)
+
+
+def _words(error: BaseException) -> str:
+    """Of the first attempt, where several addresses were tried."""
+    while True:
+        if isinstance(error, BaseExceptionGroup):
+            error = error.exceptions[0]
+        elif error.__cause__ is not None:
+            error = error.__cause__
+        else:
+            return getattr(error, "strerror", None) or str(error)
 
 
 async def _receive(stream: trio.SocketStream, name: str) -> bytes:
@@ -179,7 +189,8 @@ class _Stop:
 
     def __init__(self) -> None:
         self.written = False
-        self.acknowledged = False
+        self.acknowledged = False  # the dashboard said so: a script port answers nothing
+        self.ordered = False  # it had the time to take effect
         self.playing = True
         self.moving: list[int] = list(range(len(JOINTS)))  # or not known to stand
         self.trouble: list[str] = []
@@ -203,7 +214,7 @@ async def stop(host: str) -> tuple[MotorReport, ...]:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(_order, host, state)
             await _watch(host, state)
-            if state.acknowledged:
+            if state.ordered:
                 nursery.cancel_scope.cancel()
     return state.reports()
 
@@ -228,7 +239,7 @@ async def _stop_by_dashboard(host: str, state: _Stop) -> None:
         said = b""
         while p.DASHBOARD_STOPPED.encode() not in said:
             said += await _receive(stream, name)
-        state.acknowledged = True
+        state.acknowledged = state.ordered = True
 
 
 async def _stop_by_script(host: str, state: _Stop) -> None:
@@ -236,19 +247,22 @@ async def _stop_by_script(host: str, state: _Stop) -> None:
         await _send(stream, p.STOP_SCRIPT, f"{host}:{p.SECONDARY_PORT}")
         state.written = True
         await trio.sleep(SCRIPT_S)  # closed at once, what was sent might be dropped unread
-        state.acknowledged = True
+        state.ordered = True
 
 
 async def _watch(host: str, state: _Stop) -> None:
-    """Until a sample that came after the order shows what was ordered."""
+    """Until a sample that came after the order shows what was ordered. One that repeats the controller's time
+    shows nothing."""
+    time_s = -1.0
     try:
         async with samples(host) as stream:
-            while state.playing or state.moving or not state.acknowledged:
+            while state.playing or state.moving or not state.ordered:
                 sample = await stream.next()
+                time_s, before_s = sample["timestamp"], time_s
+                if before_s in (-1.0, time_s):
+                    continue
                 state.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
-                state.moving = [
-                    at for at, rad_s in enumerate(sample["actual_qd"]) if abs(rad_s) >= STANDING_RAD_S
-                ]
+                state.moving = [at for at, rad_s in enumerate(sample["actual_qd"]) if abs(rad_s) >= STANDING_RAD_S]
     except WireDown as down:
         state.trouble.append(str(down))
 

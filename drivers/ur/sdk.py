@@ -12,13 +12,14 @@ What it does that nobody would expect, seen with 1.6.5:
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any, TypeVar, TypeVarTuple
 
 import msgspec
 import trio
 
-from strands_actors.runtime.contract import WireDown
+from strands_actors.runtime.contract import ProcessSpent, WireDown
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
 
@@ -26,6 +27,7 @@ Args = TypeVarTuple("Args")
 Result = TypeVar("Result")
 
 OPEN_S = 3.0
+FIRST_S = 0.5
 CALL_S = 0.1
 """For calls that only send. They take 0.1 ms."""
 STOP_S = 0.5
@@ -50,12 +52,19 @@ VARIABLES = [
     "speed_scaling",
 ]
 
+_ITS_OWN = (RuntimeError, ValueError, IndexError)
+"""What exceptions of the SDK become in Python."""
+
 _kept: list[Any] = []
 """Every interface this process has opened: see above."""
 
 
-class SdkSpent(Exception):
-    """Only a new process can go on: this one's SDK hangs, or has lost its connection."""
+def _interface(module: str, name: str) -> Any:
+    """Imported here, so that only the wire process of a UR ever loads it. Raise ``WireDown``."""
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        raise WireDown(f"ur-rtde cannot be used ({error}). pip install ur-rtde: Python 3.12 at most") from None
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -77,34 +86,38 @@ class Sdk:
     """One connection. Calls never overlap."""
 
     def __init__(self, host: str) -> None:
+        """Raise ``ProcessSpent`` when this process has had one."""
         if _kept:
-            raise SdkSpent("ur-rtde cannot be opened twice in one process")
+            raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
         self._host = host
         self._receive: Any = None
         self._control: Any = None
-        self.hangs = ""  # the call that does, once one does
+        self.spent = ""  # what went wrong, once something did
 
     async def open_receive(self) -> None:
-        """Raise ``WireDown``."""
-        from rtde_receive import RTDEReceiveInterface
-
-        self._receive = await self._open("receive", RTDEReceiveInterface, self._host, CONTROL_HZ, VARIABLES)
+        """Raise ``WireDown`` where it is not installed, and when no sample comes."""
+        interface = _interface("rtde_receive", "RTDEReceiveInterface")
+        self._receive = await self._open("receive", interface, self._host, CONTROL_HZ, VARIABLES)
+        with trio.move_on_after(FIRST_S):
+            while not self.sample().time_s:  # noqa: ASYNC110  # until then everything is zero
+                await trio.sleep(CONTROL_S)
+            return
+        raise WireDown(f"ur-rtde: no sample within {FIRST_S:g} s. Check the controller")
 
     async def open_control(self) -> None:
-        """Connect to the registers; no program is started. Raise ``WireDown``."""
-        from rtde_control import RTDEControlInterface as Control
-
+        """Connect to the registers; no program is started."""
         if self._control is None:
+            interface = _interface("rtde_control", "RTDEControlInterface")
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock held
-            flags = Control.FLAG_UPPER_RANGE_REGISTERS | Control.FLAG_NO_WAIT
-            self._control = await self._open("control", Control, self._host, CONTROL_HZ, flags)
+            flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
+            self._control = await self._open("control", interface, self._host, CONTROL_HZ, flags)
 
     async def _open(self, what: str, interface: Any, *args: Any) -> Any:
+        opened = None
         try:
             opened = await self._call(what, OPEN_S, interface, *args)
-        except (RuntimeError, ValueError, OSError) as error:
-            raise WireDown(f"ur-rtde: no {what} interface ({error}). Check the controller") from None
-        _kept.append(opened)
+        finally:
+            _kept.append(opened)  # half of one that failed may be there, too
         return opened
 
     @property
@@ -159,15 +172,18 @@ class Sdk:
     async def _call(
         self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
     ) -> Result:
-        """Raise ``SdkSpent`` when it does not return in time: it may still do what it was told."""
-        if self.hangs:
-            raise SdkSpent(self.hangs)
+        """Raise ``ProcessSpent`` when it fails or does not return in time: it may still do what it was told."""
+        if self.spent:
+            raise ProcessSpent(self.spent)
         try:
             with trio.fail_after(deadline_s):
                 return await trio.to_thread.run_sync(function, *args, abandon_on_cancel=True)
         except trio.TooSlowError:
-            self.hangs = f"ur-rtde: {name} did not return within {deadline_s * 1e3:g} ms"
-            raise SdkSpent(self.hangs) from None
+            self.spent = f"ur-rtde: {name} did not return within {deadline_s * 1e3:g} ms"
+            raise ProcessSpent(self.spent) from None
+        except _ITS_OWN as error:
+            self.spent = f"ur-rtde: {name} failed ({error})"
+            raise ProcessSpent(self.spent) from None
         except trio.Cancelled:
-            self.hangs = f"ur-rtde: {name} was given up"  # by whoever waited for it: it goes on all the same
+            self.spent = f"ur-rtde: {name} was given up"  # by whoever waited for it: it goes on all the same
             raise

@@ -7,15 +7,22 @@ from typing import TYPE_CHECKING, Any
 import trio
 
 from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.runtime.contract import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    ProcessSpent,
+    Wire,
+    WireDown,
+)
 
 from . import plain
 from .arms import JOINTS
-from .driver import WATCHDOG_HZ
-from .gates import CONTROL_S, refuse_modes
+from .gates import CONTROL_S, WATCHDOG_HZ, refuse_modes
 from .plain import STANDING_RAD_S
 from .protocol import RuntimeState
-from .sdk import Sample, Sdk, SdkSpent
+from .sdk import Sample, Sdk
 
 if TYPE_CHECKING:
     from .driver import UR
@@ -104,9 +111,9 @@ class URWire(Wire):
             host = self._driver.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
+        sdk = Sdk(host)
         facts = await plain.hello(host)
         await plain.look(host)
-        sdk = Sdk(host)
         await sdk.open_receive()
         self._session_or_none = _Session(sdk, sdk.sample(), self._clock.now_ns())
         return {"address": host, **facts}
@@ -118,11 +125,11 @@ class URWire(Wire):
         sample = session.sample
         refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
         if refusal is not None:
-            raise WireDown(refusal.text.replace("move: ", "arm: ", 1))
+            raise WireDown(refusal.text.removeprefix("move: "))
         if sample.runtime_state != RuntimeState.STOPPED:
-            raise WireDown("arm: a program runs on the controller. stop() ends it, then resume()")
+            raise WireDown("a program runs on the controller. stop() ends it, then resume()")
         if (await plain.ask_dashboard(host, "is in remote control"))[0].lower() == "false":
-            raise WireDown("arm: the controller is in local control. Switch it to remote on the pendant")
+            raise WireDown("the controller is in local control. Switch it to remote on the pendant")
         await plain.look(host)
         permit.check()
         await session.sdk.open_control()
@@ -133,23 +140,13 @@ class URWire(Wire):
 
     async def read(self) -> Observation:
         session = self._session()
-        if session.sdk.hangs:
-            raise SdkSpent(session.sdk.hangs)
-        # While it servoes only setpoints feed the controller's watchdog, and those are earned one by one.
-        if session.controls and not session.servoing and self._due(session):
-            await session.sdk.kick()
-            session.fed_ns = self._clock.now_ns()
-        else:
-            await trio.lowlevel.checkpoint()
+        if session.sdk.spent:
+            raise ProcessSpent(session.sdk.spent)
+        await trio.lowlevel.checkpoint()
+        await self._feed(session)
         self._look(session)
-        now_ns = self._clock.now_ns()
-        silent_s = session.silent_s(now_ns)
-        if silent_s > self._driver.timing.state_ttl_s:
-            raise WireDown(
-                f"read: the clock of {self._driver.robot} stands still for {silent_s * 1e3:.0f} ms. "
-                "Check the controller and its network"
-            )
-        return session.observation(now_ns)
+        self._check_alive(session)
+        return session.observation(self._clock.now_ns())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self._session()
@@ -158,8 +155,9 @@ class URWire(Wire):
             raise PermitDenied(session.lost or "not armed")
         if session.silent_s(self._clock.now_ns()) > SILENT_S:
             raise PermitDenied("the controller's clock stands still")
-        session.servoing = True
-        if not await session.sdk.servo(values, permit.check):
+        taken = await session.sdk.servo(values, permit.check)
+        session.servoing = taken
+        if not taken:
             session.lose("the control script is not running")
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
@@ -167,17 +165,16 @@ class URWire(Wire):
         if session is None:
             return tuple(MotorReport(joint, at, False, False, False, "not connected") for at, joint in _NUMBERED)
         ended = rung != "hold"
-        servoed = session.controls and await self._stop_by_sdk(session, ended)
-        if servoed and await self._stands(session, ended):
-            return tuple(MotorReport(joint, at, True, True, True) for at, joint in _NUMBERED)
-        if ended or session.sdk.hangs:
-            session.lose("stopped without the SDK")
-            return await plain.stop(self._driver.host)
-        moving = session.moving()
-        return tuple(
-            MotorReport(joint, at, servoed, servoed, joint not in moving, "moves" if joint in moving else "")
-            for at, joint in _NUMBERED
-        )
+        servoed = stands = False
+        try:
+            servoed = session.controls and await self._stop_by_sdk(session, ended)
+            stands = (servoed or not ended) and await self._stands(session, ended)
+        except ProcessSpent:
+            pass  # the next read says so
+        if stands:
+            return tuple(MotorReport(joint, at, servoed, servoed, True) for at, joint in _NUMBERED)
+        session.lose("stopped without the SDK")
+        return await plain.stop(self._driver.host)
 
     def close(self) -> None:
         """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends
@@ -190,49 +187,63 @@ class URWire(Wire):
         """Upload the control script, see it run, arm its watchdog. Raise ``WireDown``."""
         sdk = session.sdk
         if not await sdk.upload():
-            raise WireDown("arm: the controller does not take the control script. Try again")
+            raise WireDown("the controller does not take the control script. Try again")
         with trio.move_on_after(START_S):
             while not (session.sample.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
                 await trio.sleep(CONTROL_S)
                 permit.check()
                 session.look(self._clock.now_ns())
+                self._check_alive(session)
         permit.check()
         if session.sample.runtime_state != RuntimeState.PLAYING:
-            raise WireDown(f"arm: the control script does not start within {START_S:g} s. Look at the pendant")
+            raise WireDown(f"the control script does not start within {START_S:g} s. Look at the pendant")
         if not await sdk.set_watchdog(WATCHDOG_HZ):
-            raise WireDown("arm: the control script does not arm its watchdog. Try again")
+            raise WireDown("the control script does not arm its watchdog. Try again")
         session.fed_ns = self._clock.now_ns()
 
     async def _stop_by_sdk(self, session: _Session, ended: bool) -> bool:
-        """servoStop, and for a stop the end of the script. Whether the controller answered."""
+        """servoStop, and for a stop the end of the script. Whether the controller did it; from high speed its
+        watchdog may end the program first, for nobody can feed it meanwhile. Raise ``ProcessSpent``."""
         session.servoing = False
-        try:
-            stopped = await session.sdk.servo_stop()
-            if ended:
-                session.controls = False
-                await session.sdk.stop_script()
-        except SdkSpent:
-            return False
+        if ended:
+            session.controls = False
+        stopped = await session.sdk.servo_stop()
+        if ended:
+            await session.sdk.stop_script()
         session.fed_ns = self._clock.now_ns()
         return stopped
 
     async def _stands(self, session: _Session, ended: bool) -> bool:
-        """Whether samples show that no joint moves, and for a stop that no program runs."""
+        """Whether samples show that no joint moves, and for a stop that no program runs. Raise ``ProcessSpent``."""
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)
-                session.look(self._clock.now_ns())
+                await self._feed(session)
+                self._look(session)
                 fresh = session.silent_s(self._clock.now_ns()) < SILENT_S
                 over = not ended or session.sample.runtime_state == RuntimeState.STOPPED
                 if fresh and over and not session.moving():
                     return True
         return False
 
+    async def _feed(self, session: _Session) -> None:
+        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it, and those are
+        earned one by one."""
+        due = self._clock.now_ns() - session.fed_ns >= round(FEED_S * NS)
+        if due and session.controls and not session.servoing:
+            await session.sdk.kick()
+            session.fed_ns = self._clock.now_ns()
+
+    def _check_alive(self, session: _Session) -> None:
+        silent_s = session.silent_s(self._clock.now_ns())
+        if silent_s > self._driver.timing.state_ttl_s:
+            raise WireDown(
+                f"read: the clock of {self._driver.robot} stands still for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
+
     def _look(self, session: _Session) -> None:
         session.look(self._clock.now_ns())
-
-    def _due(self, session: _Session) -> bool:
-        return self._clock.now_ns() - session.fed_ns >= round(FEED_S * NS)
 
     def _session(self) -> _Session:
         if self._session_or_none is None:

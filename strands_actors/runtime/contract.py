@@ -214,6 +214,10 @@ class Driver(ABC):
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
 
+    def preload(self) -> None:  # noqa: B027  # most have nothing to load
+        """Import what ``open_wire`` and ``second_path`` need, if it is small. Called in the root and in the wire
+        process before they begin to beat: on a busy machine an import takes longer than they may be silent."""
+
     @abstractmethod
     def open_wire(self, clock: Clock) -> Wire:
         """The wire, not yet opened. Import SDKs here, not at module level."""

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -30,36 +31,30 @@ class ChildSpecification(msgspec.Struct, frozen=True):
     args: dict[str, Any]
 
 
-class ChildProcess:
+class ChildProcess(ABC):
     """A running child and the link to it."""
 
-    def __init__(self, popen: subprocess.Popen[bytes], link_socket: socket.socket) -> None:
-        self._popen = popen
-        self.pid = popen.pid
+    def __init__(self, pid: int, link_socket: socket.socket) -> None:
+        self.pid = pid
         self.socket = link_socket
         self._linked = False
+
+    @property
+    @abstractmethod
+    def alive(self) -> bool: ...
+
+    @abstractmethod
+    def kill(self, sig: int = signal.SIGKILL) -> None:
+        """Signal the child; harmless when it is already gone."""
+
+    @abstractmethod
+    async def wait(self) -> int:
+        """Wait until the process is gone; its exit code (negative: the signal)."""
 
     def link(self, node: Node) -> Link:
         """The parent's end; run its ``run``."""
         self._linked = True
         return Link(node, self.socket)
-
-    @property
-    def alive(self) -> bool:
-        return self._popen.poll() is None
-
-    def kill(self, sig: int = signal.SIGKILL) -> None:
-        """Signal the child; harmless when it is already gone."""
-        self._popen.send_signal(sig)
-
-    async def wait(self) -> int:
-        """Wait until the process is gone; its exit code (negative: the signal)."""
-        if hasattr(os, "pidfd_open"):
-            if self._popen.poll() is None:
-                await wait_for_end_of(self.pid)
-        else:  # a child of ours that nobody has waited for still answers to its number
-            await _poll_until(lambda: self._popen.poll() is not None)
-        return self._popen.wait()
 
     async def fence(self) -> None:
         """Make sure it never writes again: SIGKILL, wait for it, close the link."""
@@ -71,22 +66,56 @@ class ChildProcess:
             self.socket.close()
 
 
+class OwnChild(ChildProcess):
+    """A child of this very process."""
+
+    def __init__(self, popen: subprocess.Popen[bytes], link_socket: socket.socket) -> None:
+        super().__init__(popen.pid, link_socket)
+        self._popen = popen
+
+    @property
+    def alive(self) -> bool:
+        return self._popen.poll() is None
+
+    def kill(self, sig: int = signal.SIGKILL) -> None:
+        self._popen.send_signal(sig)
+
+    async def wait(self) -> int:
+        if hasattr(os, "pidfd_open"):
+            if self._popen.poll() is None:
+                await wait_for_end_of(self.pid)
+        else:  # a child of ours that nobody has waited for still answers to its number
+            await _poll_until(lambda: self._popen.poll() is not None)
+        return self._popen.wait()
+
+
+def execute(link_fd: int, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+    """Exec a child that reads its specification from ``link_fd``. Stops this process until the child has begun:
+    a few milliseconds, more on a busy machine. Raise ``OSError``."""
+    # The child imports what its parent could: a user's own modules included.
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    return subprocess.Popen(
+        [sys.executable, "-c", _BOOT, str(link_fd)],
+        pass_fds=(link_fd, *pass_fds),
+        stdin=subprocess.DEVNULL,
+        process_group=0,
+        env=environment,
+    )
+
+
+def specify(link_socket: socket.socket, entry: str, args: Mapping[str, Any]) -> None:
+    """Tell a child what to run."""
+    specification = msgspec.msgpack.encode(ChildSpecification(entry, dict(args)))
+    link_socket.sendall(len(specification).to_bytes(4, "little") + specification)
+
+
 def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:
-    """Start a child by exec. Blocks for a few milliseconds. Raise ``OSError`` when it cannot be started."""
+    """Start a child by exec, as ``execute``."""
     ours, theirs = socket.socketpair()
     with theirs:
-        # The child imports what its parent could: a user's own modules included.
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        popen = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, str(theirs.fileno())],
-            pass_fds=(theirs.fileno(), *pass_fds),
-            stdin=subprocess.DEVNULL,
-            process_group=0,
-            env=environment,
-        )
-    specification = msgspec.msgpack.encode(ChildSpecification(entry, dict(args)))
-    ours.sendall(len(specification).to_bytes(4, "little") + specification)
-    return ChildProcess(popen, ours)
+        popen = execute(theirs.fileno(), pass_fds)
+    specify(ours, entry, args)
+    return OwnChild(popen, ours)
 
 
 async def wait_for_end_of(pid: int) -> None:

@@ -1,8 +1,8 @@
 """The script of a caller that drives a twin, and then ends the way it is told on standard input.
 
-``python -m strands_actors.testing.caller ROBOT loop`` commands the robot itself at 50 Hz; ``ROBOT task
-TRIGGER`` has a policy process do so. It prints one JSON line when the robot moves, then obeys: exception,
-exit or spin.
+``python -m strands_actors.testing.caller ROBOT loop FAR`` moves the robot's first joint itself at 50 Hz, up to
+``FAR`` units away; ``ROBOT task FAR TRIGGER`` has a policy process do so. It prints one JSON line when the robot
+moves, then obeys: exception, exit or spin.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import time
 from strands_actors import Robot
 
 
-def main(robot: str, motion: str, trigger: str = "") -> None:
+def main(robot: str, motion: str, far: str, trigger: str = "") -> None:
     arm = Robot(robot, mode="real", transport="twin")
     problem = arm.connect_eagerly()
     if problem is not None:
@@ -27,15 +27,17 @@ def main(robot: str, motion: str, trigger: str = "") -> None:
             policy_provider="strands_actors.testing.policies:Faulty",
             control_frequency=50,
             trigger=trigger,
+            amplitude=float(far),
         )
-        while arm.get_task_status()["content"][0]["json"]["steps"] < 10:
+        while (task := arm.get_task_status()["content"][0]["json"])["steps"] < 10:
+            if not task["running"]:
+                raise SystemExit(f"the policy does not run: {task}")
             time.sleep(0.01)
-    joint = next(iter(arm.get_observation()))
+    joint, here = next(iter(arm.get_observation().items()))
     began_s, told = time.monotonic(), False
     while True:
         if motion == "loop":
-            angle = 10.0 * math.sin(time.monotonic() - began_s)
-            arm.send_action({joint: angle})
+            arm.send_action({joint: here + float(far) * (1.0 - math.cos(time.monotonic() - began_s)) / 2})
         if not told and time.monotonic() - began_s > 0.2:
             told = True
             print(json.dumps(arm.tree()), flush=True)

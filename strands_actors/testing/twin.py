@@ -126,6 +126,6 @@ def _is_there(port: str) -> bool:
         return os.path.exists(port)
     try:
         socket.create_connection((host, int(number)), PATIENCE_S).close()
-    except ConnectionRefusedError:
+    except ConnectionError:  # a listener that is being closed resets
         return False
     return True

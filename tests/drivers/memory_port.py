@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import trio
 
-from strands_actors.drivers.feetech.twin import FeetechBus
+from strands_actors.drivers.common.twin import Robot
 from strands_actors.runtime.contract import WireDown
 
 Peer = Callable[[bytes], Iterable[tuple[float, bytes]]]
@@ -57,7 +57,7 @@ class MemoryPort:
             raise WireDown("memory port: the port is gone")
 
 
-def servos(bus: FeetechBus, bits_per_s: int = 1_000_000) -> Peer:
+def servos(bus: Robot, bits_per_s: int = 1_000_000) -> Peer:
     """The twin's servos, with the time their replies take on a UART."""
     byte_s = 10 / bits_per_s
 

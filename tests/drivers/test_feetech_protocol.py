@@ -132,6 +132,23 @@ def test_what_a_request_means(frame: bytes, kind: str) -> None:
     assert p.classify(packet_of(frame)) == kind
 
 
+@pytest.mark.parametrize(
+    ("frame", "rung"),
+    [
+        (p.LIMP, "limp"),
+        (p.sync_write(p.TORQUE_ENABLE, {1: 0, 2: 0}), "limp"),
+        (p.sync_write(p.TORQUE_ENABLE, {1: 0}), ""),
+        (p.hold({1: 5, 2: 6}), "hold"),
+        (p.hold({2: 6}), ""),
+        (p.torque(1, False), ""),
+        (p.goals({1: 5, 2: 6}), ""),
+        (p.ping(p.BROADCAST), ""),
+    ],
+)
+def test_which_rung_one_frame_brings_all_to(frame: bytes, rung: str) -> None:
+    assert p.rung(packet_of(frame), (1, 2)) == rung
+
+
 def test_error_bits_have_names() -> None:
     assert p.error_words(0) == ""
     assert p.error_words(1 | 32) == "voltage, overload"

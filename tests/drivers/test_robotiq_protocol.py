@@ -11,7 +11,15 @@ from strands_actors.drivers.robotiq import protocol as p
 byte = st.integers(0, 255)
 commands = st.builds(p.Command, st.booleans(), st.booleans(), byte, byte, byte, st.booleans())
 statuses = st.builds(
-    p.Status, st.booleans(), st.booleans(), st.integers(0, 3), st.integers(0, 3), st.integers(0, 15), byte, byte, byte
+    p.Status,
+    st.booleans(),
+    st.booleans(),
+    st.integers(0, 3),
+    st.integers(0, 3),
+    st.integers(0, 15),
+    byte,
+    byte,
+    byte,
 )
 
 

@@ -8,6 +8,7 @@ import itertools
 import logging
 import math
 import os
+import signal
 import threading
 import time
 from typing import Any
@@ -218,6 +219,45 @@ def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRo
     arm.send_action({"gripper": 40.0})
     first = until(lambda: twin.log.host("setpoint", resumed_ns), "a setpoint")[0]
     assert abs(goals(first)[1] - target) > 10 * COUNTS_PER_DEGREE
+
+
+def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm) -> None:
+    arm = new_arm(port=twin.port)
+    assert arm.connect_eagerly() is None
+    json_of(arm.stop())
+    tree = arm.tree()
+    assert tree is not None
+    wire = next(process["pid"] for process in tree["processes"] if process["role"] == "wire")
+    twin.fault("delayed:6")  # so that arming takes its time
+    until(lambda: "gripper" in status(arm)["faults"], "the fault is there")
+    answers: list[Any] = []
+    resuming = threading.Thread(target=lambda: answers.append(arm.resume()))
+    resuming.start()
+    until(lambda: state(arm) == "arming", "it arms")
+    killed_s = time.monotonic()
+    os.kill(wire, signal.SIGKILL)
+    resuming.join()
+    assert time.monotonic() - killed_s < 5.0
+    assert "ended while it was arming" in why(answers[0])
+    twin.fault("ok")
+    until(lambda: state(arm) == "disarmed", "the next wire is up")
+    json_of(arm.resume())
+
+
+def test_a_stop_while_it_connects_wins(twin: Twin, new_arm: NewArm) -> None:
+    twin.pause()
+    arm = new_arm(port=twin.port)
+    outcomes: list[str | None] = []
+    connecting = threading.Thread(target=lambda: outcomes.append(arm.connect_eagerly()))
+    connecting.start()
+    until(lambda: arm.tree() is not None, "it is being connected")
+    arm.stop()
+    twin.go_on()
+    connecting.join()
+    assert outcomes[0] is not None
+    assert state(arm) != "armed"
+    assert not twin.log.host("enable")
+    assert arm.connect_eagerly() is None
 
 
 # -- asyncio

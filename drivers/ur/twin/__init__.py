@@ -67,10 +67,6 @@ class URServer(TcpServer):
         }
         super().__init__(self._machine, handlers, log, host)
 
-    @property
-    def address(self) -> str:
-        return super().address.partition(":")[0]
-
     def set_fault(self, text: str) -> None:
         super().set_fault(text)
         if self._machine.faults.of(None) is Fault.OFF:

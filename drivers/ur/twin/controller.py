@@ -30,9 +30,15 @@ SIX = range(len(JOINTS))
 
 
 class Program(Protocol):
-    """What runs on the controller. Stepped at each tick and at each change of an input."""
+    """What runs on the controller."""
 
-    def step(self) -> None: ...
+    def heard(self) -> None:
+        """An input was written."""
+        ...
+
+    def step(self) -> None:
+        """A tick has passed."""
+        ...
 
 
 class Controller:
@@ -48,7 +54,7 @@ class Controller:
         self.plant = Plant.from_table(model_table(arm))
         self.speed_rad_s = arm.speed_rad_s
         self.program_start_s = program_start_s
-        self._now_s = now_s
+        self.now_s = now_s
         self._on_event = on_event
         self.serial = "20265300001"
         self.reset()
@@ -71,7 +77,7 @@ class Controller:
         self.fault = Fault.OK
         self._starting: tuple[float, Callable[[], Program]] | None = None
         self._watched: dict[int, tuple[float, float]] = {}  # integer register -> period, when it was written
-        self._booted_s = self._now_s()
+        self._booted_s = self.now_s()
         self._ticked_s = self._booted_s
         self._brake(True)
 
@@ -108,7 +114,7 @@ class Controller:
         """Replaces whatever runs. Where nothing may move, or in local control, it is not started."""
         self.stop_program()
         if self.movable and self.remote:
-            self._starting = self._now_s() + self.program_start_s, make
+            self._starting = self.now_s() + self.program_start_s, make
 
     def stop_program(self) -> None:
         self._starting = None
@@ -123,10 +129,11 @@ class Controller:
             return p.RuntimeState.STOPPED
         return p.RuntimeState.PAUSED if self.paused else p.RuntimeState.PLAYING
 
-    def halt(self) -> None:
-        """Come to a stand from whatever motion."""
+    def halt(self) -> float:
+        """Come to a stand from whatever motion. Seconds that this takes."""
         self.motion = motion.Hold()
         self.motion.begin(self.plant)
+        return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) / motion.BRAKING_RAD_S2
 
     def move(self, new: Motion) -> None:
         self.motion = new
@@ -135,7 +142,7 @@ class Controller:
     def watch(self, register: int, min_hz: float) -> None:
         """``rtde_set_watchdog``: stop the program when the register is not written at least so often."""
         if min_hz > 0:
-            self._watched[register] = 1.0 / min_hz, self._now_s()
+            self._watched[register] = 1.0 / min_hz, self.now_s()
         else:
             self._watched.pop(register, None)
 
@@ -148,7 +155,7 @@ class Controller:
             if stem == "input_int_register":
                 self.int_in[int(number)] = int(_scalar(value))
                 if int(number) in self._watched:
-                    self._watched[int(number)] = self._watched[int(number)][0], self._now_s()
+                    self._watched[int(number)] = self._watched[int(number)][0], self.now_s()
             elif stem == "input_double_register":
                 self.double_in[int(number)] = _scalar(value)
         if values.get("speed_slider_mask"):
@@ -157,16 +164,13 @@ class Controller:
             mask = int(_scalar(values.get(f"{bank}_digital_output_mask", 0))) << shift
             bits = int(_scalar(values.get(f"{bank}_digital_output", 0))) << shift
             self.digital_out = self.digital_out & ~mask | bits & mask
-        self.run_program()
-
-    def run_program(self) -> None:
         if self.program is not None and not self.paused:
-            self.program.step()
+            self.program.heard()
 
     # -- time
 
     def tick(self) -> None:
-        now_s = self._now_s()
+        now_s = self.now_s()
         elapsed_s, self._ticked_s = min(now_s - self._ticked_s, 0.1), now_s
         if self._starting is not None and now_s >= self._starting[0]:
             make = self._starting[1]
@@ -177,8 +181,9 @@ class Controller:
                 self.stop_program()
                 self._on_event("watchdog")
                 break
-        self.run_program()
         if not self.paused:
+            if self.program is not None:
+                self.program.step()
             self.motion.advance(self.plant, elapsed_s)
         self.plant.catch_up(now_s)
 

@@ -9,6 +9,9 @@ from strands_actors.drivers.common.physics import Plant
 STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
+BRAKING_RAD_S2 = 10.0
+"""Of the joints in a stop [assumed]: what the control script asks for is the tool's."""
+
 BRAKING_S = 0.05
 """A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
 

@@ -142,8 +142,7 @@ class Client:
     def _agree_inputs(self, payload: bytes) -> bytes:
         names, owners = _names(payload), self._server.owners
         types = [
-            p.IN_USE if owners.get(name, self) is not self else INPUT_TYPES.get(name, p.NOT_FOUND)
-            for name in names
+            p.IN_USE if owners.get(name, self) is not self else INPUT_TYPES.get(name, p.NOT_FOUND) for name in names
         ]
         number = 0
         if p.IN_USE not in types and p.NOT_FOUND not in types:

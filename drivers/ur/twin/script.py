@@ -28,6 +28,9 @@ def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
 class Foreign:
     """A program this twin does not understand."""
 
+    def heard(self) -> None:
+        pass
+
     def step(self) -> None:
         pass
 
@@ -38,6 +41,9 @@ class Halting:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         controller.halt()
+
+    def heard(self) -> None:
+        pass
 
     def step(self) -> None:
         if self._controller.is_steady():
@@ -53,26 +59,36 @@ class ControlScript:
         self._offset = offset
         self._busy_with = p.Command.NONE.value
         self._move: MoveTo | None = None
+        self._stands_s: float | None = None  # when a stop is over
         controller.int_in[offset] = p.Command.NONE
         self._answer(p.READY)
 
     def step(self) -> None:
-        number = self._controller.int_in[self._offset]
         if self._move is not None and self._move.arrived(self._controller.plant):
             self._move = None
             self._answer(p.DONE)
+        if self._stands_s is not None and self._controller.now_s() >= self._stands_s:
+            self._stands_s = None
+            self._answer(p.DONE)
+
+    def heard(self) -> None:
+        number = self._controller.int_in[self._offset]
         if number in p.AT_ONCE:
             self._do(number)
             self._answer(p.READY)
         elif number in (p.Command.NONE, p.Command.KICK_WATCHDOG):
             self._busy_with = p.Command.NONE
-            if self._move is None:
+            if not self._executing:
                 self._answer(p.READY)
         elif number != self._busy_with:
             self._busy_with = number
             self._do(number)
-            if self._move is None:
+            if not self._executing:
                 self._answer(p.DONE)
+
+    @property
+    def _executing(self) -> bool:
+        return self._move is not None or self._stands_s is not None
 
     def _do(self, number: int) -> None:
         controller, value = self._controller, self._double
@@ -86,7 +102,8 @@ class ControlScript:
                 controller.move(move)
                 self._move = None if self._int(1) else move  # asynchronous: done at once
             case p.Command.SERVO_STOP | p.Command.SPEED_STOP | p.Command.STOP_J | p.Command.STOP_L:
-                controller.halt()
+                self._move = None
+                self._stands_s = controller.now_s() + controller.halt()
             case p.Command.SET_PAYLOAD:
                 controller.payload_kg = value(0)
             case p.Command.GET_STEP_TIME:

@@ -1,0 +1,53 @@
+"""Dynamixel X-series arms over Protocol 2.0: koch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from strands_actors.drivers.common.robot_tables import RobotTables
+from strands_actors.drivers.common.servo.axes import Axis
+from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import GateCheck, SecondPath
+
+from . import watchdog
+from .gates import all_gates
+from .robots import TABLES
+from .table import BAUD_RATES
+
+if TYPE_CHECKING:
+    from .wire import DynamixelWire
+
+DEFAULT_BAUD = 1_000_000
+"""As lerobot sets the servos up; at delivery they speak 57 600."""
+
+
+class Dynamixel(ServoDriver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    TWIN: ClassVar[str] = "strands_actors.drivers.dynamixel.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = options_of(DEFAULT_BAUD, BAUD_RATES)
+    TABLES: ClassVar[RobotTables] = TABLES
+    BAUD_RATES: ClassVar[tuple[int, ...]] = BAUD_RATES
+    DEFAULT_BAUD: ClassVar[int] = DEFAULT_BAUD
+    MAX_OFFSET: ClassVar[int] = 1_044_479
+    HOST_INVERTS: ClassVar[bool] = False  # drive mode is a register of the servo, which obeys it
+
+    firmware_watchdog = (
+        f"bus watchdog (register 98) armed at {watchdog.SECONDS:g} s and read back whenever the arm is energised: "
+        "a servo that hears nothing for so long stops where it is, torque on, and takes no goal until resume()"
+    )
+
+    def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
+        return all_gates(joints, self.timing.state_ttl_s)
+
+    def open_wire(self, clock: Clock) -> DynamixelWire:
+        from .wire import DynamixelWire
+
+        return DynamixelWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .wire import DynamixelSecondPath
+
+        return DynamixelSecondPath(self, descriptors[0], clock)

@@ -1,0 +1,119 @@
+"""What a Dynamixel says of itself, and whether it is the right one. Nothing of its EEPROM is rewritten."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.servo.axes import TOP, Axis
+from strands_actors.drivers.common.servo.hello import block, check_calibration, check_model
+from strands_actors.runtime.contract import WireDown
+
+from . import protocol, table, watchdog
+
+POSITION_MODES = (table.POSITION_MODE, table.EXTENDED_POSITION_MODE, table.CURRENT_POSITION_MODE)
+ANYWHERE = (-(1 << 31), (1 << 31) - 1)
+"""Several turns: what the goal register holds."""
+
+_INVERTED = 1
+
+
+class Identity(msgspec.Struct, frozen=True):
+    """What one servo says about itself."""
+
+    model: int
+    firmware: int
+    id: int
+    return_delay: int
+    drive_mode: int
+    mode: int
+    homing_offset: int
+    low: int  # position limits, counts; of mode 3 only
+    high: int
+    max_temperature_c: float
+    min_voltage_v: float
+    max_voltage_v: float
+    torque: bool
+    hardware_error: int
+    voltage_v: float
+    temperature_c: float
+
+    @property
+    def model_name(self) -> str:
+        return table.MODEL_NUMBERS.get(self.model, f"model {self.model}")
+
+    @property
+    def travel(self) -> tuple[int, int]:
+        """Goals it takes: in mode 3 it refuses the rest, in the others it takes any number of turns."""
+        return (self.low, self.high) if self.mode == table.POSITION_MODE else ANYWHERE
+
+
+def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
+    """Where the joint may rest when it is energised. A servo that counts turns and stands outside our range
+    would travel back the whole way at the first command."""
+    if servo.mode == table.POSITION_MODE:
+        return servo.travel
+    return (axis.low, axis.high) if calibrated else (0, TOP)
+
+
+async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
+    """Read one servo's registers. Raise ``WireDown``."""
+    base = table.EEPROM_END
+    eeprom = await block(bus, protocol, axis, 0, base)
+    ram = await block(bus, protocol, axis, base, table.TABLE_SIZE - base)
+    return Identity(
+        model=table.MODEL.decode(eeprom, 0),
+        firmware=table.FIRMWARE.decode(eeprom, 0),
+        id=table.ID.decode(eeprom, 0),
+        return_delay=table.RETURN_DELAY.decode(eeprom, 0),
+        drive_mode=table.DRIVE_MODE.decode(eeprom, 0),
+        mode=table.MODE.decode(eeprom, 0),
+        homing_offset=table.HOMING_OFFSET.decode(eeprom, 0),
+        low=table.MIN_POSITION.decode(eeprom, 0),
+        high=table.MAX_POSITION.decode(eeprom, 0),
+        max_temperature_c=float(table.MAX_TEMPERATURE.decode(eeprom, 0)),
+        min_voltage_v=table.MIN_VOLTAGE.decode(eeprom, 0) / 10,
+        max_voltage_v=table.MAX_VOLTAGE.decode(eeprom, 0) / 10,
+        torque=bool(table.TORQUE_ENABLE.decode(ram, base)),
+        hardware_error=table.HARDWARE_ERROR.decode(ram, base),
+        voltage_v=table.VOLTAGE.decode(ram, base) / 10,
+        temperature_c=float(table.TEMPERATURE.decode(ram, base)),
+    )
+
+
+def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
+    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise ``WireDown``."""
+    check_model(axis, servo.id, servo.model, protocol)
+    if servo.mode not in POSITION_MODES:
+        name = table.MODE_NAMES.get(servo.mode, "unknown")
+        raise WireDown(
+            f"connect: {axis.label} is in mode {servo.mode} ({name}), must be 3, 4 or 5 (a position mode). "
+            "Calibrate it again"
+        )
+    if motor is not None:
+        found = {
+            "homing_offset": servo.homing_offset,
+            "range_min": servo.low,
+            "range_max": servo.high,
+            "drive_mode": servo.drive_mode & _INVERTED,
+        }
+        check_calibration(axis, motor, found)
+
+
+def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object] | float]:
+    """For ``status``: by axis key."""
+    rows = [(axis.key, servos[axis.id]) for axis in axes]
+    return {
+        "model": {key: servo.model_name for key, servo in rows},
+        "firmware": {key: servo.firmware for key, servo in rows},
+        "operating_mode": {key: table.MODE_NAMES[servo.mode] for key, servo in rows},
+        "return_delay_us": {key: servo.return_delay * 2 for key, servo in rows},
+        "voltage_v": {key: servo.voltage_v for key, servo in rows},
+        "temperature_c": {key: servo.temperature_c for key, servo in rows},
+        "energised": {key: servo.torque for key, servo in rows},
+        "hardware_alert": {key: table.error_words(servo.hardware_error) for key, servo in rows},
+        "bus_watchdog_s": watchdog.SECONDS,
+    }

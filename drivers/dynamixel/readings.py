@@ -1,0 +1,65 @@
+"""What a Dynamixel reports in every cycle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from strands_actors.drivers.common.servo.axes import COUNTS, Axis
+from strands_actors.drivers.common.servo.readings import Readings, Sample
+
+from . import protocol, table
+from .gates import UNNAMED
+from .watchdog import TRIPPED
+
+COUNTS_PER_S = 0.229 / 60 * COUNTS
+"""Of the velocity register."""
+
+LOAD_MODELS = ("XL430-W250", "XC430")
+"""Without a current sensor: register 126 is the load."""
+
+
+class DynamixelReadings(Readings[protocol.Packet]):
+    SENSORS = ("load_pct", "current_ma", "voltage_v", "temperature_c")
+
+    def __init__(self, axes: Sequence[Axis], limits: Mapping[str, tuple[float, ...]]) -> None:
+        super().__init__(axes, limits)
+        self._alerts: dict[int, str] = {}
+        self._tripped: set[int] = set()
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether a servo has an alert that was not read yet."""
+        return UNNAMED in self._alerts.values()
+
+    def watchdogs_cleared(self) -> None:
+        """All of them, as was read back."""
+        self._tripped.clear()
+
+    def sample(self, axis: Axis, reply: protocol.Packet, base: int) -> Sample:
+        block = reply.params
+        torque: bool | None = None
+        if base <= table.TORQUE_ENABLE.address:
+            torque = bool(table.TORQUE_ENABLE.decode(block, base))
+            self._alerts[axis.id] = table.error_words(table.HARDWARE_ERROR.decode(block, base))
+            tripped = table.BUS_WATCHDOG.decode(block, base) == table.WATCHDOG_TRIPPED
+            (self._tripped.add if tripped and torque else self._tripped.discard)(axis.id)
+        elif not reply.alert:
+            self._alerts[axis.id] = ""
+        elif not self._alerts.get(axis.id):
+            self._alerts[axis.id] = UNNAMED
+        words = [self._alerts[axis.id], TRIPPED if axis.id in self._tripped else ""]
+        amount = float(table.CURRENT.decode(block, base))
+        has_load = axis.model in LOAD_MODELS
+        return Sample(
+            position=table.POSITION.decode(block, base),
+            velocity=table.VELOCITY.decode(block, base) * COUNTS_PER_S,
+            sensors=(
+                amount / 10 if has_load else math.nan,
+                math.nan if has_load else amount,
+                table.VOLTAGE.decode(block, base) / 10,
+                float(table.TEMPERATURE.decode(block, base)),
+            ),
+            words=", ".join(word for word in words if word),
+            energised=torque,
+        )

@@ -1,0 +1,117 @@
+"""The control table of X-series servos, and what its values mean. Pure data."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Register(NamedTuple):
+    """One entry of the control table. Signed words are two's complement."""
+
+    address: int
+    size: int = 1
+    signed: bool = False
+
+    def encode(self, value: int) -> bytes:
+        """Little-endian bytes. Raise ``ValueError`` outside the register's range."""
+        try:
+            return value.to_bytes(self.size, "little", signed=self.signed)
+        except OverflowError:
+            raise ValueError(f"{value} does not fit {self.size} byte(s)") from None
+
+    def decode(self, data: bytes, base: int | None = None) -> int:
+        """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
+        start = 0 if base is None else self.address - base
+        return int.from_bytes(data[start : start + self.size], "little", signed=self.signed)
+
+
+# EEPROM: cannot be written while torque is on
+MODEL = Register(0, 2)
+FIRMWARE = Register(6)
+ID = Register(7)
+BAUD = Register(8)
+RETURN_DELAY = Register(9)  # 2 us a count, factory 250
+DRIVE_MODE = Register(10)  # bit 0: turns the other way; the servo does it, not the host
+MODE = Register(11)
+HOMING_OFFSET = Register(20, 4, True)
+MAX_TEMPERATURE = Register(31)  # deg C
+MAX_VOLTAGE = Register(32, 2)  # 0.1 V
+MIN_VOLTAGE = Register(34, 2)
+PWM_LIMIT = Register(36, 2)  # 885: all of it
+CURRENT_LIMIT = Register(38, 2)
+VELOCITY_LIMIT = Register(44, 4)
+MAX_POSITION = Register(48, 4)
+MIN_POSITION = Register(52, 4)
+SHUTDOWN = Register(63)  # which hardware errors take the torque away
+# RAM
+TORQUE_ENABLE = Register(64)
+LED = Register(65)
+STATUS_LEVEL = Register(68)  # 0: answers a ping, 1: and a read, 2: everything
+REGISTERED = Register(69)
+HARDWARE_ERROR = Register(70)
+BUS_WATCHDOG = Register(98, 1, True)  # 20 ms a count; 0: off, -1: tripped
+GOAL_PWM = Register(100, 2, True)
+GOAL_CURRENT = Register(102, 2, True)
+GOAL_VELOCITY = Register(104, 4, True)
+PROFILE_ACCELERATION = Register(108, 4)
+PROFILE_VELOCITY = Register(112, 4)  # 0: none, as fast as it can
+GOAL_POSITION = Register(116, 4, True)
+# read only
+MOVING = Register(122)
+CURRENT = Register(126, 2, True)  # XL330: 1 mA; XL430, which has no current sensor: load, 0.1 %
+VELOCITY = Register(128, 4, True)  # 0.229 rpm
+POSITION = Register(132, 4, True)
+VOLTAGE = Register(144, 2)  # 0.1 V
+TEMPERATURE = Register(146)  # deg C
+
+TABLE_SIZE = 147
+EEPROM_END = 64
+READ_ONLY = frozenset((*range(7), 69, 70, *range(120, TABLE_SIZE)))
+GOALS = range(GOAL_PWM.address, GOAL_POSITION.address + GOAL_POSITION.size)
+"""Goals, and the profile on the way to them."""
+
+POSITION_MODE = 3
+EXTENDED_POSITION_MODE = 4
+CURRENT_POSITION_MODE = 5
+MODE_NAMES = {
+    0: "current",
+    1: "velocity",
+    POSITION_MODE: "position",
+    EXTENDED_POSITION_MODE: "extended position",
+    CURRENT_POSITION_MODE: "current-based position",
+    16: "pwm",
+}
+
+WATCHDOG_OFF = 0
+WATCHDOG_TRIPPED = -1
+WATCHDOG_COUNT_S = 0.02
+
+BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
+"""Rate per code of register 8."""
+
+MODEL_NUMBERS = {
+    1020: "XM430-W350",
+    1060: "XL430-W250",
+    1070: "XC430",
+    1120: "XM540-W270",
+    1190: "XL330-M077",
+    1200: "XL330-M288",
+    1210: "XC330-T181",
+    1220: "XC330-T288",
+}
+
+VOLTAGE_BIT, OVERHEAT_BIT, ENCODER_BIT, SHOCK_BIT, OVERLOAD_BIT = 0x01, 0x04, 0x08, 0x10, 0x20
+HARDWARE_BITS = {
+    VOLTAGE_BIT: "voltage",
+    OVERHEAT_BIT: "overheat",
+    ENCODER_BIT: "encoder",
+    SHOCK_BIT: "electric shock",
+    OVERLOAD_BIT: "overload",
+}
+
+
+def error_words(hardware_error: int) -> str:
+    """The names of the bits set in register 70."""
+    known = [word for bit, word in HARDWARE_BITS.items() if hardware_error & bit]
+    rest = hardware_error & ~sum(HARDWARE_BITS)
+    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))

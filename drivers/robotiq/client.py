@@ -1,0 +1,104 @@
+"""A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by the root's
+second path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import trio
+
+from strands_actors.drivers.common.modbus import ModbusClient
+from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import MotorReport, Permit, WireDown
+
+from . import protocol
+from .protocol import Command, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from .driver import Robotiq
+
+    OpenStream = Callable[[str, int], Awaitable[ByteStream]]
+
+ASK_AGAIN_S = 0.1
+
+ATTEMPTS = 3
+CONFIRM_S = 0.25
+"""Of each attempt: three, and a connection, fit into what a stop may take."""
+
+
+class GripperClient:
+    """One gripper on one connection: its registers as ``Command`` and ``Status``."""
+
+    def __init__(self, client: ModbusClient) -> None:
+        self._client = client
+
+    def write(self, command: Command) -> None:
+        """Leaves at once. Raise ``WireDown``."""
+        self._client.write_registers(protocol.OUTPUT, command.registers())
+
+    async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
+        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked meanwhile.
+        Raise ``WireDown``."""
+        end_s = trio.current_time() + within_s
+        while (left_s := end_s - trio.current_time()) > 0:
+            if permit is not None:
+                permit.check()
+            number = self.ask()
+            status = await self.answer(number, min(left_s, ASK_AGAIN_S))
+            if status is not None:
+                return status
+            self.forget(number)
+        return None
+
+    def ask(self) -> int:
+        return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
+
+    async def answer(self, number: int, within_s: float) -> Status | None:
+        registers = await self._client.answer(number, within_s)
+        return None if registers is None else Status.from_registers(registers)
+
+    def forget(self, number: int) -> None:
+        self._client.forget(number)
+
+    def close(self) -> None:
+        self._client.close()
+
+
+async def open_gripper(driver: Robotiq, clock: Clock, open_stream: OpenStream) -> GripperClient:
+    """Connect. Raise ``WireDown``."""
+    try:
+        host, port = driver.address()
+    except ValueError as error:
+        raise WireDown(str(error)) from None
+    stream = await open_stream(host, port)
+    return GripperClient(ModbusClient(stream, driver.unit_id, f"{driver.robot} at {host}:{port}", clock))
+
+
+async def hold(gripper: GripperClient, known: Status | None, driver: Robotiq) -> MotorReport:
+    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the gripper is
+    asked first: a hold would activate one that is not, and that moves its fingers."""
+    written = heard = False
+    detail = "silent"
+    try:
+        for _ in range(ATTEMPTS):
+            known = known or await gripper.status(CONFIRM_S)
+            if known is None:
+                continue
+            gripper.write(protocol.safe_command(known))
+            written = True
+            known = await gripper.status(CONFIRM_S)
+            heard = heard or known is not None
+            detail = "silent" if known is None else protocol.unsafe_words(known)
+            if not detail:
+                break
+    except WireDown as error:
+        detail = str(error)
+    return report(driver, written, heard, detail)
+
+
+def report(driver: Robotiq, written: bool, heard: bool, detail: str) -> MotorReport:
+    """``detail``: why it is not known to be safe; empty when it is."""
+    return MotorReport(driver.axes[0], driver.unit_id, written, heard, not detail, detail)

@@ -1,0 +1,95 @@
+"""The codec: frames in any pieces, recipes there and back, what a frame counts as."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.drivers.ur import protocol as p
+
+packets = st.tuples(st.integers(0, 255), st.binary(max_size=200))
+
+
+@given(st.lists(packets, max_size=8), st.integers(1, 64))
+def test_packets_survive_any_cutting(sent: list[tuple[int, bytes]], size: int) -> None:
+    stream = b"".join(p.frame(kind, payload) for kind, payload in sent)
+    decoder = p.Decoder()
+    heard = [packet for at in range(0, len(stream), size) for packet in decoder.feed(stream[at : at + size])]
+    assert [tuple(packet) for packet in heard] == sent
+
+
+@given(st.binary(max_size=300))
+def test_garbage_is_waited_for_or_refused_and_nothing_else(data: bytes) -> None:
+    decoder = p.Decoder()
+    try:
+        for packet in decoder.feed(data):
+            assert len(packet.payload) <= len(data)
+    except p.Garbled as error:
+        assert "bytes" in str(error)
+
+
+def test_a_known_packet() -> None:
+    assert p.version_request() == bytes.fromhex("0005560002")
+    assert p.outputs_request(125.0, ["timestamp", "actual_q"])[:3] == struct.pack(">HB", 29, ord("O"))
+
+
+NAMES = ("timestamp", "actual_q", "robot_mode", "runtime_state")
+KINDS = ("DOUBLE", "VECTOR6D", "INT32", "UINT32")
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(finite, st.tuples(*[finite] * 6), st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
+def test_a_recipe_there_and_back(time_s: float, q: tuple[float, ...], mode: int, state: int) -> None:
+    recipe = p.outputs_answer(b"\x07" + ",".join(KINDS).encode(), NAMES)
+    values: dict[str, p.Value] = dict(zip(NAMES, (time_s, q, mode, state), strict=True))
+    (packet,) = p.Decoder().feed(recipe.pack(values))
+    assert packet.kind == p.Kind.DATA
+    assert packet.payload[0] == 7
+    assert recipe.unpack(packet.payload) == values
+
+
+def test_what_a_controller_does_not_have_is_named() -> None:
+    with pytest.raises(p.Garbled, match="actual_q"):
+        p.outputs_answer(b"\x01DOUBLE,NOT_FOUND,INT32,UINT32", NAMES)
+    with pytest.raises(p.Garbled):
+        p.outputs_answer(b"\x01DOUBLE", NAMES)
+    recipe = p.outputs_answer(b"\x01" + ",".join(KINDS).encode(), NAMES)
+    with pytest.raises(p.Garbled):
+        recipe.unpack(b"\x01")
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (p.Command.SERVO_J, "setpoint"),
+        (p.Command.MOVE_J, "setpoint"),
+        (p.Command.SPEED_J, "setpoint"),
+        (p.Command.SERVO_STOP, "safe"),
+        (p.Command.STOP_SCRIPT, "safe"),
+        (p.Command.SET_WATCHDOG, "config"),
+        (p.Command.NONE, "keepalive"),
+    ],
+)
+def test_what_a_command_counts_as(number: int, kind: str) -> None:
+    assert p.classify_command(number) == kind
+
+
+def test_what_lines_and_programs_count_as() -> None:
+    assert p.classify_dashboard("stop\n") == p.classify_dashboard("power off") == "safe"
+    assert p.classify_dashboard("brake release") == "enable"
+    assert p.classify_dashboard("robotmode") == "read"
+    assert p.classify_script(p.STOP_SCRIPT) == "safe"
+    assert p.classify_script(b"def move():\n  movej([0,0,0,0,0,0])\nend\n") == "enable"
+    assert p.classify_script(b"stopj(2)\nmovej([0,0,0,0,0,0])\n") == "enable"
+
+
+def test_modes_have_names_and_strange_ones_numbers() -> None:
+    assert p.robot_mode_name(3) == "POWER_OFF (3)"
+    assert p.safety_mode_name(3) == "PROTECTIVE_STOP (3)"
+    assert p.robot_mode_name(42) == "unknown (42)"
+    assert set(p.SAFETY_BITS) == set(p.SafetyMode)
+    assert math.isclose(p.STOP_DECELERATION_RAD_S2, 4.0)

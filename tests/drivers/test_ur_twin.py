@@ -1,0 +1,182 @@
+"""The twin's controller, on a clock that the test moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from strands_actors.drivers.ur import protocol as p
+from strands_actors.drivers.ur.arms import HOME_RAD, arm_of
+from strands_actors.drivers.ur.twin.controller import Controller
+from strands_actors.drivers.ur.twin.lines import Dashboard
+from strands_actors.drivers.ur.twin.script import program_of
+
+SCRIPT = b"def rtde_control():\n    global reg_offset_int = # int register offset\n24\nend\n"
+COMMAND = p.UPPER_RANGE
+TICK_S = 0.002
+
+
+class World:
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.events: list[str] = []
+        self.controller = Controller(arm_of("ur5e"), now_s=lambda: self.now_s, on_event=self.events.append)
+
+    def run(self, seconds: float, feed: bool = False) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.now_s += TICK_S
+            if feed:
+                self.command(p.Command.NONE)
+            self.controller.tick()
+
+    def command(self, number: int, *doubles: float) -> None:
+        values: dict[str, p.Value] = {f"input_int_register_{COMMAND}": number}
+        values |= {f"input_double_register_{COMMAND + at}": value for at, value in enumerate(doubles)}
+        self.controller.write(values)
+
+    def start(self) -> None:
+        self.controller.start_program(program_of(SCRIPT, self.controller))
+        self.run(0.1)
+        assert self.controller.runtime_state == p.RuntimeState.PLAYING
+
+    @property
+    def answer(self) -> int:
+        return self.controller.int_out[COMMAND]
+
+    @property
+    def pan(self) -> float:
+        return self.controller.plant.position_rad[0]
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    yield World()
+
+
+def test_a_program_takes_its_time_to_start(world: World) -> None:
+    world.controller.start_program(program_of(SCRIPT, world.controller))
+    world.run(0.02)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED
+    world.run(0.1)
+    assert world.answer == p.READY
+
+
+def test_servo_follows_and_keeps_the_last_goal(world: World) -> None:
+    world.start()
+    world.command(p.Command.SERVO_J, 0.2, *HOME_RAD[1:])
+    assert world.answer == p.READY
+    world.run(1.0)
+    assert abs(world.pan - 0.2) < 0.01
+
+
+def test_servo_stop_stops_and_says_done(world: World) -> None:
+    world.start()
+    world.command(p.Command.SERVO_J, 2.0, *HOME_RAD[1:])
+    world.run(0.3)
+    world.command(p.Command.SERVO_STOP, 10.0)
+    assert world.answer == p.READY, "it takes its time"
+    world.run(0.5)
+    assert world.answer == p.DONE
+    stood = world.pan
+    assert 0.3 < stood < 1.5
+    world.run(0.5)
+    assert abs(world.pan - stood) < 1e-3
+    world.command(p.Command.NONE)
+    assert world.answer == p.READY
+
+
+def test_speed_never_expires_by_itself(world: World) -> None:
+    world.start()
+    world.command(p.Command.SPEED_J, 0.2, 0, 0, 0, 0, 0)
+    world.run(2.0)
+    assert abs(world.pan - 0.4) < 0.05
+
+
+def test_move_is_done_when_it_is_there(world: World) -> None:
+    world.start()
+    world.command(p.Command.MOVE_J, 0.3, *HOME_RAD[1:], 1.0, 1.0)
+    world.run(0.1)
+    assert world.answer == p.READY
+    world.run(1.0)
+    assert world.answer == p.DONE
+    assert abs(world.pan - 0.3) < 0.005
+
+
+def test_saf_013_the_watchdog_stops_the_program(world: World) -> None:
+    world.start()
+    world.command(p.Command.SET_WATCHDOG, 10.0)
+    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.run(0.08)
+    assert world.controller.runtime_state == p.RuntimeState.PLAYING
+    world.run(0.04)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED
+    assert world.events == ["watchdog"]
+    stood = world.run(0.3), world.pan
+    world.run(0.5)
+    assert abs(world.pan - stood[1]) < 1e-3
+
+
+def test_a_watchdog_that_is_fed_lets_it_go_on(world: World) -> None:
+    world.start()
+    world.command(p.Command.SET_WATCHDOG, 10.0)
+    world.run(0.5, feed=True)
+    assert world.controller.runtime_state == p.RuntimeState.PLAYING
+
+
+@pytest.mark.parametrize("mode", [mode for mode in p.SafetyMode if mode not in p.MOVABLE_SAFETY])
+def test_a_safety_stop_ends_the_program_and_takes_no_other(world: World, mode: p.SafetyMode) -> None:
+    world.start()
+    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.run(0.2)
+    world.controller.set_safety(mode)
+    world.run(0.3)
+    stood = world.pan
+    world.controller.start_program(program_of(SCRIPT, world.controller))
+    world.run(0.5)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED
+    assert abs(world.pan - stood) < 1e-3
+    world.controller.set_safety(p.SafetyMode.NORMAL)
+    world.run(0.5)
+    assert abs(world.pan - stood) < 1e-3, "nothing goes on by itself"
+
+
+def test_brakes_hold_the_arm_without_power(world: World) -> None:
+    world.controller.set_mode(p.RobotMode.POWER_OFF)
+    world.run(1.0)
+    assert all(abs(a - b) < 1e-2 for a, b in zip(world.controller.plant.position_rad, HOME_RAD, strict=True))
+
+
+def test_stopj_replaces_the_program(world: World) -> None:
+    world.start()
+    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.run(0.2)
+    world.controller.start_program(program_of(p.STOP_SCRIPT, world.controller))
+    world.run(1.0)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED
+    assert world.controller.is_steady()
+
+
+def test_the_dashboard_brings_the_arm_up(world: World) -> None:
+    dashboard = Dashboard(world.controller, "ur5e")
+    assert dashboard.answer("power off") == "Powering off"
+    assert dashboard.answer("robotmode") == "Robotmode: POWER_OFF"
+    assert dashboard.answer("power on") == "Powering on"
+    assert dashboard.answer("brake release") == "Brake releasing"
+    assert dashboard.answer("robotmode") == "Robotmode: RUNNING"
+    world.start()
+    assert dashboard.answer("running") == "Program running: true"
+    assert dashboard.answer("stop") == p.DASHBOARD_STOPPED
+    assert dashboard.answer("running") == "Program running: false"
+    world.controller.set_safety(p.SafetyMode.PROTECTIVE_STOP)
+    assert dashboard.answer("safetymode") == "Safetymode: PROTECTIVE_STOP"
+    dashboard.answer("unlock protective stop")
+    assert dashboard.answer("safetymode") == "Safetymode: NORMAL"
+    assert "could not understand" in dashboard.answer("dance")
+
+
+def test_local_control_takes_no_programs(world: World) -> None:
+    world.controller.remote = False
+    world.controller.start_program(program_of(SCRIPT, world.controller))
+    world.run(0.2)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED

@@ -1,0 +1,194 @@
+"""ur-rtde, as it is, against the twin. In processes of its own: it keeps the interpreter's lock when it is closed,
+and its threads go on looking for a controller that is gone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from ur_arm import PATIENCE_S, until
+
+from strands_actors.testing import Twin
+
+PRELUDE = """
+import json, os, sys, time
+from rtde_control import RTDEControlInterface as Control
+from rtde_receive import RTDEReceiveInterface as Receive
+
+host = sys.argv[1]
+UPPER = Control.FLAG_UPPER_RANGE_REGISTERS
+
+def until(look):
+    deadline = time.monotonic() + 15
+    while not look():
+        assert time.monotonic() < deadline, "patience is over"
+        time.sleep(0.002)
+
+def end(**told):
+    print(json.dumps(told), flush=True)
+    os._exit(0)
+"""
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("ur5e", tmp_path_factory.mktemp("twin")) as process:
+        yield process
+
+
+def run(twin: Twin, program: str) -> dict[str, Any]:
+    """What the program tells at its end."""
+    ran = subprocess.run(
+        [sys.executable, "-c", PRELUDE + program, twin.port.partition(":")[0]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=3 * PATIENCE_S,
+        env={**os.environ},
+    )
+    lines = [line for line in ran.stdout.splitlines() if line.startswith("{")]
+    assert ran.returncode == 0 and lines, ran.stdout
+    told: dict[str, Any] = json.loads(lines[-1])
+    return told
+
+
+def test_receive_hears_every_output_it_knows(twin: Twin) -> None:
+    told = run(
+        twin,
+        """
+receive = Receive(host)
+until(lambda: receive.getTimestamp() > 0)
+first = receive.getTimestamp()
+until(lambda: receive.getTimestamp() > first)
+end(q=receive.getActualQ(), mode=receive.getRobotMode(), safety=receive.getSafetyMode(),
+    pose=receive.getActualTCPPose(), runtime=receive.getRuntimeState(), temperature=receive.getJointTemperatures())
+""",
+    )
+    assert told["mode"] == 7
+    assert told["safety"] == 1
+    assert told["runtime"] == 1
+    assert len(told["q"]) == len(told["pose"]) == 6
+    assert told["temperature"] == [30.0] * 6
+
+
+@pytest.mark.parametrize("flags", ["Control.FLAG_UPLOAD_SCRIPT", "Control.FLAG_UPLOAD_SCRIPT | UPPER"])
+def test_control_servoes_stops_and_moves(twin: Twin, flags: str) -> None:
+    """Both register ranges."""
+    told = run(
+        twin,
+        f"""
+receive = Receive(host, 125.0)
+until(lambda: receive.getTimestamp() > 0)
+control = Control(host, 125.0, {flags})
+q = receive.getActualQ()
+for at in range(50):
+    assert control.servoJ([q[0] + 0.004 * at, *q[1:]], 0.5, 0.5, 0.008, 0.1, 300)
+    time.sleep(0.008)
+stopped = control.servoStop(10.0)
+servoed_to = receive.getActualQ()[0] - q[0]
+moved = control.moveJ(q, 1.0, 2.0)
+until(lambda: control.isSteady())
+time.sleep(0.05)
+back = receive.getActualQ()[0] - q[0]
+torques = control.getJointTorques()
+control.stopScript()
+until(lambda: receive.getRuntimeState() == 1)
+refused = control.servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)
+reuploaded = control.reuploadScript()
+until(lambda: receive.getRuntimeState() == 2)
+control.stopScript()
+end(stopped=stopped, servoed_to=servoed_to, moved=moved, back=back, torques=len(torques), refused=refused,
+    reuploaded=reuploaded)
+""",
+    )
+    assert told["stopped"] and told["moved"] and told["reuploaded"]
+    assert told["refused"] is False
+    assert told["servoed_to"] > 0.1
+    assert abs(told["back"]) < 0.01
+    assert told["torques"] == 6
+
+
+def test_saf_013_the_watchdog_it_arms_stops_the_program(twin: Twin) -> None:
+    told = run(
+        twin,
+        """
+receive = Receive(host, 125.0)
+control = Control(host, 125.0, Control.FLAG_UPLOAD_SCRIPT | UPPER)
+until(lambda: receive.getRuntimeState() == 2)
+assert control.setWatchdog(10.0)
+for _ in range(20):
+    control.kickWatchdog()
+    time.sleep(0.02)
+fed = receive.getRuntimeState()
+began = time.monotonic()
+until(lambda: receive.getRuntimeState() == 1)
+end(fed=fed, stopped_after=time.monotonic() - began)
+""",
+    )
+    assert told["fed"] == 2
+    assert 0.05 < told["stopped_after"] < 2.0
+    until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the log says so")
+
+
+def test_protective_stop_and_the_dashboard(twin: Twin) -> None:
+    told = run(
+        twin,
+        """
+from dashboard_client import DashboardClient
+receive = Receive(host, 125.0)
+control = Control(host, 125.0, Control.FLAG_UPLOAD_SCRIPT | UPPER)
+until(lambda: receive.getRuntimeState() == 2)
+control.triggerProtectiveStop()
+until(lambda: receive.isProtectiveStopped())
+safety, mode = receive.getSafetyMode(), receive.getRobotMode()
+moved = control.servoJ(receive.getActualQ(), 0.5, 0.5, 0.008, 0.1, 300)
+dashboard = DashboardClient(host)
+dashboard.connect()
+shown = dashboard.safetymode()
+dashboard.unlockProtectiveStop()
+until(lambda: receive.getSafetyMode() == 1)
+end(safety=safety, mode=mode, moved=moved, shown=shown, running=dashboard.running(),
+    remote=dashboard.isInRemoteControl(), model=dashboard.getRobotModel(), version=dashboard.polyscopeVersion())
+""",
+    )
+    assert (told["safety"], told["mode"]) == (3, 7)
+    assert told["moved"] is False
+    assert told["shown"] == "Safetymode: PROTECTIVE_STOP"
+    assert told["running"] is False
+    assert told["remote"] is True
+    assert told["model"] == "UR5"
+    assert told["version"].startswith("5.")
+
+
+def test_inputs_and_outputs(twin: Twin) -> None:
+    told = run(
+        twin,
+        """
+from rtde_io import RTDEIOInterface
+receive = Receive(host, 125.0)
+io = RTDEIOInterface(host)
+assert io.setStandardDigitalOut(1, True)
+assert io.setSpeedSlider(0.5)
+until(lambda: receive.getSpeedScaling() == 0.5)
+until(lambda: receive.getActualDigitalOutputBits() == 2)
+assert io.setSpeedSlider(1.0)
+assert io.setStandardDigitalOut(1, False)
+until(lambda: receive.getActualDigitalOutputBits() == 0)
+until(lambda: receive.getSpeedScaling() == 1.0)
+end(done=True)
+""",
+    )
+    assert told == {"done": True}
+
+
+def test_two_twins_side_by_side(twin: Twin, tmp_path: Any) -> None:
+    with Twin("ur10e", tmp_path) as other:
+        assert other.port != twin.port
+        assert run(other, "receive = Receive(host)\nuntil(lambda: receive.getTimestamp() > 0)\nend(ok=True)") == {
+            "ok": True
+        }

@@ -1,0 +1,94 @@
+"""A UR twin, and arms on it that are cleaned up whatever the test does."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
+
+from strands_actors import Robot
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+T = TypeVar("T")
+
+PATIENCE_S = 20.0
+"""For a busy machine; nothing here takes a second on a free one."""
+
+PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
+STEP_RAD = 0.01
+"""Within what a joint may be sent in one period."""
+
+
+@contextlib.contextmanager
+def arm_on(twin: Twin, robot: str = "ur5e") -> Iterator[RealRobot]:
+    """Connected and armed."""
+    arm = Robot(robot, mode="real", port=twin.port)
+    try:
+        problem = "never tried"
+        for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
+            problem = arm.connect_eagerly() or ""
+            if not problem:
+                break
+        assert not problem
+        yield arm
+    finally:
+        arm.cleanup()
+
+
+def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
+    deadline_s = time.monotonic() + within_s
+    while not (seen := look()):
+        assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
+        time.sleep(0.005)
+    return seen
+
+
+def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
+    assert answer["status"] == "success", answer
+    json: dict[str, Any] = answer["content"][0]["json"]
+    return json
+
+
+def why(answer: Mapping[str, Any]) -> str:
+    assert answer["status"] == "error", answer
+    text: str = answer["content"][0]["text"]
+    return text
+
+
+def status(arm: Any) -> dict[str, Any]:
+    return json_of(arm.get_status())
+
+
+def state(arm: Any) -> str | None:
+    """None while the wire does not answer."""
+    return status(arm).get("state")
+
+
+def pid(arm: RealRobot, role: str) -> int:
+    tree = arm.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+def nudge(arm: Any, joint: str = PAN) -> Mapping[str, Any]:
+    """A small step from where the joint is, towards zero."""
+    now = arm.get_observation().get(joint, 0.0)
+    answer: Mapping[str, Any] = arm.send_action({joint: now - math.copysign(STEP_RAD, now)})
+    return answer
+
+
+def wave(amplitude: float = 0.3, rate: float = 2.0) -> Callable[[Mapping[str, float]], dict[str, float]]:
+    """A policy: the shoulder goes to and fro from where it is. A pause does not make it jump."""
+    zero: list[float] = []
+    phase = [0.0]
+
+    def step(observation: Mapping[str, float]) -> dict[str, float]:
+        zero.append(observation[PAN])
+        phase[0] += rate * 0.008
+        return {PAN: zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
+
+    return step

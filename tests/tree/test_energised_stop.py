@@ -1,0 +1,87 @@
+"""A robot that stays energised on every rung, as a gripper that keeps its grip: stopped, it is stopped."""
+
+from __future__ import annotations
+
+import pytest
+import trio
+
+from strands_actors.runtime.contract import HOLDING_REASONS, Reason
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
+from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing.fake import FakeDriver
+
+from .writer import Writer, armed
+
+
+@pytest.fixture(autouse=True)
+def holds_for_every_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeDriver, "ladder", dict.fromkeys(Reason, "hold"))
+
+
+async def moving(tree: InlineTree) -> Writer:
+    writer = await armed(tree)
+    assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+    await trio.sleep(0.05)
+    return writer
+
+
+@pytest.mark.parametrize("reason", sorted(set(Reason) - HOLDING_REASONS))
+def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await moving(tree)
+            stopped_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(reason), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.rung == "hold"
+            assert (await tree.status()).mode == "disarmed"
+            assert tree.hardware.energised == [True, True]
+            assert isinstance(await writer.acquire(), Lease)
+            refused = await writer.send(latched=True, a=6.0)
+            assert isinstance(refused, Refused) and refused.code == "disarmed"
+            await trio.sleep(0.5)
+            assert tree.hardware.of("setpoint", stopped_ns + 1) == []
+            assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
+            await writer.acquire()
+            assert isinstance(await writer.send(latched=True, a=6.0), Accepted)
+
+    run_virtual(run)
+
+
+def test_saf_007_an_emergency_stop_locks_it() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await moving(tree)
+            await tree.gate.ask(Stop(Reason.ESTOP, "op", lock=True), 1.0)
+            refused = await writer.send(latched=True, a=6.0)
+            assert isinstance(refused, Refused) and refused.code == "locked_out"
+            assert (await tree.status()).locked_by == "op"
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("reason", sorted(HOLDING_REASONS))
+def test_a_lost_writer_is_followed_by_the_next(reason: Reason) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await moving(tree)
+            await tree.gate.ask(Stop(reason), 1.0)
+            assert (await tree.status()).mode == "holding"
+            await writer.acquire()
+            assert isinstance(await writer.send(latched=True, a=6.0), Accepted)
+
+    run_virtual(run)
+
+
+def test_saf_008_a_crash_of_the_wire_leaves_it_held_and_disarmed() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await moving(tree)
+            crashed_ns = tree.node.clock.now_ns()
+            tree.place._scope.cancel()
+            await tree.until("disarmed")
+            safe = tree.hardware.of("safe", crashed_ns)
+            assert (safe[0].path, safe[0].rung) == ("second", "hold")
+            assert tree.hardware.of("setpoint", safe[0].t_ns) == []
+
+    run_virtual(run)
