@@ -276,6 +276,11 @@ class RobotTree:
     # -- writing
 
     @property
+    def _arm_s(self) -> float:
+        """How long arming may take, and a little more."""
+        return self.driver.timing.arm_s + 2.0
+
+    @property
     def _holder(self) -> str:
         return f"{self._wanted_name} in process {os.getpid()}"
 
@@ -385,7 +390,7 @@ class RobotTree:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._watch_arming, nursery.cancel_scope)
             try:
-                answer = await self._gate.ask(Resume(self._holder), CONNECT_S)
+                answer = await self._gate.ask(Resume(self._holder), self._arm_s)
             except (AskTimeout, Unreachable) as error:
                 failure = error
             nursery.cancel_scope.cancel()

@@ -13,7 +13,7 @@ from strands_actors.runtime.actor import Actor, Cell, Deferred
 from strands_actors.runtime.clock import VirtualClock
 from strands_actors.runtime.frames import Down, protocol_of
 from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import AskTimeout, Node, Unreachable
+from strands_actors.runtime.node import Answer, AskTimeout, Node, Unreachable
 
 from .kernel import (
     Alarm,
@@ -188,6 +188,19 @@ async def test_an_answer_may_come_later_and_then_only_once() -> None:
         ref.tell(LateAnswer())
         assert await ref.ask(Number(3), 1.0) == Number(3)
         assert answers == [Number(-1)]
+
+
+@virtual_time
+async def test_the_first_answer_counts() -> None:
+    early, failed = Answer(None), Answer(None)
+    early.send(Number(1))
+    early.send(Number(2))
+    early.fail(AskTimeout("too late"))
+    assert await early.wait() == Number(1)
+    failed.fail(AskTimeout("first"))
+    failed.send(Number(1))
+    with pytest.raises(AskTimeout, match="first"):
+        await failed.wait()
 
 
 def test_a_deferred_answer_to_a_tell_goes_nowhere() -> None:

@@ -82,6 +82,7 @@ async def test_a_packet_that_can_never_be_kept_does_not_spoil_the_stream() -> No
             # Right behind each other: the second finds the socket full.
             for _ in range(2):
                 ours.send("strands/r/actor/recorder", b"x" * size)
+            await until(lambda: not ours._backlog)
         ref = here.ref("strands/r/actor/recorder", Recorder)
         assert await ref.ask(Number(1), 10.0) == Number(1)
         assert ours.dropped >= 8

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trio.testing import MockClock, wait_all_tasks_blocked
 
-from strands_actors.runtime.frames import ASK, TELL, frame, protocol_of
+from strands_actors.runtime.frames import ASK, DOWN, TELL, WATCH, frame, protocol_of
 from strands_actors.runtime.messages import MAX_MESSAGE_BYTES, Message, Refused
 from strands_actors.runtime.node import Node
 
@@ -123,6 +123,17 @@ def test_every_unreadable_body_is_refused_once_with_an_answer(values: list[Any])
             assert msgspec.msgpack.decode(data)[5][:2] == ["Refused", "malformed"]
 
     feed(frames, check)
+
+
+def test_who_asks_to_watch_what_is_not_here_is_told() -> None:
+    """The address may have been given up while the request was under way."""
+
+    def check(node: Node, wall: Wall, log: list[Message]) -> None:
+        to, kind, _, sender, _, body = msgspec.msgpack.decode(wall.sent[-1])
+        assert (to, kind, sender) == ("strands/x/actor/watcher", DOWN, "strands/r/actor/none")
+        assert body == ["Down", "strands/r/actor/none", "not hosted here"]
+
+    feed([frame("strands/r/actor/none", WATCH, 0, "strands/x/actor/watcher", "", None)], check)
 
 
 @pytest.mark.parametrize("size", [MAX_MESSAGE_BYTES + 1, 10 * MAX_MESSAGE_BYTES])
