@@ -307,6 +307,9 @@ def main() -> int:
     parser.add_argument("--victim", choices=VICTIMS, action="append")
     parser.add_argument("--fault", choices=FAULTS, action="append")
     options = parser.parse_args()
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell's background job ignores it, and so its children
     every_safe = True
     victims = victims_of(driver_of(options.robot))
     for victim in options.victim or victims:

@@ -240,7 +240,8 @@ def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm
     assert time.monotonic() - killed_s < 5.0
     assert "ended while it was arming" in why(answers[0])
     twin.fault("ok")
-    until(lambda: state(arm) == "disarmed", "the next wire is up")
+    # Unconfirmed if the next wire made safe while servo 6 still answered late.
+    until(lambda: state(arm) in ("disarmed", "unconfirmed"), "the next wire is up")
     json_of(arm.resume())
 
 
