@@ -34,7 +34,7 @@ _log = logging.getLogger("strands_actors")
 T = TypeVar("T")
 
 
-def Robot(name: str, mode: str = "real", **keywords: Any) -> RealRobot:  # a factory named as on the drivers page
+def Robot(name: str, mode: str = "sim", **keywords: Any) -> RealRobot:  # a factory named as on the drivers page
     """A handle on one robot; nothing is started before ``connect_eagerly()``.
 
     ``transport="twin"`` runs the robot's twin behind its real wire; otherwise ``port`` says where the robot

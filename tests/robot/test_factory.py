@@ -75,7 +75,7 @@ def test_a_robot_is_made_by_any_of_its_names_and_starts_nothing() -> None:
     assert (arm.tool_name, arm.name, arm.tool_type) == ("left", "left", "robot")
     assert repr(arm) == "<Robot left (so101, /dev/nowhere)>"
     assert arm.tree() is None
-    assert Robot("so101", port="x").tool_name == "so101"
+    assert Robot("so101", mode="real", port="x").tool_name == "so101"
 
 
 # -- the registry

@@ -114,6 +114,18 @@ def run_script(path: Path, ending: str) -> subprocess.Popen[str]:
     )
 
 
+async def end(process: subprocess.Popen[str], sig: signal.Signals) -> float:
+    """Signal it; seconds until it was gone. An interrupt that comes just before the interpreter begins to wait
+    does not end that wait (it has looked already): as at a terminal, it is then sent again."""
+    while True:
+        sent_ns = time.monotonic_ns()
+        process.send_signal(sig)
+        with trio.move_on_after(2 * GONE_WITHIN_S if sig == signal.SIGINT else float("inf")) as scope:
+            await wait_for_end_of(process.pid)
+        if not scope.cancelled_caught:
+            return (time.monotonic_ns() - sent_ns) / 1e9
+
+
 @pytest.mark.parametrize("how", ENDS)
 @real_time
 async def test_a_process_that_ends_is_gone_and_its_actors_with_it(how: str, tmp_path: Path) -> None:
@@ -133,13 +145,13 @@ async def test_a_process_that_ends_is_gone_and_its_actors_with_it(how: str, tmp_
             process.stdin.write("\n")
             process.stdin.flush()
             _, ended_ns = (await trio.to_thread.run_sync(process.stdout.readline)).split()
-            if how.startswith("SIG"):
-                assert watcher.downs == []
-                ended_ns = time.monotonic_ns()
-                process.send_signal(getattr(signal, how.split()[0]))
             with trio.fail_after(20):
-                await wait_for_end_of(process.pid)
-            gone_s = (time.monotonic_ns() - int(ended_ns)) / 1e9
+                if how.startswith("SIG"):
+                    assert watcher.downs == []
+                    gone_s = await end(process, getattr(signal, how.split()[0]))
+                else:
+                    await wait_for_end_of(process.pid)
+                    gone_s = (time.monotonic_ns() - int(ended_ns)) / 1e9
             with trio.fail_after(20):
                 await watcher.heard.wait()
             assert [down.address for down in watcher.downs] == [ADDRESS]
