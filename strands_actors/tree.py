@@ -378,8 +378,20 @@ class RobotTree:
         if isinstance(answer, Resumed):
             async with self._writing:
                 refusal = await self._acquire()
+                if refusal is None:
+                    await self._end_task()
             return refusal or answer
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+
+    async def _end_task(self) -> None:
+        """The lease is ours: a rollout from before has lost its own, whether it has noticed or not."""
+        if not (await self.task()).running:
+            return
+        if self._task_is_remote:
+            with contextlib.suppress(AskTimeout, Unreachable):  # then the next task() tells
+                await self._tasks.ask(StopTask(), ASK_S * 2)
+        else:
+            self._end_policy("stop")
 
     async def _energise(self, stops: int) -> Message | None:
         """Have the gate arm, unless it was told to stop since (``stops``: how often it had been before)."""

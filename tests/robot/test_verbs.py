@@ -245,6 +245,26 @@ def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm
     json_of(arm.resume())
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_after_a_resume_the_robot_is_the_callers(arm: RealRobot, named: bool) -> None:
+    """The rollout of before has lost its lease with the wire, even if it has not noticed yet."""
+    if named:
+        json_of(arm.start_task("wave", policy_provider="sine", duration=60.0))
+    else:
+        json_of(arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, duration=60.0))
+    until(lambda: task(arm)["steps"] > 0, "it runs")
+    tree = arm.tree()
+    assert tree is not None
+    pids = {process["role"]: process["pid"] for process in tree["processes"]}
+    if named:
+        os.kill(pids["policy"], signal.SIGSTOP)  # so that it cannot notice
+    os.kill(pids["wire"], signal.SIGKILL)
+    until(lambda: state(arm) == "disarmed", "the next wire is up")
+    json_of(arm.resume())
+    json_of(arm.send_action({"gripper": 40.0}))
+    assert not task(arm)["running"]
+
+
 def test_a_stop_while_it_connects_wins(twin: Twin, new_arm: NewArm) -> None:
     twin.pause()
     arm = new_arm(port=twin.port)
