@@ -11,8 +11,11 @@ setpoints expire, and heavy work beside it does not end it.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
+
+from .runtime.processor import standing
 
 BUSY_SHARE = 0.5
 """Of the time between two beats spent computing; a thread that polls with short sleeps stays below."""
@@ -54,9 +57,5 @@ class Liveness:
 def _computed_ns(thread: threading.Thread) -> int:
     """How long a thread has computed, or waited for a processor to compute on; 0 where the system does not tell
     (macOS). Without the wait, a thread that spins on a busy machine would look as if it slept."""
-    try:
-        with open(f"/proc/self/task/{thread.native_id}/schedstat") as stat:
-            computed, waited, _ = stat.read().split()
-    except OSError:
-        return 0
-    return int(computed) + int(waited)
+    now = standing(os.getpid(), thread.native_id)
+    return 0 if now is None else now.computed_ns + now.waited_ns

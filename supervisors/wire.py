@@ -19,6 +19,7 @@ from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.processor import Standing, standing
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
@@ -38,6 +39,7 @@ async def run_group(
     robot: str,
     start_state: State,
     orphaned: Callable[[], None],
+    root: Callable[[], Standing | None] = lambda: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails."""
@@ -50,7 +52,7 @@ async def run_group(
         node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state)),
         node.cell(
             at.path("watchdog"),
-            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned, root),
         ),
     ]
     try:
@@ -74,6 +76,9 @@ class ProcessPlace:
 
     async def fence(self) -> None:
         await self.process.fence()
+
+    def standing(self) -> Standing | None:
+        return standing(self.process.pid)
 
 
 class InlinePlace:
@@ -102,6 +107,9 @@ class InlinePlace:
         self._scope.cancel()
         await self._ended.wait()
 
+    def standing(self) -> None:
+        return None  # it stands where we stand
+
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the wire process."""
@@ -117,6 +125,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
 
+    root = os.getppid()
+
     def end() -> None:
         os._exit(0)
 
@@ -127,7 +137,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(run_group, node, driver, robot, state, end)
+        await nursery.start(run_group, node, driver, robot, state, end, lambda: standing(root))
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
