@@ -70,9 +70,12 @@ class _Held(msgspec.Struct):
 
 
 class Gate(Actor):
-    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had."""
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
+    what led there."""
 
-    def __init__(self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State) -> None:
+    def __init__(
+        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State, cause: str = ""
+    ) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start
@@ -84,7 +87,7 @@ class Gate(Actor):
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
         self._resumes: list[Deferred] = []
-        self._cause = ""
+        self._cause = cause
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
@@ -371,7 +374,7 @@ class Gate(Actor):
         self._facts = dict(message.facts)
         self._connect_error = ""
         self._observation = message.observation
-        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, "the link was lost")
+        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, self._cause or "the link was lost")
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why

@@ -48,13 +48,14 @@ class Place(Protocol):
 
 
 class Guardian(Actor):
-    """``start_wire(start)`` starts the wire group from a failsafe state and returns its place."""
+    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
+    its place."""
 
     def __init__(
         self,
         driver: Driver,
         watchdog: str,
-        start_wire: Callable[[State], Place],
+        start_wire: Callable[[State, str], Place],
         on_state: Callable[[StateIs], None] | None = None,
     ) -> None:
         self._driver = driver
@@ -160,7 +161,7 @@ class Guardian(Actor):
         self._silent_until_ns = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
-        place = self._start_wire(start)
+        place = self._start_wire(start, self.state.cause)
         self._silence = Silence(BEAT_TTL_S, place.standing)
         try:
             task_status.started()

@@ -38,6 +38,7 @@ async def run_group(
     driver: Driver,
     robot: str,
     start_state: State,
+    cause: str,
     orphaned: Callable[[], None],
     root: Callable[[], Standing | None] = lambda: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
@@ -49,7 +50,7 @@ async def run_group(
             at.path("transport"),
             lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
         ),
-        node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state)),
+        node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)),
         node.cell(
             at.path("watchdog"),
             lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned, root),
@@ -84,16 +85,16 @@ class ProcessPlace:
 class InlinePlace:
     """The wire group in this process's loop: for tests, under virtual time too."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State) -> None:
+    def __init__(self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State, cause: str) -> None:
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"
-        nursery.start_soon(self._run, node, driver, robot, state)
+        nursery.start_soon(self._run, node, driver, robot, state, cause)
 
-    async def _run(self, node: Node, driver: Driver, robot: str, state: State) -> None:
+    async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str) -> None:
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, self._scope.cancel)
+                await run_group(node, driver, robot, state, cause, self._scope.cancel)
         except Exception as error:
             self._why = describe(error)
         finally:
@@ -137,7 +138,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(run_group, node, driver, robot, state, end, lambda: standing(root))
+        await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: standing(root))
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

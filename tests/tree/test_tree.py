@@ -381,7 +381,7 @@ def test_saf_008_a_restart_resumes_nothing() -> None:
             old = writer.setpoint(ttl_s=5.0, a=9.0)
             tree.place._scope.cancel()
             await trio.sleep(0.05)
-            await tree.until("disarmed")
+            assert "the wire group ended" in (await tree.until("disarmed")).cause
             restarted_ns = tree.node.clock.now_ns()
             assert isinstance(await writer.ref.ask(old, 1.0), Refused)
             await trio.sleep(1.0)
