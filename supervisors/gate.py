@@ -63,10 +63,10 @@ class _Held(msgspec.Struct):
     def owner(self) -> _Held:
         return self.under or self
 
-    def beat(self, until_ns: int, answers: bool) -> None:
+    def beat(self, until_ns: int, answered_ago_s: float = 0.0) -> None:
         self.expires_ns = until_ns
-        if answers:
-            self.latches_until_ns = until_ns
+        if answered_ago_s >= 0.0:
+            self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
 
 
 class Gate(Actor):
@@ -181,7 +181,7 @@ class Gate(Actor):
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
         if self._lease is not None:
-            self._lease.beat(now_ns + _LEASE_TTL_NS, answers=True)
+            self._lease.beat(now_ns + _LEASE_TTL_NS)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -254,7 +254,7 @@ class Gate(Actor):
         held = self._lease
         while held is not None:
             if held.id == message.lease:
-                held.beat(until_ns, message.answers)
+                held.beat(until_ns, message.answered_ago_s)
             held = held.under
 
     def _release(self, lease: int) -> Deferred | None:
