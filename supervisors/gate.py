@@ -48,6 +48,8 @@ from .messages import (
 
 _LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
+_STOP_AGAIN_NS = round(0.5 * NS)
+"""At least so long after a stop that could not be confirmed."""
 
 
 class _Held(msgspec.Struct):
@@ -91,6 +93,7 @@ class Gate(Actor):
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
+        self._last_stop_ns = 0
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -124,8 +127,7 @@ class Gate(Actor):
             case Probe():
                 self._probe(message)
             case Observed():
-                self._observation = message.observation
-                self._writes, self._reads = message.writes, message.reads
+                self._observed(message)
             case Stop():
                 return self._stop(message)
             case Resume():
@@ -322,8 +324,22 @@ class Gate(Actor):
         self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
         return True
 
+    def _observed(self, message: Observed) -> None:
+        self._observation = message.observation
+        self._writes, self._reads = message.writes, message.reads
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+            self._stop_again(self._last_stop, message.observation)
+
+    def _stop_again(self, report: StopReport, observation: Observation) -> None:
+        """A motor that could not be confirmed safe is made so as soon as it is heard again."""
+        stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
+        heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
+            self._trip(report.reason, self._cause)
+
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
+        self._last_stop_ns = self.context.clock.now_ns()
         for epoch, stop in self._stops:
             if epoch <= report.epoch:
                 stop.send(report)

@@ -350,6 +350,22 @@ def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
     run_virtual(run)
 
 
+def test_saf_005_an_unconfirmed_motor_is_released_as_soon_as_it_is_heard_again() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.silent.add("b")
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            tried = len(tree.hardware.of("safe"))
+            await trio.sleep(5.0)
+            assert len(tree.hardware.of("safe")) == tried, "a motor that is not heard is not written to for ever"
+            tree.hardware.silent.clear()
+            await tree.until("disarmed", within_s=0.7)
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
 def test_saf_006_stop_does_not_wait_for_a_flood_of_setpoints() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
