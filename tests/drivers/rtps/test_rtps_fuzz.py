@@ -134,8 +134,8 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
 
 
 def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> None:
-    """Bytes changed, datagrams spliced, valid submessages with senseless numbers in a peer's name. A damaged payload
-    in an intact frame is the business of the robot's own checksum; nothing else may come of it."""
+    """Bytes changed, datagrams spliced, valid submessages with senseless numbers in a peer's name. A damaged
+    payload in an intact frame is the business of the robot's own checksum; nothing else may come of it."""
     talk = Talk(SEED + 1)
 
     def fate(datagram: bytes) -> Iterable[tuple[int, bytes]]:
