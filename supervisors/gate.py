@@ -7,6 +7,8 @@ reports, and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 
 from strands_actors.runtime.actor import Actor, Deferred
@@ -84,7 +86,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     resumes: list[Deferred]
     cause: str
     connect_error: str
-    facts: dict[str, object]
+    facts: dict[str, Any]
     last_stop: StopReport | None
     writes: int
     reads: int

@@ -1,10 +1,10 @@
 """What a recorder gets to see: all that the actors of a process take up, answer and tell, in order.
 
 While nobody records, the node has no tap and the actors pay an ``if``. A recorder attaches over the mesh; then a
-journal notes what happens, and a task beside the actors ships it in numbered batches, of which only a few may
-be on the way: a recorder that is slow, frozen or dead fills the journal, which is bounded, and nothing else. What
-did not fit is counted. After such a gap, as at the beginning, the journal goes on from the actors' whole memory, so that
-a replay can start there.
+journal notes what happens, and a task beside the actors ships it in numbered batches, of which only a few may be
+on the way: a recorder that is slow, frozen or dead fills the journal, which is bounded, and nothing else. What did
+not fit is counted. After such a gap, as at the beginning, the journal goes on from the whole memory of the actors,
+so that a replay can start there.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ class RecordingFile:
         try:
             for view in self._views.values():
                 self._rows(view.end())
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it open
         finally:
             self._stream.close()
 

@@ -20,6 +20,7 @@ from ..supervisors.gate import Gate, GateMemory
 from ..supervisors.tap import Entry, Kind
 from ..supervisors.watchdog import Watchdog, WatchdogMemory
 from .code import build_driver
+from .errors import RecordingError
 from .file import Recording, entries_of
 from .lines import Gap
 from .paper import Effect, PaperContext, PaperDeferred, answer_effect
@@ -228,5 +229,9 @@ def effect_in_words(effect: Effect) -> str:
 
 
 def replay(recording: Recording, driver: Driver | None = None) -> Outcome:
-    """Once through. Raise ``RecordingError`` when its driver is not here."""
-    return Replay(recording, driver).run()
+    """Once through. Raise ``RecordingError`` when its driver is not here, or its messages are of another version."""
+    try:
+        return Replay(recording, driver).run()
+    except msgspec.MsgspecError as error:
+        written = recording.info.version
+        raise RecordingError(f"what strands-actors {written} wrote cannot be read here: {error}") from error
