@@ -229,7 +229,7 @@ def effect_in_words(effect: Effect) -> str:
 
 
 def replay(recording: Recording, driver: Driver | None = None) -> Outcome:
-    """Once through. Raise ``RecordingError`` when its driver is not here, or its messages are of another version."""
+    """Once through. Raise ``RecordingError`` when its driver is not here, or it is of another version."""
     try:
         return Replay(recording, driver).run()
     except msgspec.MsgspecError as error:

@@ -23,7 +23,6 @@ from strands_actors.supervisors.messages import (
     Release,
     Renew,
     Resume,
-    Resumed,
     SafeDone,
     Setpoint,
     Shutdown,
@@ -45,7 +44,7 @@ Row = tuple[str, int, msgspec.Struct]
 _COMMANDS = (Setpoint, Stop, Resume, Acquire, Release)
 _SHOWN = (
     *_COMMANDS, Observed, SafeDone, ArmDone, LinkUp, LinkLost, MakeSafe, StateIs, Fence, Shutdown, Renew, StartTask,
-    StopTask, Happened, StopReport, Refused, Accepted, Lease, Resumed,
+    StopTask, Happened, StopReport, Refused, Accepted, Lease,
 )  # fmt: skip
 
 _BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOWN}
@@ -59,7 +58,8 @@ class View:
         self._axes = axes
         self._wall_ns = wall_ns
         self._at_ns = 0
-        self._command: Command | None = None  # of the message that was taken up last, until it is answered
+        self._asked = ""  # what was taken up last
+        self._command: Command | None = None  # the same, while its outcome is to be added
 
     def rows(self, entries: Iterable[Entry]) -> Iterator[Row]:
         for entry in entries:
@@ -109,34 +109,31 @@ class View:
     # -- commands, with what came of them
 
     def _taken(self, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
+        self._asked = ""
         match message:
             case Setpoint():
-                self._command = Command(
-                    "setpoint",
-                    "",
-                    "later",
-                    message.lease,
-                    message.epoch,
-                    message.deadline_ns,
-                    message.latched,
-                    message.action,
-                )
-            case Stop():
-                by = f"{message.reason}{f' by {message.by}' if message.by else ''}"
-                self._command = Command("e-stop" if message.lock else "stop", by, "later")
-            case Resume():
-                self._command = Command("resume", message.by, "later")
+                self._ask(_setpoint(message))
             case Acquire():
-                self._command = Command("acquire", message.holder, "later", message.over)
+                self._ask(Command("acquire", message.holder, "later", message.over))
+            case Stop():
+                by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
+                self._ask(Command("e-stop" if message.lock else "stop", by, "later"))
+                yield from self._end_command()
+            case Resume():
+                self._ask(Command("resume", message.by, "later"))
+                yield from self._end_command()
             case Release():
-                self._command = Command("release", "", "accepted", message.lease)
+                self._ask(Command("release", "", "accepted", message.lease))
+                yield from self._end_command()
             case Observed():
                 yield "observation", self._seen(message.observation)
             case SafeDone():
                 yield "safe", _done(message.report)
             case ArmDone():
-                what = "arming failed" if message.observation is None else "armed"
-                yield "lifecycle", Lifecycle(what, epoch=message.epoch, detail=message.error)
+                if message.observation is None:
+                    yield "lifecycle", Lifecycle("arming failed", epoch=message.epoch, detail=message.error)
+                else:
+                    yield "lifecycle", Lifecycle("armed", epoch=message.epoch)
             case LinkUp():
                 yield "lifecycle", Lifecycle("the link is up")
                 yield "observation", self._seen(message.observation)
@@ -156,23 +153,24 @@ class View:
 
     def _answered(self, answer: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         command = self._command
-        if command is None:
-            return
-        match answer:
-            case Refused():
-                command.outcome = "refused"
-                command.code, command.reason, command.remedy = answer.code, answer.reason, answer.remedy
-            case Accepted():
-                command.outcome, command.target = "accepted", self._by_axis(answer.values)
-            case Lease():
-                command.outcome, command.lease, command.epoch = "accepted", answer.id, answer.epoch
-            case Resumed() | StopReport():
-                command.outcome, command.epoch = "accepted", answer.epoch
-            case _:
-                pass
+        if command is not None:
+            match answer:
+                case Refused():
+                    command.outcome = "refused"
+                    command.code, command.reason, command.remedy = answer.code, answer.reason, answer.remedy
+                case Accepted():
+                    command.outcome, command.target = "accepted", self._by_axis(answer.values)
+                case Lease():
+                    command.outcome, command.lease, command.epoch = "accepted", answer.id, answer.epoch
+                    yield "lifecycle", Lifecycle("lease granted", epoch=answer.epoch, detail=command.by)
+                case _:
+                    pass
         yield from self._end_command()
         if isinstance(answer, Refused):
-            yield "refusal", _refusal(command.what, answer)
+            yield "refusal", _refusal(self._asked, answer)
+
+    def _ask(self, command: Command) -> None:
+        self._asked, self._command = command.what, command
 
     def _end_command(self) -> Iterator[tuple[str, msgspec.Struct]]:
         if self._command is not None:
@@ -237,10 +235,23 @@ def _said(row: msgspec.Struct) -> tuple[int, str] | None:
             return INFO, f"{row.what}{state}{pid}{f': {about}' if about else ''}"
         case Gap():
             return WARNING, f"gap: {row.why}"
-        case Command() if row.what != "setpoint":
+        case Command() if row.what not in ("setpoint", "acquire"):
             return INFO, f"{row.what}{f' ({row.by})' if row.by else ''}"
         case _:
             return None
+
+
+def _setpoint(message: Setpoint) -> Command:
+    return Command(
+        "setpoint",
+        "",
+        "later",
+        message.lease,
+        message.epoch,
+        message.deadline_ns,
+        message.latched,
+        message.action,
+    )
 
 
 def _state(message: StateIs) -> Lifecycle:

@@ -7,14 +7,14 @@ from typing import Any
 import msgspec
 
 from ..runtime.frames import Down
-from ..runtime.messages import Message
+from ..runtime.messages import Message, Refused
 from ..supervisors import messages, watchdog
 
 LONGEST = 400
 
 
 def _kinds() -> dict[str, type[Message]]:
-    found: dict[str, type[Message]] = {"Down": Down}
+    found: dict[str, type[Message]] = {"Down": Down, "Refused": Refused}
     for module in (messages, watchdog):
         for name, value in vars(module).items():
             if isinstance(value, type) and issubclass(value, Message) and value is not Message:
