@@ -24,6 +24,10 @@ class Addresses:
         """Path of the actor that answers for one process: root, wire or policy."""
         return self.path(f"census/{process}")
 
+    def tap(self, process: str) -> str:
+        """Path of the actor that a recorder of one process attaches to: root or wire."""
+        return self.path(f"tap/{process}")
+
     def address(self, name: str) -> str:
         return f"{PREFIX}/{self.path(name)}"
 

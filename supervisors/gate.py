@@ -1,11 +1,13 @@
 """The gate decides. Every writer, local or on the mesh, comes through here.
 
-It holds the failsafe state, the one lease, and the last observation; it knows the time only from what the
-watchdog's probe and the kernel's clock say. It never waits: a stop is answered when the transport reports,
-and setpoints, status and further stops are handled meanwhile.
+It holds the failsafe state, the one lease, and the last observation. It reads no clock: what it decides follows
+from its memory, the message, and when that was taken up. It never waits: a stop is answered when the transport
+reports, and setpoints, status and further stops are handled meanwhile.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import msgspec
 
@@ -69,6 +71,29 @@ class _Held(msgspec.Struct):
         self.expires_ns = until_ns
         if answered_ago_s >= 0.0:
             self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
+
+
+class GateMemory(msgspec.Struct, frozen=True):
+    """All that a gate's decisions depend on, beside the message and when it was taken up: its attributes of these
+    names."""
+
+    state: failsafe.State
+    lease: _Held | None
+    leases: int
+    observation: Observation | None
+    target: tuple[float, ...]
+    target_ns: int
+    live_until_ns: int
+    stops: list[tuple[int, Deferred]]
+    resumes: list[Deferred]
+    cause: str
+    connect_error: str
+    facts: dict[str, Any]
+    last_stop: StopReport | None
+    writes: int
+    reads: int
+    refusals: int
+    last_refusal: str
 
 
 class Gate(Actor):
@@ -162,7 +187,7 @@ class Gate(Actor):
         return answer
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
-        now_ns = self.context.clock.now_ns()
+        now_ns = self.context.received_ns
         refusal = self._refuse_by_mode() or self._refuse_by_lease(message, now_ns)
         if refusal is not None:
             return refusal
@@ -232,7 +257,7 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
-        now_ns = self.context.clock.now_ns()
+        now_ns = self.context.received_ns
         held = self._lease
         under: _Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
@@ -252,7 +277,7 @@ class Gate(Actor):
         return Lease(self._leases, self._state.epoch)
 
     def _beat(self, message: Beat) -> None:
-        until_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
+        until_ns = self.context.received_ns + _LEASE_TTL_NS
         held = self._lease
         while held is not None:
             if held.id == message.lease:
@@ -381,7 +406,7 @@ class Gate(Actor):
         """The present position is the first target: no jump."""
         self._observation = observation
         self._target = observation.position
-        self._target_ns = self.context.clock.now_ns()
+        self._target_ns = self.context.received_ns
         self._live_until_ns = 0
 
     # -- the link
@@ -415,7 +440,7 @@ class Gate(Actor):
 
     def _status(self) -> Status:
         observation = self._observation
-        age_s = -1.0 if observation is None else (self.context.clock.now_ns() - observation.t_ns) / NS
+        age_s = -1.0 if observation is None else (self.context.received_ns - observation.t_ns) / NS
         return Status(
             self._state.mode,
             self._state.epoch,
@@ -434,3 +459,13 @@ class Gate(Actor):
             self._last_stop,
             self._facts,
         )
+
+    # -- for a recorder
+
+    def memory(self) -> GateMemory:
+        return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})
+
+    def recall(self, memory: GateMemory) -> None:
+        """Go on from there."""
+        for name in GateMemory.__struct_fields__:
+            setattr(self, f"_{name}", getattr(memory, name))

@@ -20,7 +20,18 @@ from strands_actors.runtime.processor import Standing
 from strands_actors.runtime.silence import Silence
 
 from .failsafe import Mode, State
-from .messages import Fence, HandedOver, Handover, Renew, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
+from .messages import (
+    Fence,
+    HandedOver,
+    Handover,
+    Happened,
+    Renew,
+    RootBeat,
+    SilentUntil,
+    StateIs,
+    StopReport,
+    WireBeat,
+)
 from .watchdog import BEAT_EVERY, BEAT_TTL_S, TICK_S, Tick
 
 START_DEADLINE_S = 10.0
@@ -169,6 +180,7 @@ class Guardian(Actor):
         finally:
             with trio.CancelScope(shield=True):
                 await place.fence()
+                self.context.note(Happened("the wire has ended", self._why[1]))
                 self._silence = Silence(BEAT_TTL_S)
                 if not self._orderly:
                     await self._make_safe(start.epoch)
@@ -205,6 +217,8 @@ class Guardian(Actor):
         epoch = max(epoch, self.state.epoch) + 1
         self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms)
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
+        self.context.note(self.last_report)
+        self.context.note(self.state)
         if self._on_state is not None:
             self._on_state(self.state)
         for waiting in self._waiting:

@@ -395,3 +395,14 @@ class TreeReport(Message, frozen=True):
     epoch: int
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
+
+
+# -- for who records
+
+
+class Happened(Message, frozen=True):
+    """What no message between actors says: a process was started or has ended."""
+
+    what: str
+    detail: str = ""
+    pid: int = 0

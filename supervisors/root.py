@@ -29,13 +29,31 @@ from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
 from .loading import load_driver
-from .messages import ActorInfo, Census, Describe, ProcessInfo, Shutdown, Stop, StopReport, TreeReport
+from .messages import (
+    ActorInfo,
+    Census,
+    Describe,
+    GetTask,
+    Happened,
+    ProcessInfo,
+    RootBeat,
+    Shutdown,
+    Stop,
+    StopReport,
+    TaskStatus,
+    TreeReport,
+    WireBeat,
+)
+from .tap import Attached, TapKeeper, name_of
 from .tasks import Tasks
+from .watchdog import Tick
 from .wire import ProcessPlace
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
+
+_DULL = frozenset({Tick, WireBeat, RootBeat, Describe, TreeReport, GetTask, TaskStatus})
 
 
 class Root(Actor):
@@ -87,7 +105,14 @@ class Tree:
             "connect": self.args["connect"],
         }
         self.wire = ProcessPlace(self.node, self.nursery, args)
+        self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
+
+    def tap_keeper(self) -> TapKeeper:
+        """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
+        at, driver = self.at, self.driver
+        names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
+        return TapKeeper(names, Attached(self.args["driver"], driver.axes, driver.unit), dull=_DULL)
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
@@ -98,6 +123,7 @@ class Tree:
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
+            nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])
             link = Link(self.node, sock, on_closed=lambda: self.shut_down(Reason.CALLER, "the caller ended"))
             nursery.start_soon(link.run)

@@ -23,7 +23,7 @@ from . import addresses
 from .census import CensusTaker
 from .gate import Gate
 from .loading import load
-from .messages import GetStatus, GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .messages import GetStatus, GetTask, Happened, Rollout, StartTask, Stop, StopTask, TaskStatus
 from .policy import Policy
 
 STOP_S = 0.3
@@ -79,6 +79,7 @@ class Tasks(Actor):
         except OSError as error:
             return Refused("no_process", f"start_task: no process can be started: {error}", "resume()")
         self.starts += 1
+        self.context.note(Happened("the policy process was started", message.provider, self.process.pid))
         self._stopping = False
         self._status = TaskStatus(running=True, instruction=message.rollout.instruction)
         self.context.start_soon(self._attend, self.process)
@@ -90,8 +91,9 @@ class Tasks(Actor):
             code = await process.wait()
             nursery.cancel_scope.cancel()
         self.process = None
+        how = f"signal {-code}" if code < 0 else f"code {code}"
+        self.context.note(Happened("the policy process has ended", how, process.pid))
         if self._status.running:
-            how = f"signal {-code}" if code < 0 else f"code {code}"
             reason, detail = ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
             self._status = msgspec.structs.replace(
                 self._status, running=False, exit_reason=reason, exit_detail=detail

@@ -7,11 +7,15 @@ last cycle) are all alive. A frozen link in that chain therefore stops the keepa
 
 To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
 not answer is fenced from outside, whatever it believes of itself.
+
+It reads no clock: what it does follows from its memory, the message, and when that was taken up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+
+import msgspec
 
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
@@ -19,7 +23,7 @@ from strands_actors.runtime.contract import Reason, Timing
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Ref
 from strands_actors.runtime.processor import Standing
-from strands_actors.runtime.silence import Silence
+from strands_actors.runtime.silence import Heard, Silence
 
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
@@ -34,6 +38,30 @@ class Tick(Message, frozen=True):
     lane = "latest"
 
     now_ns: int
+
+
+class Leave(Message, frozen=True):
+    """The watchdog to itself: nobody is left who could fence us. Make safe, then end."""
+
+    lane = "urgent"
+
+    why: str
+
+
+class WatchdogMemory(msgspec.Struct, frozen=True):
+    """All that a watchdog's decisions depend on, beside the message and when it was taken up."""
+
+    probe: int
+    cycle: int
+    cycle_at_ns: int
+    gate_answered: int
+    transport_answered: int
+    gate_heard_ns: int
+    transport_heard_ns: int
+    busy_until_ns: int
+    alive: Alive
+    root: Heard
+    root_lost: bool
 
 
 class Watchdog(Actor):
@@ -60,7 +88,8 @@ class Watchdog(Actor):
         self._answers_ns = [0, 0]  # when gate and transport were last heard
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
-        self._root = Silence(BEAT_TTL_S, root)
+        self._root_stands = root
+        self._root = Silence(BEAT_TTL_S, self._look_at_root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -68,10 +97,10 @@ class Watchdog(Actor):
         self._gate: Ref = self.context.ref(gate)
         self._transport: Ref = self.context.ref(transport)
         self._guardian: Ref = self.context.ref(guardian)
-        self._answers_ns = [self.context.clock.now_ns()] * 2
+        self._answers_ns = [self.context.received_ns] * 2
         self.context.every(TICK_S, Tick)
 
-    def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | StopReport) -> None:
+    def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | Leave | StopReport) -> None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
@@ -80,13 +109,20 @@ class Watchdog(Actor):
             case Cycled():
                 self._transport_answered = max(self._transport_answered, message.number)
                 self._busy_until_ns = message.busy_until_ns
-                self._answers_ns[1] = self.context.clock.now_ns()
+                self._answers_ns[1] = self.context.received_ns
             case RootBeat():
-                self._root.heard(self.context.clock.now_ns())
+                self._root.heard(self.context.received_ns)
             case RootGone():
                 self._lose_root("the root process ended")
+            case Leave():
+                self.context.start_soon(self._leave, message.why)
             case StopReport():
                 pass
+
+    def _look_at_root(self) -> Standing | None:
+        seen = self._root_stands()
+        self.context.saw(seen)
+        return seen
 
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
@@ -95,7 +131,7 @@ class Watchdog(Actor):
             self._lose_root("the root process stopped answering")
 
     def _gate_alive(self, alive: Alive) -> None:
-        now_ns = self.context.clock.now_ns()
+        now_ns = self.context.received_ns
         self._gate_answered = alive.number
         self._answers_ns[0] = now_ns
         self._alive = alive
@@ -122,7 +158,7 @@ class Watchdog(Actor):
         if self._root_lost:
             return
         self._root_lost = True
-        self.context.start_soon(self._leave, why)
+        self.context.me.tell(Leave(why))
 
     async def _leave(self, why: str) -> None:
         """Nobody is left who could fence us: make safe, then end."""
@@ -130,3 +166,29 @@ class Watchdog(Actor):
             await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
         finally:
             self._orphaned()
+
+    # -- for a recorder
+
+    def memory(self) -> WatchdogMemory:
+        return WatchdogMemory(
+            self._probe,
+            self._cycle,
+            self._cycle_at_ns,
+            self._gate_answered,
+            self._transport_answered,
+            self._answers_ns[0],
+            self._answers_ns[1],
+            self._busy_until_ns,
+            self._alive,
+            self._root.memory(),
+            self._root_lost,
+        )
+
+    def recall(self, memory: WatchdogMemory) -> None:
+        """Go on from there."""
+        self._probe, self._cycle, self._cycle_at_ns = memory.probe, memory.cycle, memory.cycle_at_ns
+        self._gate_answered, self._transport_answered = memory.gate_answered, memory.transport_answered
+        self._answers_ns = [memory.gate_heard_ns, memory.transport_heard_ns]
+        self._busy_until_ns, self._alive = memory.busy_until_ns, memory.alive
+        self._root.recall(memory.root)
+        self._root_lost = memory.root_lost

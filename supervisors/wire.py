@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import trio
@@ -29,6 +29,7 @@ from .failsafe import Mode, State
 from .gate import Gate
 from .loading import load_driver
 from .messages import RootGone
+from .tap import Attached, TapKeeper, name_of
 from .transport import Transport
 from .watchdog import Watchdog
 
@@ -64,6 +65,20 @@ async def run_group(
     finally:
         for cell in cells:
             node.release(cell)
+
+
+def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: str) -> TapKeeper:
+    """For who wants to record the gate and the watchdog of a wire group."""
+    at = addresses.of(robot)
+
+    def remember() -> Iterator[tuple[str, int, object]]:
+        for address in (at.gate, at.watchdog):
+            cell = node.cells.get(address)
+            if cell is not None and isinstance(cell.actor, Gate | Watchdog):
+                yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
+
+    names = {address: name_of(address) for address in (at.gate, at.watchdog)}
+    return TapKeeper(names, Attached(description, driver.axes, driver.unit), remember)
 
 
 class ProcessPlace:
@@ -146,3 +161,5 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
+        tap = node.cell(at.tap("wire"), lambda: tap_keeper(node, driver, args["driver"], robot), "tap")
+        nursery.start_soon(tap.run)

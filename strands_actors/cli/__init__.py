@@ -81,6 +81,30 @@ def resume(robot: Which = None, all_: All = False) -> None:
 
 
 @app.command()
+def record(
+    robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")],
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long; else until Ctrl-C.")] = None,
+    json: Json = False,
+) -> None:
+    """Record all that a running robot is told, decides and does."""
+    from .record import record as run
+
+    raise typer.Exit(run(robot, out, seconds, as_json=json))
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A file that `record` wrote.")],
+    json: Json = False,
+) -> None:
+    """Decide a recording anew, and compare every decision."""
+    from .record import replay as run
+
+    raise typer.Exit(run(recording, as_json=json))
+
+
+@app.command()
 def twin(
     robot: Annotated[str, typer.Argument(help="As `list` names it.")],
     port_file: Annotated[Path, typer.Option(help="Is written with the twin's port (or address).")],

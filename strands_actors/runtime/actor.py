@@ -34,12 +34,18 @@ BURST_NS = 200_000
 class Deferred:
     """Returned by ``receive`` instead of an answer; answer with ``send`` when it is known."""
 
-    __slots__ = ("_reply",)
+    __slots__ = ("_context", "_reply", "number")
 
-    def __init__(self, reply: ReplyTo | None) -> None:
+    def __init__(self, reply: ReplyTo | None, context: Context | None = None, number: int = 0) -> None:
         self._reply = reply
+        self._context = context
+        self.number = number
+        """Of its actor's, in the order they were made."""
 
     def send(self, answer: Message | None) -> None:
+        context = self._context
+        if context is not None and (tap := context.node.tap) is not None:
+            tap.settled(context.address, self.number, answer)
         if self._reply is not None:
             self._reply.send(answer)
             self._reply = None
@@ -67,6 +73,10 @@ class Context:
         self.clock: Clock = cell.node.clock
         self.address = cell.address
         self.reply: ReplyTo | None = None
+        self.received_ns = self.clock.now_ns()
+        """When the present message was taken up; before the first one, when this incarnation began. A handler
+        that reads the time here and nowhere else is a function of its state, the message and this."""
+        self.deferrals = 0
 
     @property
     def me(self) -> Ref:
@@ -78,7 +88,18 @@ class Context:
 
     def defer(self) -> Deferred:
         """Keep the present message's reply for later."""
-        return Deferred(self.reply)
+        self.deferrals += 1
+        return Deferred(self.reply, self, self.deferrals)
+
+    def saw(self, value: object) -> None:
+        """For a recorder: what a handler has just read of the world beside its message."""
+        if (tap := self.node.tap) is not None:
+            tap.saw(self.address, value)
+
+    def note(self, message: Message) -> None:
+        """For a recorder: an event that no message tells."""
+        if (tap := self.node.tap) is not None:
+            tap.noted(self.address, self.clock.now_ns(), message)
 
     def watch(self, address: str) -> None:
         """Receive ``Down`` when the actor at ``address`` ends or cannot be reached any more."""
@@ -144,14 +165,17 @@ class Cell:
         receive = cast(Callable[[Message], Any], self.actor.receive)
         now_ns = self.node.clock.now_ns
         while True:
-            yield_at_ns = now_ns() + BURST_NS
+            at_ns = now_ns()
+            yield_at_ns = at_ns + BURST_NS
             for _ in range(BURST):
                 entry = mailbox.pop()
                 if entry is None:
                     await mailbox.wait()
                     break
+                context.received_ns = at_ns
                 await self._handle(entry, context, receive, protocol.is_async)
-                if now_ns() > yield_at_ns:
+                at_ns = now_ns()
+                if at_ns > yield_at_ns:
                     await trio.lowlevel.checkpoint()
                     break
             else:
@@ -162,6 +186,9 @@ class Cell:
     ) -> None:
         message, reply = entry
         context.reply = reply
+        tap = self.node.tap
+        if tap is not None:
+            tap.took(self.address, context.received_ns, message)
         try:
             answer = receive(message)
             if is_async:
@@ -170,7 +197,13 @@ class Cell:
             if reply is not None:
                 reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
             raise
-        if reply is not None and type(answer) is not Deferred:
+        later = type(answer) is Deferred
+        if tap is not None:
+            if later:
+                tap.deferred(self.address, answer.number)
+            else:
+                tap.answered(self.address, answer)
+        if reply is not None and not later:
             reply.send(answer)
 
 

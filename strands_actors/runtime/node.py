@@ -36,6 +36,7 @@ from .frames import (
 )
 from .mailbox import ReplyTo
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
+from .tap import Tap
 
 PREFIX = "strands"
 
@@ -172,6 +173,9 @@ class Ref:
 
     def tell(self, message: Message) -> None:
         """Send and forget. What cannot be delivered becomes a dead letter."""
+        tap = self._node.tap
+        if tap is not None:
+            tap.sent(self._sender, self.address, message)
         cell = self._node.cells.get(self.address)
         if cell is not None:
             self._node.put_local(cell, message, None, self._sender)
@@ -214,6 +218,8 @@ class Node:
         self.dead_letters: deque[DeadLetter] = deque(maxlen=256)
         self.dead_letter_count = 0
         self.refused_count = 0
+        self.tap: Tap | None = None
+        """Told what the actors of this node do, while somebody records them."""
         self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
@@ -285,6 +291,8 @@ class Node:
     def _refuse(self, to: str, what: object, refusal: Refused, reply: ReplyTo | None) -> None:
         self.refused_count += 1
         self.dead(to, what, refusal.reason)
+        if self.tap is not None:
+            self.tap.refused(to, type(what).__name__, refusal)
         if reply is not None:
             reply.send(refusal)
 

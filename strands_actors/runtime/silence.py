@@ -16,6 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
+
 from .clock import NS
 from .processor import Standing
 
@@ -23,6 +25,15 @@ OWN_TICKS = 6
 """Of ours, without a word from the peer, before it can count as silent."""
 LONGEST_S = 0.3
 """Silent for so long is silent, whatever the machine was doing."""
+
+
+class Heard(msgspec.Struct, frozen=True):
+    """What a ``Silence`` remembers of its peer."""
+
+    heard_ns: int
+    ticks: int
+    looked_ns: int
+    before: Standing | None
 
 
 class Silence:
@@ -42,6 +53,13 @@ class Silence:
         self.heard_ns = now_ns
         self._ticks = 0
         self._looked_ns = 0
+
+    def memory(self) -> Heard:
+        return Heard(self.heard_ns, self._ticks, self._looked_ns, self._before)
+
+    def recall(self, memory: Heard) -> None:
+        self.heard_ns, self._ticks = memory.heard_ns, memory.ticks
+        self._looked_ns, self._before = memory.looked_ns, memory.before
 
     def tick(self, now_ns: int) -> bool:
         """Call at each own tick; True once the peer has been silent for too long. Never before its first word."""

@@ -1,0 +1,80 @@
+"""``with record(robot, "run.mcap"):`` from a script: the recorder runs in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+import trio
+
+from .errors import RecordingError
+from .recorder import record_until_told
+
+END_S = 15.0
+STARTED = "recording"
+
+
+class Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+@contextmanager
+def record(robot: str | Named, path: str | Path) -> Iterator[None]:
+    """Record a connected robot (or the running one of that name) for as long as the block runs. Raise
+    ``RecordingError`` when it cannot be recorded; the robot does not notice."""
+    name = robot if isinstance(robot, str) else robot.name
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__, name, str(path)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+    try:
+        assert process.stdout is not None
+        if process.stdout.readline().strip() != STARTED:
+            raise RecordingError(_why(process))
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise RecordingError(f"the recorder did not finish {path} within {END_S:g} s") from None
+    if process.returncode:
+        raise RecordingError(said.strip() or f"the recorder ended with code {process.returncode}")
+
+
+def _why(process: subprocess.Popen[str]) -> str:
+    _, said = process.communicate(timeout=END_S)
+    return said.strip() or f"the recorder ended with code {process.returncode}"
+
+
+def main() -> int:
+    """Entry of the recorder's process: the robot's name and the path."""
+    name, path = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started us may have it ignored
+
+    def started() -> None:
+        print(STARTED, flush=True)
+
+    try:
+        trio.run(record_until_told, name, Path(path), None, started, lambda seconds, file: None)
+    except (RecordingError, OSError) as problem:
+        print(" ".join(str(problem).split()), file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

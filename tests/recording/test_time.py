@@ -1,0 +1,126 @@
+"""The kernel stamps when a message is taken up; the gate and the watchdog know no other time or state."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock, VirtualClock
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.silence import Heard, Silence
+from strands_actors.supervisors.failsafe import State
+from strands_actors.supervisors.gate import Gate, GateMemory
+from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
+from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
+from tests.runtime.kernel import real_time, virtual_time
+
+MESSAGES = 1000
+
+
+class Count(Message, frozen=True):
+    number: int
+
+
+class Stamped(Actor):
+    """Notes when it was given each message; a slow one takes a while."""
+
+    def __init__(self) -> None:
+        self.stamps: list[int] = []
+        self.done = trio.Event()
+
+    async def receive(self, message: Count) -> None:
+        self.stamps.append(self.context.received_ns)
+        await trio.sleep(0.01)
+        if message.number == 0:
+            self.done.set()
+
+
+class Quick(Actor):
+    def __init__(self) -> None:
+        self.done = trio.Event()
+
+    def receive(self, message: Count) -> None:
+        if message.number == 0:
+            self.done.set()
+
+
+class CountingClock(MonotonicClock):
+    reads = 0
+
+    def now_ns(self) -> int:
+        self.reads += 1
+        return super().now_ns()
+
+
+@virtual_time
+async def test_a_message_is_stamped_when_it_is_taken_up_not_when_it_was_sent() -> None:
+    node, actor = Node("n", VirtualClock()), Stamped()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(node.cell("n/actor/stamped", lambda: actor).run)
+        began_ns = node.clock.now_ns()
+        for number in (2, 1, 0):
+            node.ref("strands/n/actor/stamped").tell(Count(number))
+        await actor.done.wait()
+        nursery.cancel_scope.cancel()
+    assert [stamp - began_ns for stamp in actor.stamps] == [
+        pytest.approx(at_ns, abs=1000) for at_ns in (0, 10_000_000, 20_000_000)
+    ]
+
+
+@real_time
+async def test_a_message_costs_one_reading_of_the_clock() -> None:
+    clock = CountingClock()
+    node, actor = Node("n", clock), Quick()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(node.cell("n/actor/quick", lambda: actor).run)
+        before = clock.reads
+        for number in reversed(range(MESSAGES)):
+            node.ref("strands/n/actor/quick").tell(Count(number))
+        await actor.done.wait()
+        reads = clock.reads - before
+        nursery.cancel_scope.cancel()
+    # One a message, and one a burst of them; a burst on a busy machine may be short.
+    assert MESSAGES <= reads <= 2 * MESSAGES + 10
+
+
+# -- the memory a recording begins with is the whole memory
+
+WIRING = {"_driver", "_addresses"}
+
+
+def test_a_gate_has_no_state_but_its_memory() -> None:
+    HARDWARE["memory"] = FakeHardware()
+    try:
+        gate = Gate(FakeDriver("fake", "memory", {}), "t", "w", "g", State())
+    finally:
+        del HARDWARE["memory"]
+    remembered = {f"_{name}" for name in GateMemory.__struct_fields__}
+    assert set(vars(gate)) - WIRING == remembered
+
+
+def test_a_watchdog_has_no_state_but_its_memory() -> None:
+    watchdog = Watchdog(FakeDriver.timing, "g", "t", "r", lambda: None)
+    wiring = {"_addresses", "_cycle_ns", "_orphaned", "_root_stands"}
+    changing = set(vars(watchdog)) - wiring
+    assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
+    memory = WatchdogMemory(
+        *range(1, 9),  # type: ignore[arg-type]  # in the order of its fields
+        alive=watchdog._alive,
+        root=Heard(10, 11, 12, None),
+        root_lost=True,
+    )
+    watchdog.recall(memory)
+    assert watchdog.memory() == memory
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(memory), type=WatchdogMemory) == memory
+
+
+def test_a_silence_has_no_state_but_its_memory() -> None:
+    silence = Silence(0.1)
+    assert set(vars(silence)) == {"_ttl_ns", "_longest_ns", "_look", "heard_ns", "_ticks", "_looked_ns", "_before"}
+    silence.recall(Heard(1, 2, 3, None))
+    assert silence.memory() == Heard(1, 2, 3, None)
