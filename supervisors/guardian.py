@@ -12,14 +12,15 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.runtime.actor import Actor, Deferred
+from strands_actors.runtime.actor import Actor, Deferred, describe
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath
+from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
+from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 
 from .failsafe import Mode, State
 from .messages import Fence, HandedOver, Handover, Renew, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
-from .watchdog import BEAT_EVERY, BEAT_TTL_S, BEAT_TTL_TICKS, TICK_S, Tick
+from .watchdog import BEAT_EVERY, BEAT_TTL_TICKS, Tick
 
 START_DEADLINE_S = 10.0
 RENEW_PAUSE_S = 0.05
@@ -55,7 +56,9 @@ class Guardian(Actor):
         self._watchdog_address = watchdog
         self._start_wire = start_wire
         self._on_state = on_state
+        self._beat_ttl_ns = round(driver.timing.beat_ttl_s * NS)
         self._second: SecondPath | None = None
+        self._second_scope = trio.CancelScope()
         self.state = StateIs(Mode.DOWN, 0, "", "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -73,11 +76,11 @@ class Guardian(Actor):
 
     async def started(self) -> None:
         self._watchdog: Ref = self.context.ref(self._watchdog_address)
-        self.context.every(TICK_S, Tick)
+        self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
         self, message: Tick | WireBeat | SilentUntil | Renew | StateIs | Handover | Fence
-    ) -> HandedOver | StopReport | Deferred | None:
+    ) -> HandedOver | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
@@ -96,10 +99,7 @@ class Guardian(Actor):
                 if self._on_state is not None:
                     self._on_state(message)
             case Handover():
-                if self._second is not None:
-                    self._second.close()
-                self._second = self._driver.second_path(message.descriptors, self.context.clock)
-                return HandedOver()
+                return self._take(message)
             case Fence():
                 return self._fence(message)
         return None
@@ -114,13 +114,41 @@ class Guardian(Actor):
             self._watchdog.tell(RootBeat(self._beats))
         if self._heard_ns and now_ns >= self._silent_until_ns:
             self._quiet_ticks += 1
-            if now_ns - self._heard_ns > BEAT_TTL_S * NS and self._quiet_ticks >= BEAT_TTL_TICKS:
+            if now_ns - self._heard_ns > self._beat_ttl_ns and self._quiet_ticks >= BEAT_TTL_TICKS:
                 self._break(Reason.WIRE, "the wire process stopped answering")
 
     def _break(self, reason: Reason, why: str) -> None:
         if not self._broken.is_set():
             self._why = reason, why
             self._broken.set()
+
+    # -- the second path
+
+    def _take(self, message: Handover) -> Deferred:
+        """Answered when the path could be used at once."""
+        self._drop_second()
+        self._second = path = self._driver.second_path(message.descriptors, self.context.clock)
+        self._second_scope = trio.CancelScope()
+        deferred = self.context.defer()
+        self.context.start_soon(self._keep_second, path, self._second_scope, deferred)
+        return deferred
+
+    async def _keep_second(self, path: SecondPath, scope: trio.CancelScope, deferred: Deferred) -> None:
+        with scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(path.serve)
+                    deferred.send(HandedOver())
+            except* WireDown as down:
+                why = describe(down).partition(": ")[2]
+                deferred.send(Refused("no_second_path", why))
+                self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
+
+    def _drop_second(self) -> None:
+        if self._second is not None:
+            self._second_scope.cancel()
+            self._second.close()
+            self._second = None
 
     def _fence(self, message: Fence) -> StopReport | Deferred:
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
@@ -194,8 +222,7 @@ class Guardian(Actor):
         if self._second is not None:
             motors = await self._second.make_safe(rung)
             self._confirmed = all(motor.safe for motor in motors)
-            self._second.close()  # it would keep the next wire from the port, which is locked while it is open
-            self._second = None
+            self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
         # Without a second path the wire had not come so far as to energise anything: all is as it was.
         took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1

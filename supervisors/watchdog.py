@@ -21,14 +21,11 @@ from strands_actors.runtime.node import Ref
 
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
-TICK_S = 0.01
 BEAT_EVERY = 2
-"""Ticks per beat to the root."""
-BEAT_TTL_S = 0.1
-"""Without a beat for this long, the other process counts as frozen."""
+"""Ticks (``Timing.tick_s``) per beat to the root."""
 BEAT_TTL_TICKS = 6
-"""...but only after this many ticks of our own without one: when the whole machine paused, everybody was
-late, and nobody is frozen."""
+"""Without a beat for ``Timing.beat_ttl_s`` the other process counts as frozen, but only after this many ticks of
+our own without one: when the whole machine paused, everybody was late, and nobody is frozen."""
 
 
 class Tick(Message, frozen=True):
@@ -44,6 +41,8 @@ class Watchdog(Actor):
         self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[], None]
     ) -> None:
         self._addresses = gate, transport, guardian
+        self._tick_s = timing.tick_s
+        self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
         self._orphaned = orphaned
         self._probe = 0
@@ -64,7 +63,7 @@ class Watchdog(Actor):
         self._transport: Ref = self.context.ref(transport)
         self._guardian: Ref = self.context.ref(guardian)
         self._answers_ns = [self.context.clock.now_ns()] * 2
-        self.context.every(TICK_S, Tick)
+        self.context.every(self._tick_s, Tick)
 
     def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | StopReport) -> None:
         match message:
@@ -89,7 +88,7 @@ class Watchdog(Actor):
         self._gate.tell(Probe(self._probe, now_ns))
         if self._root_heard_ns and not self._root_lost:
             self._root_quiet_ticks += 1
-            if now_ns - self._root_heard_ns > BEAT_TTL_S * NS and self._root_quiet_ticks >= BEAT_TTL_TICKS:
+            if now_ns - self._root_heard_ns > self._beat_ttl_ns and self._root_quiet_ticks >= BEAT_TTL_TICKS:
                 self._lose_root("the root process stopped answering")
 
     def _gate_alive(self, alive: Alive) -> None:
@@ -113,7 +112,7 @@ class Watchdog(Actor):
         """Gate and transport have both been heard within the beat's lifetime, or the transport said until
         when it is busy."""
         gate_ns, transport_ns = self._answers_ns
-        limit_ns = now_ns - round(BEAT_TTL_S * NS) // 2 - self._cycle_ns
+        limit_ns = now_ns - self._beat_ttl_ns // 2 - self._cycle_ns
         return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
 
     def _lose_root(self, why: str) -> None:
