@@ -1,0 +1,326 @@
+"""A participant without sockets and without a clock: datagrams and time go in, datagrams and samples come out.
+
+It hears only the topics it was asked to hear, and of these only writers that fit. Every table is bounded; what is
+malformed, unknown or too much is counted and leaves no trace. What is known of a peer ends with the peer's lease.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from . import discovery, messages, parameters
+from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData
+from .matching import Matching
+from .messages import Data, Fragment, Heartbeat, Send
+from .reader import Reader, Sample
+from .reassembly import Reassembly
+from .words import (
+    MAX_ENTITIES,
+    PARTICIPANT,
+    PREFIX_SIZE,
+    PUBLICATIONS_READER,
+    PUBLICATIONS_WRITER,
+    SPDP_READER,
+    SPDP_WRITER,
+    SUBSCRIPTIONS_READER,
+    SUBSCRIPTIONS_WRITER,
+    UNKNOWN,
+    Address,
+    Buffer,
+    Malformed,
+    reader_id,
+    writer_id,
+)
+from .writer import Writer
+
+MAX_PEERS = 64
+EAGER = 20
+"""Announcements at the quick pace, before the steady one."""
+EAGER_NS = 100_000_000
+STEADY_NS = 1_000_000_000
+
+OnSample = Callable[[memoryview, bytes, int], None]
+"""Payload with its encapsulation header (valid during the call), the writer's GUID, when it arrived (ns)."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """What became of what came in, and of what should have gone out."""
+
+    datagrams: int = 0
+    malformed: int = 0  # datagrams, and discovery samples, that are not what they claim to be
+    unmatched: int = 0  # samples of writers that no reader here hears
+    refused: int = 0  # peers and endpoints beyond the tables
+    unsent: int = 0  # datagrams that the network did not take
+
+
+class _Peer:
+    def __init__(self, data: ParticipantData, host: str, own_host: str) -> None:
+        self.data = data
+        self.host = host  # from where it was heard
+        self.discovery = discovery.nearest(data.discovery, host, own_host)
+        self.user = discovery.nearest(data.user, host, own_host)
+        self.heard_ns = 0
+
+
+class Engine:
+    def __init__(
+        self,
+        data: ParticipantData,
+        announce_to: Sequence[Address],
+        send: Send,
+        on_match: Callable[[], None] = lambda: None,
+    ) -> None:
+        """``announce_to``: where strangers may be: the multicast group, the ports of configured peers.
+        ``on_match``: something has been matched or unmatched."""
+        self.data = data
+        self.counters = Counters()
+        self._own = data.prefix
+        self._host = data.discovery[0][0]
+        self._announce_to = tuple(announce_to)
+        self._network = send
+        self._peers: dict[bytes, _Peer] = {}
+        self._matching = Matching(self._locate, on_match)
+        self._reassembly = Reassembly()
+        self._endpoints = 0
+        self._announced = 0
+        self._announced_ns = 0
+        self._header = messages.header(self._own)
+        self._hello = messages.data(SPDP_READER, SPDP_WRITER, 1, discovery.encode_participant(data))
+        self._publications = self._builtin_writer(PUBLICATIONS_WRITER)
+        self._subscriptions = self._builtin_writer(SUBSCRIPTIONS_WRITER)
+        self._heard_publications = self._builtin_reader(PUBLICATIONS_READER, self._on_publication)
+        self._heard_subscriptions = self._builtin_reader(SUBSCRIPTIONS_READER, self._on_subscription)
+
+    @property
+    def peers(self) -> int:
+        return len(self._peers)
+
+    # -- our endpoints
+
+    def writer(self, topic: str, type_name: str, reliable: bool, transient_local: bool, depth: int) -> Writer:
+        """Raise ``ValueError`` beyond ``MAX_ENTITIES``."""
+        data = self._endpoint(writer_id, topic, type_name, reliable, transient_local)
+        writer = Writer(data, self._send, depth)
+        self._matching.add_writer(writer)
+        self._publications.write(discovery.encode_endpoint(data))
+        return writer
+
+    def reader(
+        self, topic: str, type_name: str, reliable: bool, transient_local: bool, on_sample: OnSample
+    ) -> Reader:
+        """As ``writer``."""
+
+        def deliver(sample: Sample) -> None:
+            if len(sample.payload) >= 4 and not sample.disposed:
+                on_sample(sample.payload, sample.writer, sample.t_ns)
+
+        data = self._endpoint(reader_id, topic, type_name, reliable, transient_local)
+        reader = Reader(data, self._send, deliver)
+        self._matching.add_reader(reader)
+        self._subscriptions.write(discovery.encode_endpoint(data))
+        return reader
+
+    def _endpoint(
+        self, name: Callable[[int], bytes], topic: str, type_name: str, reliable: bool, transient_local: bool
+    ) -> EndpointData:
+        if self._endpoints == MAX_ENTITIES:
+            raise ValueError(f"a participant has at most {MAX_ENTITIES} writers and readers")
+        self._endpoints += 1
+        durability = TRANSIENT_LOCAL if transient_local else VOLATILE
+        guid = self._own + name(self._endpoints)
+        return EndpointData(guid, topic, type_name, reliable, durability, self.data.user)
+
+    def _builtin_writer(self, entity: bytes) -> Writer:
+        writer = Writer(_builtin(self._own, entity), self._send, MAX_ENTITIES)
+        self._matching.writers[entity] = writer
+        return writer
+
+    def _builtin_reader(self, entity: bytes, learn: Callable[[Sample], None]) -> Reader:
+        def deliver(sample: Sample) -> None:
+            try:
+                learn(sample)
+            except Malformed:
+                self.counters.malformed += 1
+
+        return Reader(_builtin(self._own, entity), self._send, deliver)
+
+    # -- what comes in
+
+    def receive(self, datagram: memoryview, host: str, now_ns: int) -> None:
+        """One datagram, from ``host``. ``datagram`` may be used again when this returns."""
+        self.counters.datagrams += 1
+        try:
+            parts = messages.decode(datagram, self._own)
+        except Malformed:
+            self.counters.malformed += 1
+            return
+        if peer := self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE])):
+            peer.heard_ns = now_ns
+        matching = self._matching
+        for part in parts:
+            if isinstance(part, Data):
+                self._on_data(part, host, now_ns)
+            elif isinstance(part, messages.AckNack):
+                if writer := matching.writers.get(part.writer):
+                    writer.on_acknack(part)
+            elif isinstance(part, Fragment):
+                self._on_fragment(part, now_ns)
+            else:
+                for reader in matching.hearing.get(part.writer, ()):
+                    if part.reader not in (UNKNOWN, reader.entity):
+                        continue
+                    if isinstance(part, Heartbeat):
+                        reader.on_heartbeat(part)
+                    else:
+                        reader.on_gap(part)
+
+    def _on_data(self, part: Data, host: str, now_ns: int) -> None:
+        sample = Sample(part.payload, part.writer, now_ns, part.disposed, part.key)
+        if part.writer[PREFIX_SIZE:] == SPDP_WRITER:
+            try:
+                self._on_participant(sample, host)
+            except Malformed:
+                self.counters.malformed += 1
+            return
+        readers = self._matching.hearing.get(part.writer)
+        if readers is None:
+            self.counters.unmatched += 1
+            return
+        for reader in readers:
+            if part.reader in (UNKNOWN, reader.entity):
+                reader.on_sample(part.sequence, sample)
+
+    def _on_fragment(self, part: Fragment, now_ns: int) -> None:
+        readers = [
+            reader
+            for reader in self._matching.hearing.get(part.writer, ())
+            if part.reader in (UNKNOWN, reader.entity) and reader.wants(part.writer, part.sequence)
+        ]
+        if not readers:
+            self.counters.unmatched += 1
+            return
+        try:
+            whole = self._reassembly.add(part, now_ns)
+        except Malformed:
+            self.counters.malformed += 1
+            return
+        if whole is not None:
+            sample = Sample(memoryview(whole), part.writer, now_ns, part.disposed, b"")
+            for reader in readers:
+                reader.on_sample(part.sequence, sample)
+
+    # -- what peers say of themselves
+
+    def _on_participant(self, sample: Sample, host: str) -> None:
+        prefix = sample.writer[:PREFIX_SIZE]
+        if sample.disposed:
+            if discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID) == prefix + PARTICIPANT:
+                self._part(prefix)
+            return
+        data = discovery.decode_participant(sample.payload)
+        if data.prefix != prefix:
+            raise Malformed("a participant that speaks for another")
+        known = self._peers.get(prefix)
+        if known and known.data == data:
+            return
+        if known:
+            self._part(prefix)
+        if len(self._peers) >= MAX_PEERS:
+            self.counters.refused += 1
+            return
+        peer = self._peers[prefix] = _Peer(data, host, self._host)
+        peer.heard_ns = sample.t_ns
+        self._meet(prefix, peer.discovery)
+
+    def _meet(self, prefix: bytes, address: Address) -> None:
+        """Show ourselves at once, and what we write and read."""
+        self._send((self._header, self._hello), address)
+        join = self._matching
+        join.join_reader(self._publications, _builtin(prefix, PUBLICATIONS_READER), address)
+        join.join_reader(self._subscriptions, _builtin(prefix, SUBSCRIPTIONS_READER), address)
+        join.join_writer(self._heard_publications, _builtin(prefix, PUBLICATIONS_WRITER), address)
+        join.join_writer(self._heard_subscriptions, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
+
+    def _part(self, prefix: bytes) -> None:
+        if self._peers.pop(prefix, None):
+            self._matching.forget_peer(prefix)
+            self._reassembly.forget(prefix)
+
+    def _on_publication(self, sample: Sample) -> None:
+        matching = self._matching
+        self._on_endpoint(sample, True, matching.learn_writer, matching.forget_writer)
+
+    def _on_subscription(self, sample: Sample) -> None:
+        matching = self._matching
+        self._on_endpoint(sample, False, matching.learn_reader, matching.forget_reader)
+
+    def _on_endpoint(
+        self,
+        sample: Sample,
+        is_writer: bool,
+        learn: Callable[[EndpointData], bool],
+        forget: Callable[[bytes], None],
+    ) -> None:
+        if sample.disposed:
+            guid = discovery.gone(sample.payload, sample.key, parameters.ENDPOINT_GUID)
+        else:
+            data = discovery.decode_endpoint(sample.payload, is_writer)
+            guid = data.guid
+        if guid[:PREFIX_SIZE] != sample.writer[:PREFIX_SIZE]:
+            raise Malformed("an endpoint of somebody else")
+        if sample.disposed:
+            forget(guid)
+        elif not learn(data):
+            self.counters.refused += 1
+
+    def _locate(self, remote: EndpointData) -> Address | None:
+        peer = self._peers.get(remote.guid[:PREFIX_SIZE])
+        if peer is None:
+            return None
+        return discovery.nearest(remote.locators or (peer.user,), peer.host, self._host)
+
+    # -- time
+
+    def tick(self, now_ns: int) -> None:
+        """Do what is due. Call it often (20 times a second), after what has arrived has been received."""
+        if not self._announced or now_ns - self._announced_ns >= (
+            EAGER_NS if self._announced < EAGER else STEADY_NS
+        ):
+            self._announced += 1
+            self._announced_ns = now_ns
+            self._announce()
+        for prefix, peer in list(self._peers.items()):
+            if now_ns - peer.heard_ns > peer.data.lease_s * 1e9:
+                self._part(prefix)
+        for writer in self._matching.writers.values():
+            writer.tick(now_ns)
+        self._heard_publications.tick(now_ns)
+        self._heard_subscriptions.tick(now_ns)
+        for reader in self._matching.readers.values():
+            reader.tick(now_ns)
+        self._reassembly.tick(now_ns)
+
+    def _announce(self) -> None:
+        known = [peer.discovery for peer in self._peers.values()]
+        for address in dict.fromkeys((*self._announce_to, *known)):
+            self._send((self._header, self._hello), address)
+
+    def say_goodbye(self) -> None:
+        """Tell everybody that we end now."""
+        guid = self._own + PARTICIPANT
+        key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+        farewell = messages.disposal(SPDP_READER, SPDP_WRITER, 2, guid, key)
+        for peer in self._peers.values():
+            self._send((self._header, farewell), peer.discovery)
+
+    def _send(self, parts: Sequence[Buffer], address: Address) -> bool:
+        if self._network(parts, address):
+            return True
+        self.counters.unsent += 1
+        return False
+
+
+def _builtin(prefix: bytes, entity: bytes) -> EndpointData:
+    return EndpointData(prefix + entity, "", "", True, TRANSIENT_LOCAL, ())

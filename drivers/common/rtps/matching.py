@@ -1,0 +1,126 @@
+"""Who writes and reads what, here and elsewhere, and which of them fit. Pure.
+
+Remote endpoints are remembered whether they fit or not, because ours may be made later than theirs are known; the
+table is bounded, and topics we have no part in give way first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .discovery import EndpointData, mismatch
+from .reader import Reader
+from .words import PREFIX_SIZE, Address
+from .writer import Writer
+
+MAX_ENDPOINTS = 1024
+"""Of remote writers, and of remote readers."""
+
+Locate = Callable[[EndpointData], Address | None]
+"""Where a remote endpoint is reached; None: nowhere, its participant is not known."""
+
+
+class Matching:
+    def __init__(self, locate: Locate, changed: Callable[[], None]) -> None:
+        """``changed`` is told whenever something has been matched or unmatched."""
+        self.writers: dict[bytes, Writer] = {}  # ours, by entity id
+        self.readers: dict[bytes, Reader] = {}
+        self.hearing: dict[bytes, tuple[Reader, ...]] = {}
+        """Our readers by the GUID of the remote writer they hear."""
+        self._locate = locate
+        self._changed = changed
+        self._remote_writers: dict[bytes, EndpointData] = {}
+        self._remote_readers: dict[bytes, EndpointData] = {}
+
+    # -- ours
+
+    def add_writer(self, writer: Writer) -> None:
+        self.writers[writer.data.guid[PREFIX_SIZE:]] = writer
+        for remote in self._remote_readers.values():
+            self._try_reader(writer, remote)
+
+    def add_reader(self, reader: Reader) -> None:
+        self.readers[reader.entity] = reader
+        for remote in self._remote_writers.values():
+            self._try_writer(reader, remote)
+
+    def join_reader(self, writer: Writer, remote: EndpointData, address: Address) -> None:
+        writer.match(remote, address)
+        self._changed()
+
+    def join_writer(self, reader: Reader, remote: EndpointData, address: Address) -> None:
+        heard_by = self.hearing.get(remote.guid, ())
+        if reader not in heard_by:
+            self.hearing[remote.guid] = (*heard_by, reader)
+        reader.match(remote, address)
+        self._changed()
+
+    # -- theirs
+
+    def learn_writer(self, remote: EndpointData) -> bool:
+        """A remote writer, new or told again. False: there is no room for it."""
+        if not self._remember(self._remote_writers, remote, self.forget_writer):
+            return False
+        for reader in self.readers.values():
+            self._try_writer(reader, remote)
+        return True
+
+    def learn_reader(self, remote: EndpointData) -> bool:
+        if not self._remember(self._remote_readers, remote, self.forget_reader):
+            return False
+        for writer in self.writers.values():
+            self._try_reader(writer, remote)
+        return True
+
+    def forget_writer(self, guid: bytes) -> None:
+        self._remote_writers.pop(guid, None)
+        readers = self.hearing.pop(guid, ())
+        for reader in readers:
+            reader.unmatch(guid)
+        if readers:
+            self._changed()
+
+    def forget_reader(self, guid: bytes) -> None:
+        self._remote_readers.pop(guid, None)
+        if sum(writer.unmatch(guid) for writer in self.writers.values()):
+            self._changed()
+
+    def forget_peer(self, prefix: bytes) -> None:
+        for guid in [guid for guid in {**self._remote_writers, **self.hearing} if guid.startswith(prefix)]:
+            self.forget_writer(guid)
+        for guid in [guid for guid in self._remote_readers if guid.startswith(prefix)]:
+            self.forget_reader(guid)
+        for writer in self.writers.values():
+            writer.unmatch_participant(prefix)
+
+    def _remember(
+        self, table: dict[bytes, EndpointData], remote: EndpointData, forget: Callable[[bytes], None]
+    ) -> bool:
+        known = table.get(remote.guid)
+        if known is not None and known != remote:
+            forget(remote.guid)
+        elif known is None and len(table) >= MAX_ENDPOINTS:
+            ours = {writer.data.topic for writer in self.writers.values()}
+            ours |= {reader.data.topic for reader in self.readers.values()}
+            spare = next((guid for guid, other in table.items() if other.topic not in ours), None)
+            if remote.topic not in ours or spare is None:
+                return False
+            forget(spare)
+        table[remote.guid] = remote
+        return True
+
+    def _try_reader(self, writer: Writer, remote: EndpointData) -> None:
+        if writer.data.topic != remote.topic:
+            return
+        writer.mismatch = mismatch(writer.data, remote)
+        address = self._locate(remote)
+        if not writer.mismatch and address:
+            self.join_reader(writer, remote, address)
+
+    def _try_writer(self, reader: Reader, remote: EndpointData) -> None:
+        if reader.data.topic != remote.topic:
+            return
+        reader.mismatch = mismatch(remote, reader.data)
+        address = self._locate(remote)
+        if not reader.mismatch and address:
+            self.join_writer(reader, remote, address)

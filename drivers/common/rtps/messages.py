@@ -1,0 +1,360 @@
+"""RTPS messages to values and back (8.3, 9.4). Pure.
+
+A datagram is taken whole or not at all: one malformed submessage and nothing of it counts. What is
+addressed to another participant, or of a kind we have no use for, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from . import parameters
+from .words import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Malformed, Order
+
+HEADER_SIZE = 20
+MAX_BITS = 256
+"""Of a set of sequence numbers."""
+MAX_FRAGMENTS = 65536
+
+_MAGIC = b"RTPS"
+_VERSION = b"\x02\x02"  # Booster's Fast DDS ignores participants of 2.3 and later
+_MAX_SEQUENCE = 2**62
+
+_PAD = 0x01
+_ACKNACK = 0x06
+_HEARTBEAT = 0x07
+_GAP = 0x08
+_INFO_TS = 0x09
+_INFO_SRC = 0x0C
+_INFO_DST = 0x0E
+_NACK_FRAG = 0x12
+_DATA = 0x15
+_DATA_FRAG = 0x16
+
+_ENDIAN = 0x01
+_INLINE_QOS = 0x02
+_HAS_DATA = 0x04
+_HAS_KEY = 0x08
+_FRAGMENT_OF_KEY = 0x04
+_FINAL = 0x02
+_DISPOSED_OR_UNREGISTERED = 0x03
+
+Send = Callable[[Sequence[Buffer], Address], bool]
+"""Hands one datagram, given in parts, to the network. False: it was not taken."""
+
+
+class Data(NamedTuple):
+    reader: bytes  # entity id; UNKNOWN: every reader that hears the writer
+    writer: bytes  # GUID
+    sequence: int
+    payload: memoryview  # with its encapsulation header; of the datagram, so copy what is kept
+    disposed: bool  # the payload, if any, is the key of what ended
+    key: bytes  # key hash, or empty
+
+
+class Fragment(NamedTuple):
+    reader: bytes
+    writer: bytes
+    sequence: int
+    place: int  # of the first piece in here, from 0
+    pieces: int
+    size: int  # of a piece; the last one of a sample may be shorter
+    total: int  # of the sample
+    payload: memoryview
+    disposed: bool
+
+
+class Heartbeat(NamedTuple):
+    reader: bytes
+    writer: bytes  # GUID
+    first: int
+    last: int  # first - 1: nothing is there
+    serial: int  # of the heartbeat
+    final: bool  # no answer is asked for
+
+
+class AckNack(NamedTuple):
+    reader: bytes  # GUID
+    writer: bytes  # entity id
+    base: int  # all below has arrived
+    missing: tuple[int, ...]
+    serial: int | None  # None: this kind of message has none
+    final: bool
+
+
+class Gap(NamedTuple):
+    reader: bytes
+    writer: bytes  # GUID
+    start: int
+    base: int  # start <= n < base will not come
+    listed: tuple[int, ...]  # neither will these
+
+
+Submessage = Data | Fragment | Heartbeat | AckNack | Gap
+
+
+# -- decoding
+
+
+def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
+    """What a datagram says to the participant with the prefix ``own``. Raise ``Malformed``."""
+    size = len(datagram)
+    if size < HEADER_SIZE or datagram[:4] != _MAGIC:
+        raise Malformed("no RTPS header")
+    if datagram[4] != _VERSION[0]:
+        raise Malformed(f"RTPS version {datagram[4]}.{datagram[5]}")
+    source = bytes(datagram[8:HEADER_SIZE])
+    mine = source != own
+    found: list[Submessage] = []
+    at = HEADER_SIZE
+    while at < size:
+        if at + 4 > size:
+            raise Malformed("a submessage header is cut off")
+        kind, flags = datagram[at], datagram[at + 1]
+        order = LITTLE if flags & _ENDIAN else BIG
+        (length,) = order.u16.unpack_from(datagram, at + 2)
+        at += 4
+        end = at + length if length or kind in (_PAD, _INFO_TS) else size
+        if end > size:
+            raise Malformed("a submessage is longer than its datagram")
+        body = datagram[at:end]
+        at = end
+        if kind == _INFO_DST:
+            destination = bytes(_need(body, PREFIX_SIZE)[:PREFIX_SIZE])
+            mine = source != own and destination in (own, bytes(PREFIX_SIZE))
+        elif kind == _INFO_SRC:
+            source = bytes(_need(body, 20)[8:20])
+            mine = mine and source != own
+        elif decoder := _DECODERS.get(kind):
+            part = decoder(body, flags, order, source)
+            if mine:
+                found.append(part)
+    return found
+
+
+def _need(body: memoryview, size: int) -> memoryview:
+    if len(body) < size:
+        raise Malformed(f"a submessage of {len(body)} bytes that needs {size}")
+    return body
+
+
+def _sequence(high: int, low: int, least: int = 1) -> int:
+    value = high << 32 | low
+    if not least <= value < _MAX_SEQUENCE:
+        raise Malformed(f"sequence number {value}")
+    return value
+
+
+def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
+    """The members of a set whose bitmap starts at ``at``."""
+    if bits > MAX_BITS:
+        raise Malformed(f"a set of {bits} numbers")
+    words = (bits + 31) // 32
+    _need(body, at + 4 * words)
+    members = []
+    for word in range(words):
+        (value,) = order.u32.unpack_from(body, at + 4 * word)
+        if value:
+            top = min(32, bits - 32 * word)
+            members += [base + 32 * word + bit for bit in range(top) if value >> (31 - bit) & 1]
+    return tuple(members)
+
+
+def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) -> tuple[memoryview, bool, bytes]:
+    """What follows the fixed part of a sample: its bytes, whether its status says disposed, its key hash.
+    ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
+    at = 4 + skip
+    if at < least or at > len(body):
+        raise Malformed("inline QoS out of place")
+    disposed, key = False, b""
+    if flags & _INLINE_QOS:
+        found, at = parameters.decode(body, at, order)
+        status = parameters.first(found, parameters.STATUS, 4)
+        disposed = status is not None and bool(status[3] & _DISPOSED_OR_UNREGISTERED)
+        if (key_hash := parameters.first(found, parameters.KEY_HASH, 16)) is not None:
+            key = bytes(key_hash[:16])
+    return body[at:], disposed, key
+
+
+def _data(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    _, skip, reader, writer, high, low = order.data.unpack_from(_need(body, order.data.size))
+    payload, disposed, key = _content(body, flags, order, skip, order.data.size)
+    if flags & _HAS_DATA and flags & _HAS_KEY:
+        raise Malformed("a sample that is data and key")
+    if not flags & (_HAS_DATA | _HAS_KEY):
+        payload = payload[:0]
+    return Data(reader, source + writer, _sequence(high, low), payload, disposed or bool(flags & _HAS_KEY), key)
+
+
+def _fragment(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    _need(body, order.fragment.size)
+    _, skip, reader, writer, high, low, number, count, size, total = order.fragment.unpack_from(body)
+    payload, disposed, _ = _content(body, flags, order, skip, order.fragment.size)
+    if not number or not count or not size or total > size * MAX_FRAGMENTS:
+        raise Malformed("a fragment without place")
+    index = number - 1
+    length = min(count * size, total - index * size)
+    if (index + count - 1) * size >= total or len(payload) < length:
+        raise Malformed("a fragment past the end of its sample")
+    return Fragment(
+        reader,
+        source + writer,
+        _sequence(high, low),
+        index,
+        count,
+        size,
+        total,
+        payload[:length],
+        disposed or bool(flags & _FRAGMENT_OF_KEY),
+    )
+
+
+def _heartbeat(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    _need(body, order.heartbeat.size)
+    reader, writer, high, low, last_high, last_low, count = order.heartbeat.unpack_from(body)
+    first = _sequence(high, low)
+    last = _sequence(last_high, last_low, first - 1)
+    return Heartbeat(reader, source + writer, first, last, count, bool(flags & _FINAL))
+
+
+def _acknack(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    at = order.acknack.size
+    reader, writer, high, low, bits = order.acknack.unpack_from(_need(body, at))
+    base = _sequence(high, low, 0)  # Fast DDS asks for its first heartbeat with base 0
+    missing = _numbers(body, at, order, base, bits)
+    at += 4 * ((bits + 31) // 32)
+    (count,) = order.u32.unpack_from(_need(body, at + 4), at)
+    return AckNack(source + reader, writer, base, missing, count, bool(flags & _FINAL))
+
+
+def _nack_fragment(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    """Asks for fragments; it gets the whole sample."""
+    reader, writer, high, low, _ = order.acknack.unpack_from(_need(body, order.acknack.size))
+    return AckNack(source + reader, writer, 0, (_sequence(high, low),), None, True)
+
+
+def _gap(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
+    at = order.gap.size
+    reader, writer, high, low, base_high, base_low, bits = order.gap.unpack_from(_need(body, at))
+    start = _sequence(high, low)
+    base = _sequence(base_high, base_low, start)
+    return Gap(reader, source + writer, start, base, _numbers(body, at, order, base, bits))
+
+
+_DECODERS: dict[int, Callable[[memoryview, int, Order, bytes], Submessage]] = {
+    _DATA: _data,
+    _DATA_FRAG: _fragment,
+    _HEARTBEAT: _heartbeat,
+    _ACKNACK: _acknack,
+    _NACK_FRAG: _nack_fragment,
+    _GAP: _gap,
+}
+
+
+# -- encoding, always little endian
+
+FRAGMENT_SIZE = 14_000
+"""Longer samples are sent in fragments of this size, each in a datagram of its own."""
+
+PADDING = (b"", b"\x00\x00\x00", b"\x00\x00", b"\x00")
+"""By length modulo 4: the next submessage starts on a multiple of 4."""
+
+_DATA_SKIP = 16
+_FRAGMENT_SKIP = 28
+HEARTBEAT_SIZE = 4 + LITTLE.heartbeat.size
+
+
+def header(prefix: bytes) -> bytes:
+    return _MAGIC + _VERSION + VENDOR + prefix
+
+
+def _submessage(kind: int, flags: int, body: bytes) -> bytes:
+    return bytes((kind, flags | _ENDIAN)) + LITTLE.u16.pack(len(body)) + body
+
+
+def _split(sequence: int) -> tuple[int, int]:
+    return sequence >> 32, sequence & 0xFFFFFFFF
+
+
+def info_destination(prefix: bytes) -> bytes:
+    return _submessage(_INFO_DST, 0, prefix)
+
+
+def data(reader: bytes, writer: bytes, sequence: int, payload: bytes) -> bytes:
+    fixed = LITTLE.data.pack(0, _DATA_SKIP, reader, writer, *_split(sequence))
+    return _submessage(_DATA, _HAS_DATA, fixed + payload + PADDING[len(payload) % 4])
+
+
+def disposal(reader: bytes, writer: bytes, sequence: int, key: bytes, payload: bytes) -> bytes:
+    """``payload`` names what has ended; ``key`` is its GUID."""
+    fixed = LITTLE.data.pack(0, _DATA_SKIP, reader, writer, *_split(sequence))
+    status = parameters.encoded(parameters.STATUS, bytes((0, 0, 0, _DISPOSED_OR_UNREGISTERED)))
+    qos = parameters.encoded_list(parameters.encoded(parameters.KEY_HASH, key), status)
+    return _submessage(_DATA, _INLINE_QOS | _HAS_KEY, fixed + qos + payload)
+
+
+def fragments(reader: bytes, writer: bytes, sequence: int, payload: Buffer) -> Iterable[bytes]:
+    """The submessages of a sample, one fragment in each."""
+    total = len(payload)
+    for index in range(-(-total // FRAGMENT_SIZE)):
+        piece = bytes(payload[index * FRAGMENT_SIZE : (index + 1) * FRAGMENT_SIZE])
+        fixed = LITTLE.fragment.pack(
+            0, _FRAGMENT_SKIP, reader, writer, *_split(sequence), index + 1, 1, FRAGMENT_SIZE, total
+        )
+        yield _submessage(_DATA_FRAG, 0, fixed + piece + PADDING[len(piece) % 4])
+
+
+def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int, final: bool) -> bytes:
+    body = LITTLE.heartbeat.pack(reader, writer, *_split(first), *_split(last), count & 0xFFFFFFFF)
+    return _submessage(_HEARTBEAT, _FINAL if final else 0, body)
+
+
+def _bitmap(base: int, members: Sequence[int]) -> tuple[int, bytes]:
+    """Number of bits, and the words. ``members`` ascend from ``base``, all within ``MAX_BITS`` of it."""
+    bits = members[-1] - base + 1 if members else 0
+    words = [0] * ((bits + 31) // 32)
+    for member in members:
+        word, bit = divmod(member - base, 32)
+        words[word] |= 1 << (31 - bit)
+    return bits, b"".join(LITTLE.u32.pack(word) for word in words)
+
+
+def acknack(reader: bytes, writer: bytes, base: int, missing: Sequence[int], count: int, final: bool) -> bytes:
+    bits, words = _bitmap(base, missing)
+    body = LITTLE.acknack.pack(reader, writer, *_split(base), bits) + words + LITTLE.u32.pack(count & 0xFFFFFFFF)
+    return _submessage(_ACKNACK, _FINAL if final else 0, body)
+
+
+def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
+    """``start <= n < end`` will not come."""
+    return _submessage(_GAP, 0, LITTLE.gap.pack(reader, writer, *_split(start), *_split(end), 0))
+
+
+class Frame:
+    """The bytes around a payload, made once: header, start of DATA and, if reliable, a final HEARTBEAT."""
+
+    def __init__(self, prefix: bytes, writer: bytes, reliable: bool) -> None:
+        self.head = bytearray(header(prefix) + data(UNKNOWN, writer, 0, b""))
+        self.tail = bytearray(heartbeat(UNKNOWN, writer, 1, 1, 0, True) if reliable else b"")
+
+    def parts(self, sequence: int, payload: Buffer, first: int, count: int) -> Sequence[Buffer]:
+        """One datagram; valid until the next call. ``first`` and ``count`` are the heartbeat's."""
+        length = len(payload)
+        padding = PADDING[length % 4]
+        high, low = sequence >> 32, sequence & 0xFFFFFFFF
+        LITTLE.u16.pack_into(self.head, _LENGTH_AT, LITTLE.data.size + length + len(padding))
+        LITTLE.sequence.pack_into(self.head, _SEQUENCE_AT, high, low)
+        if not self.tail:
+            return self.head, payload, padding
+        LITTLE.sequence.pack_into(self.tail, _FIRST_AT, first >> 32, first & 0xFFFFFFFF)
+        LITTLE.sequence.pack_into(self.tail, _LAST_AT, high, low)
+        LITTLE.u32.pack_into(self.tail, _COUNT_AT, count & 0xFFFFFFFF)
+        return self.head, payload, padding, self.tail
+
+
+_LENGTH_AT = HEADER_SIZE + 2
+_SEQUENCE_AT = HEADER_SIZE + 4 + 12
+_FIRST_AT = 4 + 8
+_LAST_AT = 4 + 16
+_COUNT_AT = 4 + 24

@@ -1,0 +1,143 @@
+"""Parameter lists: what discovery data and inline QoS are written in (9.4.2.11). Ids that mean nothing to us
+are skipped, vendor-specific ones (0x8000 and up) among them."""
+
+from __future__ import annotations
+
+import socket
+
+from .words import BIG, LITTLE, Address, Malformed, Order
+
+PAD = 0x00
+SENTINEL = 0x01
+LEASE = 0x02
+TOPIC = 0x05
+TYPE = 0x07
+PROTOCOL_VERSION = 0x15
+VENDOR_ID = 0x16
+RELIABILITY = 0x1A
+DURABILITY = 0x1D
+OWNERSHIP = 0x1F
+PARTITION = 0x29
+LOCATOR = 0x2F
+DEFAULT_LOCATOR = 0x31
+DISCOVERY_LOCATOR = 0x32
+PARTICIPANT_GUID = 0x50
+BUILTIN_SET = 0x58
+ENDPOINT_GUID = 0x5A
+KEY_HASH = 0x70
+STATUS = 0x71
+
+VENDOR_SPECIFIC = 0x8000
+ID_MASK = 0x3FFF  # without the vendor's and the must-understand bit
+
+PL_CDR_LE = b"\x00\x03\x00\x00"
+_ORDERS = {b"\x00\x02": BIG, b"\x00\x03": LITTLE}
+_UDP_V4 = 1
+
+Parameters = dict[int, list[memoryview]]
+
+
+# -- decoding
+
+
+def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
+    """The list that starts at ``at``, and where it ends. Raise ``Malformed``: no sentinel, or a value past the
+    end."""
+    found: Parameters = {}
+    size = len(body)
+    while at + 4 <= size:
+        parameter, length = order.pair.unpack_from(body, at)
+        at += 4
+        if parameter == SENTINEL:
+            return found, at
+        if at + length > size:
+            raise Malformed(f"parameter {parameter:#06x} is longer than its list")
+        if parameter != PAD and not parameter & VENDOR_SPECIFIC:
+            found.setdefault(parameter & ID_MASK, []).append(body[at : at + length])
+        at += length
+    raise Malformed("a parameter list without end")
+
+
+def decode_payload(payload: memoryview) -> tuple[Parameters, Order]:
+    """Of a discovery sample, with its encapsulation header."""
+    order = _ORDERS.get(bytes(payload[:2]))
+    if order is None:
+        raise Malformed("discovery data that is no parameter list")
+    return decode(payload, 4, order)[0], order
+
+
+def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
+    """The first value of ``parameter``, at least ``size`` bytes of it; None when it is not there."""
+    values = found.get(parameter)
+    if values is None:
+        return None
+    if len(values[0]) < size:
+        raise Malformed(f"parameter {parameter:#06x} is too short")
+    return values[0]
+
+
+def number(found: Parameters, parameter: int, order: Order, default: int) -> int:
+    value = first(found, parameter, 4)
+    return default if value is None else order.u32.unpack_from(value)[0]
+
+
+def text(value: memoryview, order: Order) -> str:
+    """A CDR string."""
+    if len(value) < 4:
+        raise Malformed("a string without length")
+    (length,) = order.u32.unpack_from(value)
+    if not 1 <= length <= len(value) - 4:
+        raise Malformed("a string that is longer than its parameter")
+    try:
+        return str(value[4 : 3 + length], "utf-8")
+    except UnicodeDecodeError:
+        raise Malformed("a string that is not UTF-8") from None
+
+
+def addresses(values: list[memoryview], order: Order) -> tuple[Address, ...]:
+    """The UDP/IPv4 locators among them."""
+    found = []
+    for value in values:
+        if len(value) < 24:
+            raise Malformed("a locator that is too short")
+        kind, port, host = order.locator.unpack_from(value)
+        if kind == _UDP_V4 and 0 < port < 65536:
+            found.append((socket.inet_ntoa(host[12:]), port))
+    return tuple(found)
+
+
+def seconds(value: memoryview, order: Order) -> float:
+    whole, fraction = order.duration.unpack_from(value)
+    return float(whole) + float(fraction) / 2**32
+
+
+# -- encoding, always little endian
+
+
+def encoded(parameter: int, value: bytes) -> bytes:
+    value += bytes(-len(value) % 4)
+    return LITTLE.pair.pack(parameter, len(value)) + value
+
+
+def encoded_text(parameter: int, value: str) -> bytes:
+    characters = value.encode() + b"\x00"
+    return encoded(parameter, LITTLE.u32.pack(len(characters)) + characters)
+
+
+def encoded_address(parameter: int, address: Address) -> bytes:
+    host, port = address
+    return encoded(parameter, LITTLE.locator.pack(_UDP_V4, port, bytes(12) + socket.inet_aton(host)))
+
+
+def encoded_seconds(value: float) -> bytes:
+    whole = int(value)
+    return LITTLE.duration.pack(whole, int((value - whole) * 2**32))
+
+
+def encoded_list(*parameters: bytes) -> bytes:
+    return b"".join(parameters) + LITTLE.pair.pack(SENTINEL, 0)
+
+
+def payload(*parameters: bytes) -> bytes:
+    """A discovery sample, with its encapsulation header."""
+    return PL_CDR_LE + encoded_list(*parameters)

@@ -1,0 +1,310 @@
+"""The participant with its sockets: two or three of them, none blocking, and the trio loop that serves them.
+
+Writing needs no loop: the sockets are open and ``Writer.write`` is an ordinary function. Where no task can run
+beside the caller, ``poll`` does one round of what ``run`` does for ever.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import struct
+import sys
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import aclosing, asynccontextmanager
+
+import trio
+
+from strands_actors.runtime.clock import Clock, MonotonicClock
+from strands_actors.runtime.contract import WireDown
+
+from . import words
+from .discovery import ParticipantData
+from .engine import Counters, Engine, OnSample
+from .reader import Reader
+from .words import Address, Buffer
+from .writer import Writer
+
+TICK_S = 0.05
+LEASE_S = 10.0
+"""How long a peer believes in us without hearing of us."""
+PORTS_ASKED = 10
+"""Of a peer given without a port: as many participants of its host are looked for."""
+DEPTH = 16
+"""Samples a reliable writer keeps for those who ask again."""
+
+_RECEIVE_BYTES = 1 << 20
+_DATAGRAM = 65536
+_ROUND = 256
+"""Datagrams taken from one socket before others get their turn."""
+
+# Linux tells when the kernel received a datagram: one that waited while we were busy has its true age.
+_TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
+_TIMESPEC = struct.Struct("@qq")
+_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
+
+
+class Participant:
+    """Opened by its constructor; ``run`` serves it; ``close`` ends it. Not for use by two threads."""
+
+    def __init__(
+        self,
+        domain: int = 0,
+        address: str = "127.0.0.1",
+        peers: Sequence[str] = (),
+        multicast: bool = True,
+        lease_s: float = LEASE_S,
+        clock: Clock | None = None,
+    ) -> None:
+        """``address``: the IPv4 address of ours to be reached at; it selects the interface. ``peers``: ``host`` or
+        ``host:port`` of participants to look for by unicast. Raise ``ValueError`` for what cannot be meant,
+        ``WireDown`` when the sockets cannot be had."""
+        if not 0 <= domain <= words.MAX_DOMAIN:
+            raise ValueError(f"domain is {domain}. Give 0..{words.MAX_DOMAIN}")
+        asked = [where for peer in peers for where in _peer(peer, domain)]
+        if multicast:
+            asked.insert(0, (words.MULTICAST_GROUP, words.multicast_port(domain)))
+        self.trouble = ""
+        """Why the last datagram that could not be sent was not."""
+        self._clock = clock or MonotonicClock()
+        self._buffer = bytearray(_DATAGRAM)
+        self._view = memoryview(self._buffer).toreadonly()
+        self._changed = trio.Event()
+        self._sockets = _open(domain, address, multicast)
+        self._out = self._sockets[0]
+        here = [sock.getsockname() for sock in self._sockets[:2]]
+        prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
+        data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
+        self._engine = Engine(data, asked, self._send, self._on_match)
+        self._engine.tick(self._clock.now_ns())
+
+    @property
+    def address(self) -> str:
+        """``host:port``, as another participant's ``peers`` takes it."""
+        host, port = self._engine.data.discovery[0]
+        return f"{host}:{port}"
+
+    @property
+    def guid_prefix(self) -> bytes:
+        return self._engine.data.prefix
+
+    @property
+    def peers(self) -> int:
+        """Participants we know."""
+        return self._engine.peers
+
+    @property
+    def counters(self) -> Counters:
+        return self._engine.counters
+
+    def writer(
+        self,
+        topic: str,
+        type_name: str,
+        *,
+        reliable: bool = False,
+        transient_local: bool = False,
+        depth: int = DEPTH,
+    ) -> Writer:
+        """Names as they are on the wire: ``rt/lowcmd``, ``unitree_hg::msg::dds_::LowCmd_``."""
+        return self._engine.writer(topic, type_name, reliable, transient_local, depth)
+
+    def reader(
+        self,
+        topic: str,
+        type_name: str,
+        on_sample: OnSample,
+        *,
+        reliable: bool = False,
+        transient_local: bool = False,
+    ) -> Reader:
+        """``on_sample(payload, writer_guid, t_ns)`` is called from ``run`` or ``poll``. The payload, with its
+        encapsulation header, is valid during the call; what it raises ends ``run``."""
+        return self._engine.reader(topic, type_name, reliable, transient_local, on_sample)
+
+    async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
+        """Until each of them has ``n`` counterparts. The caller sets the deadline."""
+        while any(endpoint.matched < n for endpoint in endpoints):
+            await self._changed.wait()
+
+    # -- serving
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Serve until ``close``."""
+        async with trio.open_nursery() as nursery:
+            for sock in self._sockets:
+                nursery.start_soon(self._serve, sock)
+            nursery.start_soon(self._keep_time)
+            task_status.started()
+
+    def poll(self) -> None:
+        """Take what has arrived, do what is due, wait for nothing."""
+        for sock in self._sockets:
+            self._drain(sock)
+        if self._sockets:
+            self._engine.tick(self._clock.now_ns())
+
+    def close(self) -> None:
+        """Say goodbye, so that peers need not wait for the lease to end. Harmless when called again."""
+        if not self._sockets:
+            return
+        self._engine.say_goodbye()
+        sockets, self._sockets = self._sockets, ()
+        for sock in sockets:
+            with contextlib.suppress(RuntimeError):  # no trio here: nobody waits for it either
+                trio.lowlevel.notify_closing(sock)
+            sock.close()
+
+    async def _serve(self, sock: socket.socket) -> None:
+        while self._sockets:
+            with contextlib.suppress(trio.ClosedResourceError):
+                await trio.lowlevel.wait_readable(sock)
+                self._drain(sock)
+
+    async def _keep_time(self) -> None:
+        async with aclosing(self._clock.ticks(TICK_S)) as ticks:
+            async for _ in ticks:
+                if not self._sockets:
+                    return
+                self.poll()
+
+    def _drain(self, sock: socket.socket) -> None:
+        for _ in range(_ROUND):
+            if not self._sockets:
+                return  # closed by a callback
+            try:
+                size, ancillary, _, sender = sock.recvmsg_into((self._buffer,), _ANCILLARY)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self.trouble = str(error)
+                return
+            now_ns = self._clock.now_ns()
+            if ancillary:
+                now_ns -= _age_ns(ancillary[0][2])
+            self._engine.receive(self._view[:size], sender[0], now_ns)
+
+    def _send(self, parts: Sequence[Buffer], address: Address) -> bool:
+        try:
+            self._out.sendmsg(parts, (), 0, address)
+        except OSError as error:
+            self.trouble = f"{address[0]}:{address[1]}: {error.strerror or error}"
+            return False
+        return True
+
+    def _on_match(self) -> None:
+        changed, self._changed = self._changed, trio.Event()
+        changed.set()
+
+
+@asynccontextmanager
+async def open_participant(
+    domain: int = 0,
+    address: str = "127.0.0.1",
+    peers: Sequence[str] = (),
+    multicast: bool = True,
+    lease_s: float = LEASE_S,
+    clock: Clock | None = None,
+) -> AsyncIterator[Participant]:
+    """A ``Participant`` that is served as long as the block lasts."""
+    participant = Participant(domain, address, peers, multicast, lease_s, clock)
+    try:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(participant.run)
+            yield participant
+            participant.close()
+            nursery.cancel_scope.cancel()
+    finally:
+        participant.close()
+
+
+def _peer(text: str, domain: int) -> list[Address]:
+    """Where to look for ``host`` or ``host:port``."""
+    host, _, port = text.partition(":")
+    try:
+        socket.inet_aton(host)
+    except OSError:
+        raise ValueError(
+            f"peer is {text!r}. Give an IPv4 address: 192.168.123.161 or 192.168.123.161:7410"
+        ) from None
+    if not port:
+        return [(host, words.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
+    return [(host, int(port))]
+
+
+def _age_ns(timespec: bytes) -> int:
+    """How long ago the kernel took a datagram in. Its clock is the wall's, which may be set meanwhile."""
+    if len(timespec) != _TIMESPEC.size:
+        return 0
+    seconds: int
+    nanoseconds: int
+    seconds, nanoseconds = _TIMESPEC.unpack(timespec)
+    return max(0, time.time_ns() - seconds * 1_000_000_000 - nanoseconds)
+
+
+def _open(domain: int, address: str, multicast: bool) -> tuple[socket.socket, ...]:
+    """For discovery, for user data, and the multicast group's if wanted."""
+    opened: list[socket.socket] = []
+    try:
+        if multicast:
+            opened.append(_group_member(domain, address))
+        for index in range(words.indices(domain)):
+            pair = _pair(domain, address, index)
+            if pair is not None:
+                return (*pair, *opened)
+    except OSError as error:
+        for sock in opened:
+            sock.close()
+        raise WireDown(
+            f"RTPS on {address}, domain {domain}: {error.strerror or error}. Check that the address is one of this "
+            "host's and its interface is up"
+        ) from None
+    for sock in opened:
+        sock.close()
+    raise WireDown(f"RTPS on {address}, domain {domain}: all ports are taken. Use another address or domain")
+
+
+def _pair(domain: int, address: str, index: int) -> tuple[socket.socket, socket.socket] | None:
+    """None: these ports are taken."""
+    first = _udp()
+    second = _udp()
+    try:
+        first.bind((address, words.discovery_port(domain, index)))
+        second.bind((address, words.user_port(domain, index)))
+        first.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+    except OSError as error:
+        first.close()
+        second.close()
+        if error.errno == errno.EADDRINUSE:
+            return None
+        raise
+    return first, second
+
+
+def _group_member(domain: int, address: str) -> socket.socket:
+    sock = _udp()
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if not sys.platform.startswith("linux"):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        sock.bind((words.MULTICAST_GROUP, words.multicast_port(domain)))
+        membership = socket.inet_aton(words.MULTICAST_GROUP) + socket.inet_aton(address)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _udp() -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
+    if _TIMESTAMPS is not None:
+        sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
+    return sock

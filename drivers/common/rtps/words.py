@@ -1,0 +1,118 @@
+"""What every part of RTPS is made of: names (GUIDs, entity ids, ports), byte orders, and the one error.
+
+Numbers from DDSI-RTPS 2.2, chapter 9 (mapping to UDP).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+Buffer = bytes | bytearray | memoryview
+Address = tuple[str, int]
+"""IPv4 host and UDP port."""
+
+
+class Malformed(Exception):
+    """Bytes that are not what they claim to be. Never leaves this package: it is counted."""
+
+
+# -- names. A GUID is 16 bytes: the participant's prefix (12) and an entity id (4).
+
+VENDOR = bytes.fromhex("0199")
+"""An id that no vendor holds: stacks switch on work-arounds for those they know."""
+
+PREFIX_SIZE = 12
+UNKNOWN = bytes(4)
+PARTICIPANT = bytes.fromhex("000001c1")
+SPDP_WRITER = bytes.fromhex("000100c2")
+SPDP_READER = bytes.fromhex("000100c7")
+PUBLICATIONS_WRITER = bytes.fromhex("000003c2")
+PUBLICATIONS_READER = bytes.fromhex("000003c7")
+SUBSCRIPTIONS_WRITER = bytes.fromhex("000004c2")
+SUBSCRIPTIONS_READER = bytes.fromhex("000004c7")
+BUILTIN_ENDPOINTS = 0x3F
+"""SPDP and SEDP, each both ways. Nothing else is offered: no liveliness messages, no types."""
+
+MAX_ENTITIES = 255
+
+
+def writer_id(number: int) -> bytes:
+    """Of a user's writer without key, 1..``MAX_ENTITIES``. The number fills three bytes: ids of one participant
+    differ in more than one byte, and no single damaged byte makes one of another."""
+    return bytes((number, number, number, 0x03))
+
+
+def reader_id(number: int) -> bytes:
+    """As ``writer_id``."""
+    return bytes((number, number, number, 0x04))
+
+
+# -- ports (9.6.1.1, default mapping)
+
+MULTICAST_GROUP = "239.255.0.1"
+MAX_DOMAIN = 232
+MAX_PORT = 65535
+
+
+def multicast_port(domain: int) -> int:
+    return 7400 + 250 * domain
+
+
+def discovery_port(domain: int, index: int) -> int:
+    return 7410 + 250 * domain + 2 * index
+
+
+def indices(domain: int) -> int:
+    """Participants that an address has room for: further ports are the next domain's, or none at all."""
+    return min(120, (MAX_PORT - user_port(domain, 0)) // 2 + 1)
+
+
+def user_port(domain: int, index: int) -> int:
+    return 7411 + 250 * domain + 2 * index
+
+
+# -- byte orders
+
+
+class Order(NamedTuple):
+    """The layouts of one byte order. Sequence numbers are a signed high and an unsigned low word."""
+
+    u16: struct.Struct
+    u32: struct.Struct
+    pair: struct.Struct  # parameter id, length
+    sequence: struct.Struct
+    data: struct.Struct  # flags, octets to inline QoS, reader, writer, sequence
+    fragment: struct.Struct  # as data, then first fragment, fragments, fragment size, sample size
+    heartbeat: struct.Struct  # reader, writer, first, last, count
+    numbers: struct.Struct  # base, bits
+    acknack: struct.Struct  # reader, writer, base, bits
+    gap: struct.Struct  # reader, writer, start, base, bits
+    locator: struct.Struct  # kind, port, address
+    duration: struct.Struct  # seconds, 2^-32 seconds
+
+
+def _order(sign: str) -> Order:
+    return Order(
+        *(
+            struct.Struct(sign + layout)
+            for layout in (
+                "H",
+                "I",
+                "HH",
+                "iI",
+                "HH4s4siI",
+                "HH4s4siIIHHI",
+                "4s4siIiII",
+                "iII",
+                "4s4siII",
+                "4s4siIiII",
+                "iI16s",
+                "iI",
+            )
+        )
+    )
+
+
+LITTLE = _order("<")
+BIG = _order(">")
