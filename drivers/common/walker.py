@@ -19,9 +19,9 @@ _TOUCHING_M = 0.001
 
 
 class Walker:
-    """Joints by index, in the order of ``joints``. Each motor gives ``tau + kp (q - position) + kd (dq - velocity)``,
-    as motor controllers do, with the joint's effort at most. At first it stands at ``home_rad``, its lowest point on
-    the floor, and its motors give nothing."""
+    """Joints by index, in the order of ``joints``. Each motor gives ``tau + kp (q - position) + kd (dq - velocity)``
+    with the joint's effort at most, as motor controllers do. At first it stands at ``home_rad``, its lowest point
+    on the floor, and its motors give nothing."""
 
     def __init__(self, table: Mapping[str, Any], joints: Sequence[str]) -> None:
         spec = build({**table, "torque_motors": True})
@@ -155,5 +155,5 @@ class Walker:
 
     @property
     def fallen(self) -> bool:
-        w, x, y, z = self.orientation_wxyz
+        _, x, y, _ = self.orientation_wxyz
         return self.height_m < self._fallen_m or 1.0 - 2.0 * (x * x + y * y) < TIPPED
