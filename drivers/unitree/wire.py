@@ -30,6 +30,8 @@ FIND_S = 4.0
 """For both sides to find each other, and the first state."""
 ASK_EVERY_NS = 100_000_000
 """How often the robot is asked for its FSM id, or its onboard mode."""
+BATTERY_S = 1.0
+"""It is told slowly, on a topic of its own."""
 SILENT_S = 1.0
 """Without a state for so long the link counts as lost."""
 
@@ -135,6 +137,9 @@ class UnitreeWire(Wire):
             await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")  # noqa: B023
         session.ask_mode()
         await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
+        # What gates ask for as well. A robot that does not say it can be connected to, and refuses to move.
+        await self._look(lambda: "battery" in session.observation().sensors, BATTERY_S)
+        await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
         return {
             "address": where,
@@ -229,13 +234,18 @@ class UnitreeWire(Wire):
         return said[-1]
 
     async def _until(self, condition: Callable[[], bool], within_s: float, otherwise: str) -> None:
+        if not await self._look(condition, within_s):
+            raise WireDown(otherwise)
+
+    async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take in what comes until it makes the condition true."""
         session = self._session()
         with trio.move_on_after(within_s):
             while not condition():
                 session.poll(self._clock.now_ns())
                 await trio.sleep(CONTROL_S)
-            return
-        raise WireDown(otherwise)
+            return True
+        return False
 
     def _session(self) -> _Session:
         if self._session_or_none is None:
