@@ -18,8 +18,10 @@ WIRES = {
     "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
     "ur": "strands_actors.drivers.ur.driver:UR",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
+    "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
+    "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
-"""One entry a wire: the class that declares its robots."""
+"""One entry a class that declares robots: most wires have one."""
 
 LEROBOT_ROBOTS = (
     "so100", "so101", "koch", "omx", "hope_jr", "bi_so100", "bi_so101", "lekiwi", "stretch3", "reachy2",

@@ -165,6 +165,22 @@ class RealRobot:
         observation: dict[str, float] = answer["content"][0]["json"]
         return observation
 
+    def perform(self, verb: str, **arguments: Any) -> Answer:
+        """One of the driver's own verbs. Each is a method, too: ``robot.release_sport_mode(attempts=3)``."""
+
+        async def run(tree: RobotTree) -> Answer:
+            answer = await tree.perform(verb, arguments)
+            return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
+
+        return self._verb(run, verb)
+
+    def __getattr__(self, name: str) -> Callable[..., Answer]:
+        """The driver's own verbs as methods."""
+        plan = self.__dict__.get("_plan")
+        if plan is None or name not in plan.driver_class.VERBS:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return functools.partial(self.perform, name)
+
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
 

@@ -36,6 +36,8 @@ from .supervisors.messages import (
     GetStatus,
     GetTask,
     Lease,
+    Perform,
+    Performed,
     Resume,
     Resumed,
     Rollout,
@@ -337,6 +339,28 @@ class RobotTree:
             return Refused("unreachable", f"move: {failure}", "resume() when the robot is back")
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
 
+    async def perform(self, verb: str, arguments: Mapping[str, Any]) -> Performed | Refused:
+        """One of the driver's own verbs (``Driver.VERBS``), under this caller's lease."""
+        self._require()
+        refusal = self.driver.check_verb(verb, arguments)
+        if refusal is not None:
+            return refusal
+        async with self._writing:
+            if (await self.task()).running:
+                return Refused("running", f"{verb}: a task is running", "call stop_task() first")
+            refusal = await self._acquire()
+            if refusal is not None or self._lease is None:
+                return refusal or Refused("lease", f"{verb}: no lease")
+            message = Perform(self._lease.id, self._lease.epoch, verb, _plain(arguments))
+            try:
+                answer = await self._gate.ask(message, self.driver.VERBS[verb].within_s + ASK_S)
+            except AskTimeout:
+                await self._fence(Reason.WIRE, f"{verb} timed out")  # it must not be done late
+                return Refused("timeout", f"{verb}: no answer; the robot was stopped", "resume()")
+            except Unreachable as failure:
+                return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
+        return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{verb}: no answer")
+
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
         self._require()
@@ -519,6 +543,8 @@ class RobotTree:
     async def _may_start(self, verb: str) -> Refused | None:
         if self.driver.ROLLOUTS:
             return Refused("no_rollout", f"{verb}: {self.kind}: {self.driver.ROLLOUTS}", "call send_action()")
+        if self.driver.TASKS and verb == "start_task":
+            return Refused("no_task", f"{verb}: {self.kind}: {self.driver.TASKS}", "call run_policy()")
         self._require()
         if (await self.task()).running:
             return Refused("running", f"{verb}: a task is already running", "call stop_task() first")
@@ -579,8 +605,16 @@ def _refuse_shape(action: object) -> Refused | None:
 
 
 def _plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Ready to be sent, with at most one number a key: what is none goes as its text, to be refused by name."""
-    return {str(key)[:_SHOWN]: _number_or_text(value) for key, value in action.items()}
+    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
+    refused by name."""
+    return {
+        str(key)[:_SHOWN]: (
+            {str(name)[:_SHOWN]: _number_or_text(part) for name, part in value.items()}
+            if isinstance(value, Mapping)
+            else _number_or_text(value)
+        )
+        for key, value in action.items()
+    }
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:

@@ -28,6 +28,8 @@ from .messages import (
     Arm,
     ArmDone,
     Beat,
+    CarriedOut,
+    CarryOut,
     GetObservation,
     GetStatus,
     Lease,
@@ -35,6 +37,8 @@ from .messages import (
     LinkUp,
     MakeSafe,
     Observed,
+    Perform,
+    Performed,
     Probe,
     Release,
     Resume,
@@ -90,6 +94,9 @@ class GateMemory(msgspec.Struct, frozen=True):
     connect_error: str
     facts: dict[str, Any]
     last_stop: StopReport | None
+    last_stop_ns: int
+    verbs: dict[int, Deferred]
+    verb: int
     writes: int
     reads: int
     refusals: int
@@ -114,6 +121,8 @@ class Gate(Actor):
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
         self._resumes: list[Deferred] = []
+        self._verbs: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
+        self._verb = 0
         self._cause = cause
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
@@ -139,13 +148,15 @@ class Gate(Actor):
         | Release
         | GetObservation
         | GetStatus
+        | Perform
         | Probe
         | Observed
         | SafeDone
         | ArmDone
+        | CarriedOut
         | LinkUp
         | LinkLost,
-    ) -> Accepted | Refused | StopReport | Resumed | Lease | Observation | Status | Deferred | None:
+    ) -> Accepted | Refused | StopReport | Resumed | Lease | Observation | Status | Performed | Deferred | None:
         match message:
             case Setpoint():
                 return self._setpoint(message)
@@ -167,6 +178,10 @@ class Gate(Actor):
                 return self._observation or Refused("no_observation", "observe: nothing was read yet")
             case GetStatus():
                 return self._status()
+            case Perform():
+                return self._perform(message)
+            case CarriedOut():
+                self._carried_out(message)
             case SafeDone():
                 self._safe_done(message.report)
             case ArmDone():
@@ -188,12 +203,21 @@ class Gate(Actor):
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
         now_ns = self.context.received_ns
-        refusal = self._refuse_by_mode() or self._refuse_by_lease(message, now_ns)
+        refusal = (
+            self._refuse_by_mode()
+            or self._refuse_by_lease("move", message.lease, message.epoch)
+            or _refuse_by_deadline(message, now_ns)
+        )
         if refusal is not None:
             return refusal
         observation = self._observation
         if observation is None:
             return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
+        if self._verbs:
+            return Refused("busy", "move: one of the robot's own verbs is under way", "wait until it is done")
+        refusal = self._refuse_by_condition(observation, now_ns)
+        if refusal is not None:
+            return refusal
         state = GateState(
             now_ns, observation, self._target, self._target_ns, message.period_s > 0, message.period_s
         )
@@ -229,30 +253,57 @@ class Gate(Actor):
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
 
-    def _refuse_by_lease(self, message: Setpoint, now_ns: int) -> Refused | None:
+    def _refuse_by_lease(self, what: str, lease: int, epoch: int) -> Refused | None:
         held = self._lease
         if held is None:
-            return Refused("no_lease", "move: nobody holds the lease", "acquire it first")
-        if held.id != message.lease:
-            return Refused("lease", f"move: {held.holder} holds the lease", "wait until it is released")
-        if message.epoch != self._state.epoch:
+            return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
+        if held.id != lease:
+            return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
+        if epoch != self._state.epoch:
             return Refused(
                 "stale_epoch",
-                f"move: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
+                f"{what}: prepared in epoch {epoch}, now it is {self._state.epoch} ({self._cause})",
                 "acquire the lease again and start from the measured position",
-                str(message.epoch),
+                str(epoch),
                 str(self._state.epoch),
             )
-        late_ns = now_ns - message.deadline_ns
-        if late_ns >= 0:
-            return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
-        if -late_ns > _MAX_LIFETIME_NS:
-            return Refused(
-                "too_distant",
-                f"move: the deadline is {-late_ns / NS:.1f} s away",
-                f"ask for at most {MAX_LIFETIME_S:g} s",
-            )
         return None
+
+    def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
+        for condition in self._driver.conditions:
+            refusal = condition(observation, now_ns)
+            if refusal is not None:
+                return refusal
+        return None
+
+    # -- the driver's own verbs
+
+    def _perform(self, message: Perform) -> Refused | Deferred:
+        verb = message.verb
+        refusal = self._driver.check_verb(verb, message.arguments)
+        if refusal is not None:
+            return refusal
+        state = self._state
+        if state.locked_by:
+            return Refused("locked_out", f"{verb}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode not in failsafe.LINKED:
+            return Refused("not_connected", f"{verb}: not connected: {self._connect_error}")
+        if state.mode in (Mode.ARMING, Mode.STOPPING):
+            return Refused("busy", f"{verb}: the robot is {state.mode}", "try again when that is over")
+        refusal = self._refuse_by_lease(verb, message.lease, message.epoch)
+        if refusal is not None:
+            return refusal
+        if self._live_until_ns:
+            return Refused("live", f"{verb}: the robot is being moved", "wait until that is over, or call stop()")
+        self._verb += 1
+        self._verbs[self._verb] = deferred = self.context.defer()
+        self._transport.tell(CarryOut(state.epoch, self._verb, verb, message.arguments))
+        return deferred
+
+    def _carried_out(self, message: CarriedOut) -> None:
+        deferred = self._verbs.pop(message.number, None)
+        if deferred is not None:
+            deferred.send(message.refusal or Performed(message.result))
 
     # -- the lease
 
@@ -310,6 +361,10 @@ class Gate(Actor):
                 or (live_until < 0 and probe.now_ns >= held.latches_until_ns)
             ):
                 self._trip(Reason.LEASE, f"{held.holder if held else 'the writer'} stopped answering")
+            elif self._driver.conditions and self._observation is not None:
+                refusal = self._refuse_by_condition(self._observation, probe.now_ns)
+                if refusal is not None:
+                    self._trip(Reason.FAULT, refusal.reason.removeprefix("move: "))
         state = self._state
         live = self._live_until_ns != 0 and state.mode is Mode.ARMED
         self._watchdog.tell(Alive(probe.number, state.epoch, live))
@@ -364,7 +419,7 @@ class Gate(Actor):
 
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
-        self._last_stop_ns = self.context.clock.now_ns()
+        self._last_stop_ns = self.context.received_ns
         for epoch, stop in self._stops:
             if epoch <= report.epoch:
                 stop.send(report)
@@ -469,3 +524,16 @@ class Gate(Actor):
         """Go on from there."""
         for name in GateMemory.__struct_fields__:
             setattr(self, f"_{name}", getattr(memory, name))
+
+
+def _refuse_by_deadline(message: Setpoint, now_ns: int) -> Refused | None:
+    late_ns = now_ns - message.deadline_ns
+    if late_ns >= 0:
+        return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
+    if -late_ns > _MAX_LIFETIME_NS:
+        return Refused(
+            "too_distant",
+            f"move: the deadline is {-late_ns / NS:.1f} s away",
+            f"ask for at most {MAX_LIFETIME_S:g} s",
+        )
+    return None

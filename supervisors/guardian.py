@@ -12,9 +12,10 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.runtime.actor import Actor, Deferred
+from strands_actors.runtime.actor import Actor, Deferred, describe
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath
+from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
+from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 from strands_actors.runtime.processor import Standing
 from strands_actors.runtime.silence import Silence
@@ -32,7 +33,7 @@ from .messages import (
     StopReport,
     WireBeat,
 )
-from .watchdog import BEAT_EVERY, BEAT_TTL_S, TICK_S, Tick
+from .watchdog import BEAT_EVERY, Tick
 
 START_DEADLINE_S = 10.0
 RENEW_PAUSE_S = 0.05
@@ -74,12 +75,13 @@ class Guardian(Actor):
         self._start_wire = start_wire
         self._on_state = on_state
         self._second: SecondPath | None = None
+        self._second_scope = trio.CancelScope()
         self.state = StateIs(Mode.DOWN, 0, "", "")
         self.last_report: StopReport | None = None
         self._confirmed = True
         self._orderly = self._leaving = False
         self._beats = 0
-        self._silence = Silence(BEAT_TTL_S)
+        self._silence = Silence(driver.timing.beat_ttl_s)
         self._silent_until_ns = 0
         self._renews = False  # this life of the wire ends because its process is spent
         self._broken = trio.Event()
@@ -90,11 +92,11 @@ class Guardian(Actor):
 
     async def started(self) -> None:
         self._watchdog: Ref = self.context.ref(self._watchdog_address)
-        self.context.every(TICK_S, Tick)
+        self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
         self, message: Tick | WireBeat | SilentUntil | Renew | StateIs | Handover | Fence
-    ) -> HandedOver | StopReport | Deferred | None:
+    ) -> HandedOver | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
@@ -113,10 +115,7 @@ class Guardian(Actor):
                 if self._on_state is not None:
                     self._on_state(message)
             case Handover():
-                if self._second is not None:
-                    self._second.close()
-                self._second = self._driver.second_path(message.descriptors, self.context.clock)
-                return HandedOver()
+                return self._take(message)
             case Fence():
                 return self._fence(message)
         return None
@@ -135,6 +134,34 @@ class Guardian(Actor):
         if not self._broken.is_set():
             self._why = reason, why
             self._broken.set()
+
+    # -- the second path
+
+    def _take(self, message: Handover) -> Deferred:
+        """Answered when the path could be used at once."""
+        self._drop_second()
+        self._second = path = self._driver.second_path(message.descriptors, self.context.clock)
+        self._second_scope = trio.CancelScope()
+        deferred = self.context.defer()
+        self.context.start_soon(self._keep_second, path, self._second_scope, deferred)
+        return deferred
+
+    async def _keep_second(self, path: SecondPath, scope: trio.CancelScope, deferred: Deferred) -> None:
+        with scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(path.serve)
+                    deferred.send(HandedOver())
+            except* WireDown as down:
+                why = describe(down).partition(": ")[2]
+                deferred.send(Refused("no_second_path", why))
+                self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
+
+    def _drop_second(self) -> None:
+        if self._second is not None:
+            self._second_scope.cancel()
+            self._second.close()
+            self._second = None
 
     def _fence(self, message: Fence) -> StopReport | Deferred:
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
@@ -173,7 +200,7 @@ class Guardian(Actor):
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
         place = self._start_wire(start, self.state.cause)
-        self._silence = Silence(BEAT_TTL_S, place.standing)
+        self._silence = Silence(self._driver.timing.beat_ttl_s, place.standing)
         try:
             task_status.started()
             await self._until_broken(place)
@@ -181,7 +208,7 @@ class Guardian(Actor):
             with trio.CancelScope(shield=True):
                 await place.fence()
                 self.context.note(Happened("the wire has ended", self._why[1]))
-                self._silence = Silence(BEAT_TTL_S)
+                self._silence = Silence(self._driver.timing.beat_ttl_s)
                 if not self._orderly:
                     await self._make_safe(start.epoch)
                 self.idle.set()
@@ -210,8 +237,7 @@ class Guardian(Actor):
         if self._second is not None:
             motors = await self._second.make_safe(rung)
             self._confirmed = all(motor.safe for motor in motors)
-            self._second.close()  # it would keep the next wire from the port, which is locked while it is open
-            self._second = None
+            self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
         # Without a second path the wire had not come so far as to energise anything: all is as it was.
         took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1

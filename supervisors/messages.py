@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.runtime.contract import MotorReport, Observation, Reason
-from strands_actors.runtime.messages import Message
+from strands_actors.runtime.messages import Message, Refused
 
 LEASE_TTL_S = 1.0
 """A caller that has not been heard of for this long has lost its lease."""
@@ -107,6 +107,19 @@ class Resume(Message, frozen=True):
 class Resumed(Message, frozen=True):
     epoch: int
     observation: Observation
+
+
+class Perform(Message, frozen=True):
+    """Do one of the driver's own verbs."""
+
+    lease: int
+    epoch: int
+    verb: str
+    arguments: dict[str, Any]  # checked by the driver
+
+
+class Performed(Message, frozen=True):
+    result: dict[str, Any]
 
 
 class GetObservation(Message, frozen=True):
@@ -219,6 +232,23 @@ class ArmDone(Message, frozen=True):
     epoch: int
     observation: Observation | None
     error: str = ""
+
+
+class CarryOut(Message, frozen=True):
+    """A verb that passed the gate. ``number`` tells its answer from others."""
+
+    epoch: int
+    number: int
+    verb: str
+    arguments: dict[str, Any]
+
+
+class CarriedOut(Message, frozen=True):
+    lane = "urgent"
+
+    number: int
+    result: dict[str, Any]
+    refusal: Refused | None = None
 
 
 class LinkUp(Message, frozen=True):

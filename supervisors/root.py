@@ -19,6 +19,7 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.realtime import ROOT_PRIORITY, run_first
 from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
@@ -83,6 +84,8 @@ class Tree:
         self.args = args
         self.at = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
+        if self.driver.timing.realtime:
+            run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
         self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from typing import Any
 
 import trio
 
@@ -24,11 +25,14 @@ from strands_actors.runtime.contract import (
     Wire,
     WireDown,
 )
+from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 
 from .messages import (
     Arm,
     ArmDone,
+    CarriedOut,
+    CarryOut,
     Cycle,
     Cycled,
     Handover,
@@ -44,6 +48,8 @@ from .messages import (
 )
 
 OPEN_DEADLINE_S = 5.0
+HANDOVER_S = 3.0
+"""Of these five: what the root may take to have its own path ready."""
 SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -74,6 +80,7 @@ class Transport(Actor):
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
+        self._performing: trio.CancelScope | None = None
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
         self._written_ns = 0
@@ -89,14 +96,14 @@ class Transport(Actor):
         self._watchdog: Ref = self.context.ref(watchdog)
         self._guardian: Ref = self.context.ref(guardian)
 
-    async def receive(self, message: Write | Cycle | MakeSafe | Arm) -> None:
+    async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
         try:
             await self._obey(message)
         except ProcessSpent as spent:
             self._guardian.tell(Renew(str(spent)))
             await trio.sleep_forever()  # the root ends this process; if it does not hear, it misses our beats
 
-    async def _obey(self, message: Write | Cycle | MakeSafe | Arm) -> None:
+    async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
         match message:
             case Write():
                 self._last = message
@@ -107,6 +114,8 @@ class Transport(Actor):
                 await self._make_safe(message)
             case Arm():
                 await self._arm(message.epoch)
+            case CarryOut():
+                self._carry_out(message)
 
     async def _write(self, write: Write, deadline_ns: int) -> None:
         if self._wire is None:
@@ -148,6 +157,8 @@ class Transport(Actor):
     async def _make_safe(self, message: MakeSafe) -> None:
         self.epoch = max(self.epoch, message.epoch)
         self._last = None
+        if self._performing is not None:
+            self._performing.cancel()
         began_ns = self.context.clock.now_ns()
         with self._busy(SAFE_DEADLINE_S):
             if self._wire is None:
@@ -175,6 +186,35 @@ class Transport(Actor):
             error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
 
+    # -- the driver's own verbs
+
+    def _carry_out(self, message: CarryOut) -> None:
+        wire = self._wire
+        if wire is None or self._performing is not None:
+            why = f"{message.verb}: {'the link was lost' if wire is None else 'another verb is being carried out'}"
+            self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
+            return
+        self._performing = trio.CancelScope()
+        self.context.start_soon(self._perform, wire, message, self._performing)
+
+    async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
+        verb = message.verb
+        answer: dict[str, Any] | Refused = Refused("stopped", f"{verb}: stopped meanwhile", "ask again after that")
+        within_s = self._driver.VERBS[verb].within_s
+        try:
+            with scope, trio.fail_after(within_s):
+                answer = await wire.perform(verb, message.arguments, _Permit(self, message.epoch, 0))
+        except PermitDenied:
+            pass
+        except trio.TooSlowError:
+            why = f"{verb}: the robot did not do so within {within_s:g} s"
+            answer = Refused("timeout", why, "look at the robot")
+        except WireDown as down:
+            answer = Refused("not_connected", f"{verb}: {down}")
+        self._performing = None
+        result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
+        self._gate.tell(CarriedOut(message.number, result, refusal))
+
     # -- the link
 
     async def _open(self, number: int) -> None:
@@ -199,12 +239,16 @@ class Transport(Actor):
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
         try:
-            await self._guardian.ask(Handover(tuple(wire.handover())), 1.0)
+            answer = await self._guardian.ask(Handover(tuple(wire.handover())), HANDOVER_S)
         except (AskTimeout, Unreachable) as failure:
             raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
+        if isinstance(answer, Refused):
+            raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 
     def _lose(self, down: WireDown) -> None:
         if self._wire is not None:
+            if self._performing is not None:
+                self._performing.cancel()
             self._wire.close()
             self._wire = None
             self._back_off(str(down))

@@ -27,11 +27,8 @@ from strands_actors.runtime.silence import Heard, Silence
 
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
-TICK_S = 0.01
 BEAT_EVERY = 2
-"""Ticks per beat to the root."""
-BEAT_TTL_S = 0.1
-"""Without a beat for this long, the other process counts as frozen (see ``runtime/silence.py``)."""
+"""Ticks (``Timing.tick_s``) per beat to the root."""
 
 
 class Tick(Message, frozen=True):
@@ -78,6 +75,8 @@ class Watchdog(Actor):
         root: Callable[[], Standing | None] = lambda: None,
     ) -> None:
         self._addresses = gate, transport, guardian
+        self._tick_s = timing.tick_s
+        self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
         self._orphaned = orphaned
         self._probe = 0
@@ -89,7 +88,7 @@ class Watchdog(Actor):
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
         self._root_stands = root
-        self._root = Silence(BEAT_TTL_S, self._look_at_root)
+        self._root = Silence(timing.beat_ttl_s, self._look_at_root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -98,7 +97,7 @@ class Watchdog(Actor):
         self._transport: Ref = self.context.ref(transport)
         self._guardian: Ref = self.context.ref(guardian)
         self._answers_ns = [self.context.received_ns] * 2
-        self.context.every(TICK_S, Tick)
+        self.context.every(self._tick_s, Tick)
 
     def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | Leave | StopReport) -> None:
         match message:
@@ -151,7 +150,7 @@ class Watchdog(Actor):
         """Gate and transport have both been heard within the beat's lifetime, or the transport said until
         when it is busy."""
         gate_ns, transport_ns = self._answers_ns
-        limit_ns = now_ns - round(BEAT_TTL_S * NS) // 2 - self._cycle_ns
+        limit_ns = now_ns - self._beat_ttl_ns // 2 - self._cycle_ns
         return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
 
     def _lose_root(self, why: str) -> None:

@@ -20,6 +20,7 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
 from strands_actors.runtime.processor import Standing, standing
+from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
@@ -141,6 +142,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
+    if driver.timing.realtime:
+        run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))

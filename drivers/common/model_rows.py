@@ -101,7 +101,9 @@ def parse_rows(text: str) -> list[Row]:
 def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
     """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``, ``damping``,
     ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a
-    position servo of its own name, rate-limited to the joint's velocity; its gains are the plant's business."""
+    position servo of its own name, rate-limited to the joint's velocity; its gains are the plant's business.
+    With ``torque_motors`` it gets a motor instead, whose torque is the control less ``biasprm`` times position
+    and velocity. A ``base`` that is ``free`` stands on nothing but its feet."""
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -114,6 +116,9 @@ def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
     bodies = {"base": spec.worldbody.add_body(name="base", pos=numbers(base.get("xyz", "0,0,0")))}
     if "geom" in base:
         _add_geom(bodies["base"], base["geom"], (), float(base.get("kg", 1.0)))
+    if base.get("free"):
+        bodies["base"].add_freejoint()
+        _add_point_mass(bodies["base"], float(base["kg"]), numbers(base.get("com", "0,0,0")))
     for row in rows:
         body = bodies[row.parent].add_body(name=row.body, pos=row.xyz, quat=row.quat)
         body.gravcomp = 1.0 if table.get("gravity_compensated") else 0.0
@@ -129,10 +134,14 @@ def _add_mass(body: Any, row: Row, children: Sequence[Row]) -> None:
         towards = children[0].xyz if children else ()
         _add_geom(body, row.geom, towards, row.kg)
     if row.com or not row.geom:
-        body.explicitinertial = True
-        body.mass = row.kg
-        body.ipos = row.com or (0.0, 0.0, 0.0)
-        body.inertia = [row.kg * LINK_EXTENT_M**2 / 12] * 3
+        _add_point_mass(body, row.kg, row.com or (0.0, 0.0, 0.0))
+
+
+def _add_point_mass(body: Any, kg: float, com: tuple[float, ...]) -> None:
+    body.explicitinertial = True
+    body.mass = kg
+    body.ipos = com
+    body.inertia = [kg * LINK_EXTENT_M**2 / 12] * 3
 
 
 def _add_geom(body: Any, text: str, towards: Sequence[float], kg: float) -> None:
@@ -171,6 +180,10 @@ def _add_joint(spec: mujoco.MjSpec, body: Any, row: Row, table: Mapping[str, Any
     if row.effort is None:
         return
     servo = spec.add_actuator(name=row.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=row.joint)
-    servo.set_to_pid(kp=1.0, kv=1.0, slewmax=row.velocity or 0.0)
+    if table.get("torque_motors"):
+        servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    else:
+        servo.set_to_pid(kp=1.0, kv=1.0, slewmax=row.velocity or 0.0)
     servo.forcelimited = True
     servo.forcerange = [-row.effort, row.effort]

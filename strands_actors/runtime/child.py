@@ -19,11 +19,13 @@ import traceback
 import msgspec
 
 from .process import ChildSpecification
+from .realtime import run_like_others
 
 
 def main(fd: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sock = socket.socket(fileno=fd)
+    run_like_others()
     code = 1
     try:
         specification = msgspec.msgpack.decode(_read_exactly(sock), type=ChildSpecification)

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
 
 import msgspec
+import trio
 
 from .clock import Clock
 from .messages import Message, Refused
@@ -37,7 +38,7 @@ class Reason(enum.StrEnum):
     WIRE = "wire"  # the wire process died or stopped answering
     ROOT = "root"  # the root process died or stopped answering
     LINK = "link"  # the cable, the socket, the bus
-    FAULT = "fault"  # the restart budget is spent, or an actor broke
+    FAULT = "fault"  # the restart budget is spent, an actor broke, or the robot may not be commanded any more
 
 
 HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
@@ -57,6 +58,17 @@ class Timing(msgspec.Struct, frozen=True):
     # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's constructor keeps
     # the interpreter's lock. So long the root waits before it calls the process frozen.
     silent_s: float = 0.0
+    tick_s: float = 0.01  # how often the tree looks at deadlines; beats of wire and root come every second tick
+    beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
+    realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
+
+
+class Verb(msgspec.Struct, frozen=True):
+    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name to default."""
+
+    about: str
+    within_s: float  # longest time that ``Wire.perform`` may take
+    arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
 
 
 class Observation(Message, frozen=True):
@@ -104,7 +116,7 @@ class ProcessSpent(Exception):
 
 
 class Wire(ABC):
-    """All I/O of one robot's wire. Calls never overlap."""
+    """All I/O of one robot's wire. Calls never overlap, but for ``perform``."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -132,6 +144,11 @@ class Wire(ABC):
         """Bring every motor to ``rung``. The first safe frame leaves before the first wait; every motor is
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
+    async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """Do one of ``Driver.VERBS``, checked by ``Driver.check_verb``. Runs beside ``read``; a stop cancels it.
+        ``permit.check()`` before each write. Raise ``WireDown``."""
+        raise NotImplementedError(f"{type(self).__name__} declares {verb} and does not do it")
+
     def handover(self) -> Sequence[int]:
         """Descriptors the root's second path needs; valid until ``close``."""
         return ()
@@ -144,6 +161,12 @@ class Wire(ABC):
 class SecondPath(ABC):
     """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
     the wire is started again. Making one must not raise."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """What has to be done before the path is needed, and kept up until it is: discovery, a session.
+        ``started`` once it could be used at once; the wire does not count as up before. Runs until it is
+        cancelled, before ``close``, or returns when there is nothing to keep up. Raise ``WireDown``."""
+        task_status.started()
 
     @abstractmethod
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
@@ -174,6 +197,9 @@ class Candidate(msgspec.Struct, frozen=True, gc=False):
 
 GateCheck = Callable[[Candidate, GateState], Refused | None]
 
+Condition = Callable[[Observation, int], Refused | None]
+"""What must be true of the robot, whatever it is told: from the newest observation and now_ns."""
+
 
 class Driver(ABC):
     """One robot of one wire, as data and pure functions."""
@@ -190,6 +216,9 @@ class Driver(ABC):
     reads_cameras: ClassVar[bool] = False
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty: it does."""
+    TASKS: ClassVar[str] = ""
+    """Why this robot runs no policy in a process of its own; empty: it does."""
+    VERBS: ClassVar[Mapping[str, Verb]] = {}
 
     robot: str
     axes: tuple[str, ...]
@@ -200,6 +229,8 @@ class Driver(ABC):
     firmware_watchdog: str  # what the firmware does alone when all of us are gone
     bound_s: float = 0.05  # published: from a death to the safe frame
     gates: tuple[GateCheck, ...]
+    conditions: tuple[Condition, ...] = ()
+    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,6 +244,18 @@ class Driver(ABC):
     @abstractmethod
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
+
+    def check_verb(self, verb: str, arguments: Mapping[str, Any]) -> Refused | None:
+        """Pure. Only names and arguments that ``VERBS`` declares pass."""
+        known = self.VERBS.get(verb)
+        if known is None:
+            names = ", ".join(self.VERBS) or "none"
+            return Refused("unknown_verb", f"{verb}: {self.robot} has no such verb", f"it has {names}", verb, names)
+        for name in arguments:
+            if name not in known.arguments:
+                names = ", ".join(known.arguments) or "none"
+                return Refused("unknown_argument", f"{verb}: no argument {name}", f"it takes {names}", name, names)
+        return None
 
     def preload(self) -> None:  # noqa: B027  # most have nothing to load
         """Import what ``open_wire`` and ``second_path`` need, if it is small. Called in the root and in the wire

@@ -34,7 +34,6 @@ from strands_actors.runtime.zenoh_mesh import ZenohMesh, unix_endpoint
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.census import ALLOW_FAULTS, Break
 from strands_actors.supervisors.messages import LEASE_TTL_S
-from strands_actors.supervisors.watchdog import BEAT_TTL_S
 
 from .wirelog import Entry, WireLog
 
@@ -77,8 +76,8 @@ def driver_of(robot: str) -> Driver:
 
 
 def victims_of(driver: Driver) -> tuple[str, ...]:
-    """A robot that runs no policies has no policy process."""
-    return tuple(victim for victim in VICTIMS if victim != "policy" or not driver.ROLLOUTS)
+    """A robot that runs no policies, or none apart from its caller, has no policy process."""
+    return tuple(victim for victim in VICTIMS if victim != "policy" or not (driver.ROLLOUTS or driver.TASKS))
 
 
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
@@ -86,8 +85,9 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
     if fault not in LIVING:
         # An exception in a policy's own code is caught: the rollout ends, the process with it.
         return driver.bound_s
-    stream_ttl_s = driver.timing.stream_ttl_s
-    lapses_s = {"caller": LEASE_TTL_S, "policy": stream_ttl_s, "wire": BEAT_TTL_S, "root": BEAT_TTL_S}
+    timing = driver.timing
+    beat_ttl_s = timing.beat_ttl_s
+    lapses_s = {"caller": LEASE_TTL_S, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
     return lapses_s[victim] + driver.bound_s
 
 

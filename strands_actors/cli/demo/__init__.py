@@ -41,7 +41,7 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
     with _twin_log() as log:
         robot = Robot(ROBOT, mode="real", transport="twin")
         watch = Watch(robot, log)
-        scenario = Scenario(robot, watch, driver_class.bound_s, story.note)
+        scenario = Scenario(robot, watch, driver_class, story.note)
         screen = Screen(console, watch, story, scenario) if live else contextlib.nullcontext()
         try:
             with screen:

@@ -14,8 +14,7 @@ import msgspec
 
 from ...robot import RealRobot
 from ...runtime.clock import NS
-from ...runtime.contract import Reason
-from ...supervisors.watchdog import BEAT_TTL_S
+from ...runtime.contract import Driver, Reason
 from .watch import Watch, status_of, wait_for
 
 CONTROL_HZ = 50.0
@@ -44,8 +43,8 @@ class Fault(msgspec.Struct, frozen=True):
     freezes: bool = False
     """A death is seen at once. A freeze shows only by silence, as long as a beat may be late."""
 
-    def bound_ms(self, bound_s: float) -> float:
-        return round(1e3 * (bound_s + (BEAT_TTL_S if self.freezes else 0.0)), 3)
+    def bound_ms(self, driver: type[Driver]) -> float:
+        return round(1e3 * (driver.bound_s + (driver.timing.beat_ttl_s if self.freezes else 0.0)), 3)
 
 
 FAULTS = (
@@ -103,13 +102,15 @@ class Failed(Exception):
 class Scenario:
     """``note(text, kind)`` hears what happens: kinds are plain, good, bad and fault."""
 
-    def __init__(self, robot: RealRobot, watch: Watch, bound_s: float, note: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, robot: RealRobot, watch: Watch, driver: type[Driver], note: Callable[[str, str], None]
+    ) -> None:
         self.outcomes: list[Outcome] = []
         self.pace: Pace | None = None
         self.phase = "starting"
         self._robot = robot
         self._watch = watch
-        self._bound_s = bound_s
+        self._driver = driver
         self._note = note
         self._ladder: dict[str, str] = {}
 
@@ -206,7 +207,7 @@ class Scenario:
         pid = self._watch.pid(fault.victim)
         if pid is None:
             raise Failed(f"there is no {fault.victim} process to break")
-        rung, bound_ms = self._ladder[fault.reason], fault.bound_ms(self._bound_s)
+        rung, bound_ms = self._ladder[fault.reason], fault.bound_ms(self._driver)
         struck_ns = time.monotonic_ns()
         os.kill(pid, getattr(signal, fault.signal))
         outcome = Outcome(fault.victim, fault.signal, pid, rung, bound_ms, struck_ns)

@@ -1,0 +1,177 @@
+"""Unitree's legged robots, commanded joint by joint 500 times a second: ``unitree_g1``; Go2, B2, H1 and H1-2.
+
+Connecting and arming move nothing: the robot stands by its own controller until the first setpoint is accepted.
+From then on it stands only as long as setpoints come. Whatever ends them ends in frames without torque:
+
+``zero_torque``  every motor lets go at once. A standing robot falls, freely, in half a second.
+``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then lets go: a standing
+                 robot sinks and topples more slowly. Nothing holds it up on either rung.
+
+Which of the two is used is ``on_exit``; the drivers page asks for the first. To put a robot down gently, bring it
+to a pose from which it cannot fall before the policy ends.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing, Verb
+from strands_actors.runtime.messages import Refused
+
+from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
+from .protocol import COMMAND_TOPIC
+from .robots import TABLES, model_of
+
+if TYPE_CHECKING:
+    from .wire import UnitreeWire
+
+RUNGS = ("zero_torque", "damp")
+ATTEMPTS = 5
+RELEASE_S = 3.0
+"""What the robot may take for one attempt to release its mode."""
+
+
+class _Legs(Driver):
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = "strands_actors.drivers.unitree.twin:main"
+    TASKS: ClassVar[str] = (
+        "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"
+    )
+    OPTIONS: ClassVar[Mapping[str, str]] = {
+        "on_exit": "what ends every motion: zero_torque (default), or damp: half a second of braking before it",
+        "battery_floor_pct": "charge under which nothing is commanded; default 15",
+        "domain": "DDS domain of the robot; default 0",
+        "interface": "our own IPv4 address on the robot's network; default: the one that leads to it",
+    }
+
+    unit = "radians"
+    timing = Timing(
+        control_hz=CONTROL_HZ,
+        keepalive_s=0.9 * CONTROL_S,  # a little less than a period: whoever is on time is not doubled
+        stream_ttl_s=0.1,
+        oneshot_ttl_s=0.1,
+        state_ttl_s=0.1,
+        tick_s=CONTROL_S,
+        beat_ttl_s=0.016,
+        realtime=True,
+    )
+    firmware_watchdog = (
+        "none that can be armed or read back: left alone a robot keeps its last low-level command, "
+        "or falls to damping after 50 to 100 ms [assumed]"
+    )
+    bound_s = 0.01
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        if unknown := [name for name in options if name not in (*cls.OPTIONS, "tool_name")]:
+            raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
+        on_exit = options.get("on_exit", RUNGS[0])
+        if on_exit not in RUNGS:
+            raise ValueError(f"{robot}: on_exit is {on_exit!r}. Give {' or '.join(RUNGS)}")
+        floor_pct = options.get("battery_floor_pct", BATTERY_FLOOR_PCT)
+        if isinstance(floor_pct, bool) or not isinstance(floor_pct, int | float) or not 0 <= floor_pct <= 100:
+            raise ValueError(f"{robot}: battery_floor_pct is {floor_pct!r}. Give a number from 0 to 100")
+        domain = options.get("domain", 0)
+        if isinstance(domain, bool) or not isinstance(domain, int) or not 0 <= domain <= 232:
+            raise ValueError(f"{robot}: domain is {domain!r}. Give a whole number from 0 to 232")
+        interface = options.get("interface", "")
+        if not isinstance(interface, str):
+            raise ValueError(f"{robot}: interface is {interface!r}. Give an IPv4 address of this host")
+        return {
+            "on_exit": on_exit,
+            "battery_floor_pct": float(floor_pct),
+            "domain": domain,
+            "interface": interface,
+        }
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        resolved = self.resolve(robot, options)
+        self.model = model_of(robot)
+        self.robot = self.model.name
+        if self.robot not in self.SUPPORTED_ROBOTS:
+            raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
+        self.port = port
+        self.domain: int = resolved["domain"]
+        self.interface: str = resolved["interface"]
+        self.axes = self.model.axes
+        self.ids = self.model.slots
+        self.ladder: Mapping[Reason, str] = dict.fromkeys(Reason, resolved["on_exit"])
+        self.conditions = conditions(self.model, resolved["battery_floor_pct"], self.timing.state_ttl_s)
+        self.gates = gates(self.model)
+        self._parser = Parser(self.model)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return self._parser.parse(action, state)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Positions: a target's other rows stand behind them."""
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        named = self._parser.named(action)
+        return {
+            "topic": COMMAND_TOPIC,
+            "joints": [self.axes[at] for at in named],
+            "slots": [self.ids[at] for at in named],
+            "targets": {self.axes[at]: values[at] for at in named},
+            "unit": self.unit,
+        }
+
+    def energised(self, rung: str) -> bool:
+        return False
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
+
+    def open_wire(self, clock: Clock) -> UnitreeWire:
+        from .wire import UnitreeWire
+
+        return UnitreeWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .wire import UnitreeSecondPath
+
+        return UnitreeSecondPath(self, clock)
+
+
+class G1Driver(_Legs):
+    """Commanded while its FSM is in 500, 501 or 801."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("unitree_g1",)
+    ALIASES: ClassVar[Mapping[str, str]] = {
+        alias: name for alias, name in TABLES.aliases.items() if name == "unitree_g1"
+    }
+
+
+class Go2Driver(_Legs):
+    """Commanded once their own controller has been released."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(name for name in TABLES.robots if name != "unitree_g1")
+    ALIASES: ClassVar[Mapping[str, str]] = {
+        alias: name for alias, name in TABLES.aliases.items() if name != "unitree_g1"
+    }
+    VERBS: ClassVar[Mapping[str, Verb]] = {
+        "release_sport_mode": Verb(
+            "end the robot's own controller, so that its joints can be commanded: it no longer balances by itself",
+            within_s=ATTEMPTS * RELEASE_S + 1.0,
+            arguments={"attempts": ATTEMPTS},
+        )
+    }
+
+    def check_verb(self, verb: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_verb(verb, arguments)
+        attempts = arguments.get("attempts", ATTEMPTS)
+        if refusal is None and not _is_count(attempts, ATTEMPTS):
+            why = f"{verb}: attempts is {attempts}"
+            return Refused("bad_argument", why, f"give 1 to {ATTEMPTS}", str(attempts), f"1..{ATTEMPTS}")
+        return refusal
+
+
+def _is_count(value: object, most: int) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return False
+    return value == int(value) and 1 <= value <= most

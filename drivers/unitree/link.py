@@ -1,0 +1,141 @@
+"""One participant on a Unitree robot's network: commands out, states in. Wire and second path are made of it.
+
+Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+
+from strands_actors.drivers.common.rtps import Participant
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import WireDown
+
+from . import protocol as p
+from . import rpc
+from .protocol import CommandCodec, Garbled, State, StateCodec
+from .robots import Model
+
+CDR = b"\0\1\0\0"
+"""Encapsulation of every payload: little endian CDR."""
+
+MAX_PENDING = 32
+
+
+class Service:
+    """A client of one of the robot's services."""
+
+    def __init__(self, participant: Participant, name: str, clock: Clock) -> None:
+        self.name = name
+        self._clock = clock
+        self._pending: dict[int, Callable[[rpc.Response], None]] = {}
+        self._writer = participant.writer(rpc.request_topic(name), rpc.REQUEST_TYPE, reliable=True)
+        self._reader = participant.reader(
+            rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
+        )
+
+    @property
+    def matched(self) -> bool:
+        """Both ways: a response to a reader that is not known yet would be lost."""
+        return self._writer.matched > 0 and self._reader.matched > 0
+
+    def ask(self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "") -> None:
+        """``on_response`` is called from ``poll``, once or never."""
+        number = self._clock.now_ns()
+        if len(self._pending) >= MAX_PENDING:
+            del self._pending[next(iter(self._pending))]
+        self._pending[number] = on_response
+        self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
+
+    def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        with suppress(Garbled):  # an answer that cannot be read is none: what waits for it grows old
+            response = rpc.decode_response(bytes(payload[4:]))
+            heard = self._pending.pop(response.id, None)
+            if heard is not None:
+                heard(response)
+
+
+class Link:
+    """Raise ``WireDown`` when the sockets cannot be had."""
+
+    def __init__(self, model: Model, robot: str, interface: str, domain: int, clock: Clock) -> None:
+        """``robot``: its address, ``host`` or ``host:port``; ``interface``: ours, "" to find it."""
+        host = robot.partition(":")[0]
+        try:
+            own = interface or own_address(host)
+            self.participant = Participant(domain, own, (robot,), multicast=not own.startswith("127."), clock=clock)
+        except ValueError as error:
+            raise WireDown(f"{robot}: {error}") from None
+        self.clock = clock
+        self.model = model
+        self.state: State | None = None
+        self.state_ns = 0
+        self.garbled = 0
+        self._codec = CommandCodec(model)
+        self._decode = StateCodec(model).decode
+        self.commands = self.participant.writer(p.COMMAND_TOPIC, p.command_type(model.family))
+        self._zero = (0.0,) * len(model.joints)
+        self._damp = (model.damp_kd,) * len(model.joints)
+
+    @property
+    def heard(self) -> bool:
+        """Whether the robot takes our commands."""
+        return self.commands.matched > 0
+
+    def listen(self) -> None:
+        """To the robot's state, from now on."""
+        self.participant.reader(p.STATE_TOPIC, p.state_type(self.model.family), self._on_state)
+
+    def poll(self) -> None:
+        self.participant.poll()
+
+    def close(self) -> None:
+        self.participant.close()
+
+    # -- commands
+
+    def encode(self, values: tuple[float, ...]) -> bytes:
+        """A target, five rows, as a payload."""
+        count = len(self._zero)
+        rows = [values[first : first + count] for first in range(0, 5 * count, count)]
+        return CDR + self._codec.encode(self._machine, *rows)
+
+    def send(self, payload: bytes) -> bool:
+        """Whether it left, and for the robot."""
+        return self.commands.write(payload) > 0
+
+    def safe_frame(self, damp: bool) -> bytes:
+        """No joint is pulled anywhere: braked, or not even that."""
+        zero = self._zero
+        return CDR + self._codec.encode(self._machine, zero, zero, zero, zero, self._damp if damp else zero)
+
+    @property
+    def _machine(self) -> int:
+        return self.state.machine if self.state else 0
+
+    # -- states
+
+    def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        try:
+            self.state = self._decode(payload[4:])
+        except Garbled:
+            self.garbled += 1
+        else:
+            self.state_ns = t_ns
+
+
+def own_address(host: str) -> str:
+    """Ours, on the way to ``host``. Raise ``ValueError``."""
+    try:
+        socket.inet_aton(host)
+    except OSError:
+        raise ValueError("port is not an IPv4 address. Give the robot's, such as 192.168.123.161") from None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            sock.connect((host, 7400))
+        except OSError as error:
+            raise ValueError(f"no way there ({error.strerror}). Check the network, or give interface=") from None
+        address: str = sock.getsockname()[0]
+        return address

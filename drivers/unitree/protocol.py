@@ -1,0 +1,258 @@
+"""Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no clock.
+
+A frame is XCDR1, little endian, without its four-byte encapsulation. ``hg`` is spoken by G1 and H1-2 (35 slots),
+``go`` by Go2, B2 and H1 (20 slots). A codec knows one robot: slots without a motor are zero and never looked at.
+The first motor's mode byte stands before the padding that all others have behind it: that is how CDR aligns it,
+and why the checksum, which covers the C struct, is not taken over these bytes as they are.
+"""
+
+from __future__ import annotations
+
+import array
+import struct
+import sys
+import zlib
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from .robots import Model
+
+Family = Literal["hg", "go"]
+
+SLOTS: dict[Family, int] = {"hg": 35, "go": 20}
+COMMAND_BYTES: dict[Family, int] = {"hg": 1000, "go": 808}
+STATE_BYTES: dict[Family, int] = {"hg": 2088, "go": 1176}
+
+COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
+BATTERY_TOPIC, BATTERY_TYPE = "rt/lf/bmsstate", "unitree_hg::msg::dds_::BmsState_"
+BATTERY_BYTES = 164
+_BATTERY_SOC = 100
+"""Offset of the state of charge in a BmsState (computed from its layout; no robot has been heard)."""
+
+LEVEL_LOW = 0xFF
+HEAD = b"\xfe\xef"
+
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_FIRST_MOTOR = {
+    ("hg", "command"): 2,
+    ("hg", "state"): 70,
+    ("go", "command"): 22,
+    ("go", "state"): 77,
+}
+
+
+class Garbled(Exception):
+    """Bytes that are no frame of this robot. The text says why."""
+
+
+def command_type(family: Family) -> str:
+    return f"unitree_{family}::msg::dds_::LowCmd_"
+
+
+def state_type(family: Family) -> str:
+    return f"unitree_{family}::msg::dds_::LowState_"
+
+
+class Command(NamedTuple):
+    """What a LowCmd says, by joint."""
+
+    machine: int  # mode_machine; hg only
+    mode: tuple[int, ...]
+    q: tuple[float, ...]
+    dq: tuple[float, ...]
+    tau: tuple[float, ...]
+    kp: tuple[float, ...]
+    kd: tuple[float, ...]
+
+
+class State(NamedTuple):
+    """What a LowState says; rows by joint. Radians, newton metres, degrees Celsius."""
+
+    machine: int
+    tick: int
+    quaternion: tuple[float, ...]  # w x y z
+    gyroscope: tuple[float, ...]  # rad/s
+    accelerometer: tuple[float, ...]  # m/s2
+    q: tuple[float, ...]
+    dq: tuple[float, ...]
+    tau: tuple[float, ...]
+    temperature: tuple[int, ...]
+    soc: int | None  # percent; None where the battery has a topic of its own
+
+
+# -- the checksum
+
+
+def _crc(image: bytes) -> int:
+    """CRC-32/MPEG-2 over little-endian words, most significant byte first. (zlib's is the mirror image.)"""
+    words = array.array("I", image)
+    if sys.byteorder == "little":
+        words.byteswap()
+    mirrored = zlib.crc32(words.tobytes().translate(_REVERSED)) ^ 0xFFFFFFFF
+    return int.from_bytes(mirrored.to_bytes(4, "little").translate(_REVERSED), "big")
+
+
+def checksum(body: bytes, first_motor: int) -> int:
+    """Of a frame; its last word, the checksum itself, is not looked at."""
+    at = first_motor
+    pad = -at % 4
+    return _crc(body[:at] + bytes(pad) + body[at : at + 1] + b"\0\0\0" + body[at + pad : -4])
+
+
+# -- the codecs
+
+
+def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
+    """Struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding where no motor is."""
+    used = set(model.slots)
+    codes = []
+    for slot in range(SLOTS[model.family]):
+        if slot in used:
+            codes.append(other if slot else first)
+        else:
+            codes.append(f"{bytes_each}x" if slot else f"{struct.calcsize('<' + first)}x")
+    return "".join(codes)
+
+
+class CommandCodec:
+    """LowCmd of one robot."""
+
+    def __init__(self, model: Model) -> None:
+        self._family: Family = model.family
+        self._first_motor = _FIRST_MOTOR[self._family, "command"]
+        if self._family == "hg":
+            motors = _motors(model, "Bx5f4x", "B3x5f4x", 28)
+            code = f"<BB{motors}16xI"
+            self._head: list[float] = [0, 0]  # mode_pr: pitch and roll of the ankles, not their two motors
+        else:
+            motors = _motors(model, "Bx5f12x", "B3x5f12x", 36)
+            code = f"<BBB19x{motors}64xI"
+            self._head = [*HEAD, LEVEL_LOW]
+        self._struct = struct.Struct(code)
+        assert self._struct.size == COMMAND_BYTES[self._family]
+        # slots need not be in the order of the joints
+        self._order = sorted(range(len(model.joints)), key=model.slots.__getitem__)
+        self._in_order = self._order == list(range(len(model.joints)))
+        self.modes = tuple(joint.mode for joint in model.joints)
+        self._start = len(self._head)
+        self._width = 6 * len(model.joints)
+
+    def encode(
+        self,
+        machine: int,
+        q: Sequence[float],
+        dq: Sequence[float],
+        tau: Sequence[float],
+        kp: Sequence[float],
+        kd: Sequence[float],
+    ) -> bytes:
+        """A sealed frame that commands every joint."""
+        start, end = self._start, self._start + self._width
+        flat: list[float] = [*self._head, *(0.0,) * self._width, 0]
+        if self._family == "hg":
+            flat[1] = machine
+        for offset, column in enumerate((self.modes, q, dq, tau, kp, kd)):
+            flat[start + offset : end : 6] = column if self._in_order else [column[at] for at in self._order]
+        return self._seal(bytearray(self._struct.pack(*flat)))
+
+    def _seal(self, body: bytearray) -> bytes:
+        body[-4:] = checksum(bytes(body), self._first_motor).to_bytes(4, "little")
+        return bytes(body)
+
+    def decode(self, body: bytes) -> Command:
+        """Raise ``Garbled``."""
+        if len(body) != COMMAND_BYTES[self._family]:
+            raise Garbled(f"a LowCmd of {self._family} has {COMMAND_BYTES[self._family]} bytes, not {len(body)}")
+        if checksum(body, self._first_motor) != int.from_bytes(body[-4:], "little"):
+            raise Garbled("the checksum of the LowCmd is wrong")
+        flat = self._struct.unpack(body)
+        rows = [flat[self._start + offset : self._start + self._width : 6] for offset in range(6)]
+        if not self._in_order:
+            rows = [_reordered(row, self._order) for row in rows]
+        return Command(int(flat[1]) if self._family == "hg" else 0, *rows)
+
+
+class StateCodec:
+    """LowState of one robot."""
+
+    def __init__(self, model: Model) -> None:
+        self._family: Family = model.family
+        self._first_motor = _FIRST_MOTOR[self._family, "state"]
+        if self._family == "hg":
+            # skipped of a motor: ddq, second temperature, volt, sensor, motorstate, reserve
+            motors = _motors(model, "Bx2f4xfh34x", "B3x2f4xfh34x", 56)
+            code = f"<9xB2xI10f12xh{motors}56xI"
+            self._stride, self._start = 5, 13
+        else:
+            # skipped: ddq, the raw three, lost, reserve
+            motors = _motors(model, "B2x2f4xf12xB15x", "B3x2f4xf12xB15x", 48)
+            code = f"<24x10f12xB{motors}3xB56xI72xI"
+            self._stride, self._start = 5, 11
+        self._struct = struct.Struct(code)
+        assert self._struct.size == STATE_BYTES[self._family]
+        self._order = sorted(range(len(model.joints)), key=model.slots.__getitem__)
+        self._in_order = self._order == list(range(len(model.joints)))
+        self._joints = len(model.joints)
+
+    def decode(self, body: bytes | memoryview) -> State:
+        """Raise ``Garbled``. The checksum of ``go`` is not looked at: its C layout has not been verified."""
+        if len(body) != STATE_BYTES[self._family]:
+            raise Garbled(f"a LowState of {self._family} has {STATE_BYTES[self._family]} bytes, not {len(body)}")
+        flat = self._struct.unpack(body)
+        if self._family == "hg":
+            if checksum(bytes(body), self._first_motor) != flat[-1]:
+                raise Garbled("the checksum of the LowState is wrong")
+            machine, tick, soc = flat[0], flat[1], None
+            imu = flat[2:12]
+        else:
+            machine, tick, soc = 0, flat[-2], flat[-3]
+            imu = flat[:10]
+        end = self._start + self._stride * self._joints
+        rows = [flat[self._start + offset : end : self._stride] for offset in range(1, 5)]
+        if not self._in_order:
+            rows = [_reordered(row, self._order) for row in rows]
+        q, dq, tau, temperature = rows
+        return State(machine, tick, imu[:4], imu[4:7], imu[7:10], q, dq, tau, temperature, soc)
+
+    def encode(self, state: State) -> bytes:
+        """What the robot says: for twins."""
+        columns = ((1,) * self._joints, state.q, state.dq, state.tau, state.temperature)
+        motors: list[float] = [0] * (self._stride * self._joints)
+        for offset, column in enumerate(columns):
+            motors[offset :: self._stride] = column if self._in_order else [column[at] for at in self._order]
+        imu = (*state.quaternion, *state.gyroscope, *state.accelerometer)
+        temperature = 40  # of the inertial unit
+        if self._family == "hg":
+            body = bytearray(self._struct.pack(state.machine, state.tick, *imu, temperature, *motors, 0))
+        else:
+            body = bytearray(self._struct.pack(*imu, temperature, *motors, state.soc or 0, state.tick, 0))
+            body[:3] = (*HEAD, LEVEL_LOW)
+        body[-4:] = checksum(bytes(body), self._first_motor).to_bytes(4, "little")
+        return bytes(body)
+
+
+def _reordered(row: tuple[float, ...], order: Sequence[int]) -> tuple[float, ...]:
+    """From the order of slots to that of joints."""
+    values = [0.0] * len(row)
+    for value, at in zip(row, order, strict=True):
+        values[at] = value
+    return tuple(values)
+
+
+# -- the battery of hg
+
+
+def decode_battery(body: bytes | memoryview) -> int:
+    """State of charge, percent. Raise ``Garbled``."""
+    if len(body) != BATTERY_BYTES:
+        raise Garbled(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
+    soc = int(body[_BATTERY_SOC])
+    if soc > 100:
+        raise Garbled(f"a state of charge of {soc} percent")
+    return soc
+
+
+def encode_battery(soc: int) -> bytes:
+    body = bytearray(BATTERY_BYTES)
+    body[_BATTERY_SOC] = soc
+    return bytes(body)

@@ -1,0 +1,151 @@
+"""Unitree's services: requests and responses, and what is asked. No I/O, no clock.
+
+A request and its response travel on ``rt/api/<service>/request`` and ``.../response``; they are matched by id.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any, NamedTuple
+
+from .protocol import Garbled
+
+REQUEST_TYPE = "unitree_api::msg::dds_::Request_"
+RESPONSE_TYPE = "unitree_api::msg::dds_::Response_"
+
+MOTION_SWITCHER = "motion_switcher"
+SERVER_VERSION = 1
+CHECK_MODE, SELECT_MODE, RELEASE_MODE = 1001, 1002, 1003
+
+GET_FSM_ID, SET_FSM_ID, SET_VELOCITY = 7001, 7101, 7105
+"""Of service ``sport`` on a G1."""
+LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_VELOCITY = 8001, 8101, 8105
+"""Of service ``loco`` on an H1."""
+DAMP, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = 1001, 1003, 1004, 1005, 1006, 1008
+"""Of service ``sport`` on a Go2 or B2."""
+
+OK, TIMEOUT, NOT_IMPLEMENTED, BAD_DATA, NOT_REGISTERED = 0, 3104, 3203, 3106, 3103
+
+ERRORS = {
+    3001: "an unknown error",
+    3102: "the request could not be sent",
+    3103: "the service does not know this request",
+    3104: "the service does not answer",
+    3105: "another request was answered",
+    3106: "bad data",
+    3107: "the lease is denied",
+    3203: "not implemented",
+    7301: "the locomotion state is missing",
+    7302: "no such state of the FSM",
+    7303: "no such task",
+    7400: "the arm's topic is taken",
+    7401: "the arm is held",
+    7402: "no such action",
+    7404: "the FSM is not in 500, 501 or 801",
+}
+
+FSM_WORDS = {0: "zero torque", 1: "damp", 3: "sit", 500: "start", 501: "walk", 702: "stand up", 801: "walk"}
+
+_REQUEST = struct.Struct("<qqqi?3xI")
+_RESPONSE = struct.Struct("<qqiI")
+MAX_TEXT = 65536
+
+
+def request_topic(service: str) -> str:
+    return f"rt/api/{service}/request"
+
+
+def response_topic(service: str) -> str:
+    return f"rt/api/{service}/response"
+
+
+class Request(NamedTuple):
+    id: int
+    api: int
+    parameter: str = ""
+    no_reply: bool = False
+
+
+class Response(NamedTuple):
+    id: int
+    api: int
+    code: int
+    data: str = ""
+
+    @property
+    def why(self) -> str:
+        """What its code means; empty: it went well."""
+        return "" if self.code == OK else f"{ERRORS.get(self.code, 'an error')} ({self.code})"
+
+
+def encode_request(request: Request) -> bytes:
+    text = _text(request.parameter)
+    head = _REQUEST.pack(request.id, request.api, 0, 0, request.no_reply, len(text))
+    return _with_empty_binary(head + text)
+
+
+def decode_request(body: bytes) -> Request:
+    """Raise ``Garbled``."""
+    if len(body) < _REQUEST.size:
+        raise Garbled(f"a request has {_REQUEST.size} bytes at least, not {len(body)}")
+    number, api, _, _, no_reply, length = _REQUEST.unpack_from(body)
+    return Request(number, api, _read_text(body, _REQUEST.size, length), no_reply)
+
+
+def encode_response(response: Response) -> bytes:
+    text = _text(response.data)
+    return _with_empty_binary(_RESPONSE.pack(response.id, response.api, response.code, len(text)) + text)
+
+
+def decode_response(body: bytes) -> Response:
+    """Raise ``Garbled``."""
+    if len(body) < _RESPONSE.size:
+        raise Garbled(f"a response has {_RESPONSE.size} bytes at least, not {len(body)}")
+    number, api, code, length = _RESPONSE.unpack_from(body)
+    return Response(number, api, code, _read_text(body, _RESPONSE.size, length))
+
+
+def _text(text: str) -> bytes:
+    return text.encode() + b"\0"
+
+
+def _with_empty_binary(body: bytes) -> bytes:
+    return body + bytes(-len(body) % 4 + 4)
+
+
+def _read_text(body: bytes, at: int, length: int) -> str:
+    data = body[at : at + length]
+    if length > MAX_TEXT or len(data) != length or (length and data[-1]):
+        raise Garbled("a text that does not end")
+    try:
+        return data[:-1].decode()
+    except UnicodeDecodeError as error:
+        raise Garbled(f"a text that is none: {error}") from None
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """The object in a parameter or in data. Raise ``Garbled``."""
+    try:
+        value = json.loads(text or "{}")
+    except (ValueError, RecursionError) as error:
+        raise Garbled(f"no JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise Garbled("no JSON object")
+    return value
+
+
+def fsm_id(response: Response) -> int:
+    """What GetFsmId answered. Raise ``Garbled``."""
+    value = parsed(response.data).get("data")
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise Garbled(f"an FSM id of {value!r}")
+    return value
+
+
+def mode_name(response: Response) -> str:
+    """What CheckMode answered: the onboard mode, "" when it is released. Raise ``Garbled``."""
+    value = parsed(response.data).get("name")
+    if not isinstance(value, str):
+        raise Garbled(f"a mode named {value!r}")
+    return value

@@ -1,0 +1,62 @@
+"""How a robot is brought down: frames every 2 ms until its own state shows no torque. Wire and root do so alike."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import MotorReport
+
+from .gates import CONTROL_S
+from .link import Link
+from .robots import Model
+
+DAMP_S = 0.5
+AT_LEAST_S = 0.05
+"""Of frames without torque: a datagram may be lost, twenty-five are not."""
+AT_MOST_S = 0.5
+"""By then a robot that hears us has shown that it obeys."""
+AFTER_S = 0.006
+"""A state that came so long after the first frame was measured after it."""
+
+
+async def bring_down(link: Link, rung: str) -> tuple[MotorReport, ...]:
+    """The first frame leaves before the first wait. Never raises."""
+    damps = rung == "damp"
+    written = link.send(link.safe_frame(damps))
+    began_ns = zero_ns = link.clock.now_ns()
+    if damps:
+        zero_ns += round(DAMP_S * NS)
+    async with aclosing(link.clock.ticks(CONTROL_S)) as ticks:
+        async for now_ns in ticks:
+            link.poll()
+            written |= link.send(link.safe_frame(now_ns < zero_ns))
+            passed_s = (now_ns - zero_ns) / NS
+            if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and all(_obeys(link, zero_ns))):
+                break
+    if link.state_ns < began_ns:
+        said = "no LowState came" if link.heard else "the robot does not hear us"
+        return reports(link.model, written, said)
+    obeys = _obeys(link, zero_ns)
+    return tuple(
+        MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "it still shows torque")
+        for joint, safe in zip(link.model.joints, obeys, strict=True)
+    )
+
+
+def _obeys(link: Link, zero_ns: int) -> list[bool]:
+    """By joint: whether a state measured after the first frame without torque shows none."""
+    state = link.state
+    if state is None or link.state_ns < zero_ns + AFTER_S * NS:
+        return [False] * len(link.model.joints)
+    return [abs(nm) <= still_nm(joint.torque) for nm, joint in zip(state.tau, link.model.joints, strict=True)]
+
+
+def still_nm(torque: float) -> float:
+    """What an estimate may still say of a motor that gives nothing [assumed]."""
+    return max(1.0, 0.05 * torque)
+
+
+def reports(model: Model, written: bool, said: str) -> tuple[MotorReport, ...]:
+    """Nothing was confirmed."""
+    return tuple(MotorReport(joint.key, joint.slot, written, False, False, said) for joint in model.joints)

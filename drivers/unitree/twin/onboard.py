@@ -1,0 +1,182 @@
+"""The twin's own computer: states, modes, services, battery, and who moves the body. It knows no network.
+
+Time comes with every call; between calls nothing happens.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from .. import rpc
+from ..gates import HANDSHAKE_FSM
+from ..protocol import Command, Garbled, State
+from ..robots import Model
+from ..rpc import Request, Response
+from .body import body_of
+
+STAND_KP, STAND_KD = 1000.0, 20.0
+"""Of the onboard controller, which does nothing but stand."""
+
+ROOM_C = 30
+MODE_MACHINE = 5
+"""What a G1 of 29 joints says of itself [assumed]."""
+
+FSM_ZERO_TORQUE, FSM_WALK = 0, 801
+
+
+class Onboard:
+    """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``, ``silence``."""
+
+    def __init__(self, model: Model, note: Callable[[str, str], None], silence_s: float = 0.0) -> None:
+        """``silence_s``: without a LowCmd for so long the robot damps; 0: never."""
+        self.model = model
+        self.body = body_of(model)
+        self.soc: int | None = 80
+        self._note = note
+        self._silence_s = silence_s
+        count = len(model.joints)
+        self._zero = (0.0,) * count
+        home = tuple(self.body.position_rad)
+        self._stand = (home, self._zero, self._zero, (STAND_KP,) * count, (STAND_KD,) * count)
+        self._brake = (self._zero, self._zero, self._zero, self._zero, (model.damp_kd,) * count)
+        self._limp = (self._zero,) * 5
+        self._tick = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """As after a boot, put back on its feet."""
+        self.body.stand_up()
+        self.fsm_id = FSM_WALK
+        self.mode = self.model.sport_mode
+        self.posture = "stand"
+        self.fallen = False
+        self._commanded_s = 0.0
+        self._obey_itself()
+
+    # -- who moves the body
+
+    @property
+    def takes_commands(self) -> bool:
+        """Low-level ones."""
+        if self.model.handshake == "fsm":
+            return self.fsm_id in HANDSHAKE_FSM
+        return not self.mode
+
+    def command(self, command: Command, now_s: float) -> None:
+        """A LowCmd whose checksum is right. The last one counts until something else happens."""
+        if not self.takes_commands:
+            return
+        active = [1.0 if mode else 0.0 for mode in command.mode]
+        rows = (command.q, command.dq, command.tau, command.kp, command.kd)
+        self.body.drive(*([value * on for value, on in zip(row, active, strict=True)] for row in rows))
+        self._commanded_s = now_s
+
+    def set_fsm(self, number: int) -> None:
+        self.fsm_id = number
+        self._note("fsm", str(number))
+        self._obey_itself()
+
+    def set_mode(self, name: str) -> None:
+        self.mode = name
+        self._note("mode", name)
+        self._obey_itself()
+
+    def set_posture(self, posture: str) -> None:
+        self.posture = posture
+        self._obey_itself()
+
+    def _obey_itself(self) -> None:
+        self._commanded_s = 0.0
+        if not self.mode or self.posture == "damp" or (self._has_fsm and self.fsm_id not in HANDSHAKE_FSM):
+            limp = self._has_fsm and self.fsm_id == FSM_ZERO_TORQUE
+            self.body.drive(*(self._limp if limp else self._brake))
+        else:
+            self.body.drive(*self._stand)
+
+    @property
+    def _has_fsm(self) -> bool:
+        return self.model.handshake == "fsm"
+
+    def advance(self, now_s: float) -> None:
+        if self._silence_s and self._commanded_s and now_s - self._commanded_s > self._silence_s:
+            self._commanded_s = 0.0
+            self.body.drive(*self._brake)
+            self._note("silence", "")
+        self.body.catch_up(now_s)
+        self._tick += 1
+        if self.body.fallen != self.fallen:
+            self.fallen = not self.fallen
+            self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
+
+    def state(self) -> State:
+        body = self.body
+        return State(
+            MODE_MACHINE if self.model.family == "hg" else 0,
+            self._tick & 0xFFFFFFFF,
+            body.orientation_wxyz,
+            body.gyro_rad_s,
+            body.acceleration_m_s2,
+            body.position_rad,
+            body.velocity_rad_s,
+            body.torque_nm,
+            (ROOM_C,) * len(self.model.joints),
+            self.soc if self.model.family == "go" else None,
+        )
+
+    # -- services
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        return (rpc.MOTION_SWITCHER, self.model.service)
+
+    def serve(self, service: str, request: Request) -> Response | None:
+        """None: no answer."""
+        try:
+            parameter = rpc.parsed(request.parameter)
+            if service == rpc.MOTION_SWITCHER:
+                answer = self._switch(request.api, parameter)
+            elif not self.mode:
+                return None  # it is the released mode that serves it
+            else:
+                answer = self._sport(request.api, parameter)
+        except (Garbled, KeyError, TypeError):
+            answer = rpc.BAD_DATA, None
+        code, data = answer
+        return Response(request.id, request.api, code, "" if data is None else json.dumps(data))
+
+    def _switch(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
+        match api:
+            case rpc.SERVER_VERSION:
+                return rpc.OK, "1.0.0.1"
+            case rpc.CHECK_MODE:
+                return rpc.OK, {"form": "0", "name": self.mode}
+            case rpc.SELECT_MODE:
+                self.set_mode(str(parameter["name"]))
+                return rpc.OK, None
+            case rpc.RELEASE_MODE:
+                self.set_mode("")
+                return rpc.OK, None
+        return rpc.NOT_IMPLEMENTED, None
+
+    def _sport(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
+        match api:
+            case rpc.SERVER_VERSION:
+                return rpc.OK, "1.0.0.0"
+            case rpc.GET_FSM_ID | rpc.LOCO_GET_FSM_ID:
+                return rpc.OK, {"data": self.fsm_id}
+            case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
+                self.set_fsm(int(parameter["data"]))
+                return rpc.OK, None
+            case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
+                return (rpc.OK if len(parameter["velocity"]) == 3 else rpc.BAD_DATA), None
+            case rpc.DAMP | rpc.STAND_DOWN:
+                self.set_posture("damp")
+                return rpc.OK, None
+            case rpc.STAND_UP | rpc.RECOVERY_STAND:
+                self.set_posture("stand")
+                return rpc.OK, None
+            case rpc.STOP_MOVE | rpc.MOVE:
+                return rpc.OK, None
+        return rpc.NOT_IMPLEMENTED, None

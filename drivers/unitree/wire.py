@@ -1,0 +1,303 @@
+"""The wire of a legged robot in the wire process, and the root's own way to it.
+
+Reading is taking in what has arrived: only ``open`` and the verbs wait for the robot, each wait with a deadline.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+from strands_actors.runtime.messages import Refused
+
+from . import protocol as p
+from . import rpc
+from .driver import ATTEMPTS, RELEASE_S
+from .gates import CONTROL_S
+from .link import Link, Service
+from .protocol import Garbled
+from .safing import bring_down, reports
+
+if TYPE_CHECKING:
+    from .driver import _Legs
+
+FIND_S = 4.0
+"""For both sides to find each other, and the first state."""
+ASK_EVERY_NS = 100_000_000
+"""How often the robot is asked for its FSM id, or its onboard mode."""
+BATTERY_S = 1.0
+"""It is told slowly, on a topic of its own."""
+SILENT_S = 1.0
+"""Without a state for so long the link counts as lost."""
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, driver: _Legs, clock: Clock) -> None:
+        model = driver.model
+        self.link = link = Link(model, driver.port, driver.interface, driver.domain, clock)
+        link.listen()
+        self.clock = clock
+        self.modes = Service(link.participant, rpc.MOTION_SWITCHER, clock)
+        self.fsm = Service(link.participant, model.service, clock) if model.handshake == "fsm" else None
+        if model.family == "hg":
+            link.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
+        self.mode: tuple[str, float] | None = None  # and when it was read, seconds
+        self.fsm_id: tuple[float, float] | None = None
+        self.battery: tuple[float, float] | None = None
+        self.commands = False  # whether the last frame gave torque
+        self._asked_ns = 0
+        self._seen_ns = -1
+        self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
+
+    def poll(self, now_ns: int) -> None:
+        """Take in what came, ask for what is due."""
+        self.link.poll()
+        if now_ns - self._asked_ns >= ASK_EVERY_NS:
+            self._asked_ns = now_ns
+            if self.fsm is not None:
+                self.fsm.ask(rpc.GET_FSM_ID, self._on_fsm)
+            else:
+                self.ask_mode()
+
+    def ask_mode(self) -> None:
+        self.modes.ask(rpc.CHECK_MODE, self.on_mode)
+
+    def observation(self) -> Observation:
+        """Made anew when something new was heard."""
+        link = self.link
+        if link.state is None or link.state_ns == self._seen_ns:
+            return self._observation
+        self._seen_ns = link.state_ns
+        state = link.state
+        sensors: dict[str, tuple[float, ...]] = {
+            "torque_nm": state.tau,
+            "temperature_c": state.temperature,
+            "orientation_wxyz": state.quaternion,
+            "gyro_rad_s": state.gyroscope,
+            "acceleration_m_s2": state.accelerometer,
+            "mode_machine": (state.machine,),
+        }
+        faults: dict[str, str] = {}
+        if state.soc is not None:
+            sensors["battery"] = (float(state.soc), link.state_ns / NS)
+        elif self.battery is not None:
+            sensors["battery"] = self.battery
+        if self.fsm_id is not None:
+            sensors["fsm"] = self.fsm_id
+        if self.mode is not None:
+            name, read_s = self.mode
+            sensors["sport_mode_released"] = (float(not name), read_s)
+            if name:
+                faults["sport_mode"] = repr(name)
+        self._observation = Observation(
+            link.state_ns, state.q, (link.state_ns,) * len(state.q), state.dq, sensors, faults
+        )
+        return self._observation
+
+    # -- what is heard
+
+    def _on_fsm(self, response: rpc.Response) -> None:
+        if not response.why:
+            self.fsm_id = float(rpc.fsm_id(response)), self.clock.now_ns() / NS
+
+    def on_mode(self, response: rpc.Response) -> None:
+        if not response.why:
+            self.mode = rpc.mode_name(response), self.clock.now_ns() / NS
+
+    def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        try:
+            self.battery = float(p.decode_battery(payload[4:])), t_ns / NS
+        except Garbled:
+            self.link.garbled += 1
+
+
+class UnitreeWire(Wire):
+    def __init__(self, driver: _Legs, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._session_or_none: _Session | None = None
+
+    async def open(self) -> dict[str, Any]:
+        """Find the robot, hear it, and ask what controls it."""
+        self.close()
+        self._session_or_none = session = _Session(self._driver, self._clock)
+        link, where = session.link, self._driver.port
+        await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
+        await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
+        await self._until(lambda: link.state is not None, FIND_S, f"{where}: no LowState comes")
+        services = [service for service in (session.modes, session.fsm) if service is not None]
+        for service in services:
+            await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")  # noqa: B023
+        session.ask_mode()
+        await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
+        # What gates ask for as well. A robot that does not say it can be connected to, and refuses to move.
+        await self._look(lambda: "battery" in session.observation().sensors, BATTERY_S)
+        await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
+        assert link.state is not None and session.mode is not None
+        return {
+            "address": where,
+            "family": f"unitree_{link.model.family}",
+            "mode_machine": link.state.machine,
+            "onboard_mode": session.mode[0] or "released",
+        }
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Nothing is energised: the robot stands by its own controller until the first setpoint."""
+        session = self._session()
+        await trio.lowlevel.checkpoint()
+        permit.check()
+        return await self._read(session)
+
+    async def read(self) -> Observation:
+        return await self._read(self._session())
+
+    async def _read(self, session: _Session) -> Observation:
+        now_ns = self._clock.now_ns()
+        session.poll(now_ns)
+        silent_s = (now_ns - session.link.state_ns) / NS
+        if silent_s > SILENT_S:
+            if session.commands:
+                await bring_down(session.link, "zero_torque")  # who is not heard may hear
+                session.commands = False
+            raise WireDown(f"read: no LowState for {silent_s:.1f} s. Check the robot and the network")
+        return session.observation()
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        link = session.link
+        payload = link.encode(values)
+        permit.check()
+        session.commands = True
+        if not link.send(payload):
+            raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return reports(self._driver.model, False, "not connected")
+        session.commands = False
+        return await bring_down(session.link, rung)
+
+    async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """``release_sport_mode``: ask until the robot says that no onboard mode is active."""
+        session = self._session()
+        attempts = int(arguments.get("attempts", ATTEMPTS))
+        for attempt in range(1, attempts + 1):
+            name = await self._fresh_mode(session)
+            if not name:
+                return {"sport_mode_released": True, "attempts": attempt - 1}
+            permit.check()
+            done = trio.Event()
+            session.modes.ask(rpc.RELEASE_MODE, lambda _: done.set())  # noqa: B023
+            with trio.move_on_after(RELEASE_S / 2):
+                await done.wait()
+        name = await self._fresh_mode(session)
+        if not name:
+            return {"sport_mode_released": True, "attempts": attempts}
+        return Refused(
+            "sport_mode",
+            f"{verb}: {name!r} is still active after {attempts} attempts",
+            "bring the robot to lie or to damp by its remote, then try again",
+            name,
+            "released",
+        )
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.link.close()
+            self._session_or_none = None
+
+    # -- parts
+
+    async def _fresh_mode(self, session: _Session) -> str:
+        """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise ``WireDown``."""
+        said: list[str] = []
+
+        def hear(response: rpc.Response) -> None:
+            session.on_mode(response)
+            if not response.why and session.mode is not None:
+                said.append(session.mode[0])
+
+        with trio.move_on_after(RELEASE_S / 2):
+            while not said:
+                session.modes.ask(rpc.CHECK_MODE, hear)
+                await trio.sleep(ASK_EVERY_NS / NS)
+        if not said:
+            raise WireDown("the robot does not say which mode is active")
+        return said[-1]
+
+    async def _until(self, condition: Callable[[], bool], within_s: float, otherwise: str) -> None:
+        if not await self._look(condition, within_s):
+            raise WireDown(otherwise)
+
+    async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take in what comes until it makes the condition true."""
+        session = self._session()
+        with trio.move_on_after(within_s):
+            while not condition():
+                session.poll(self._clock.now_ns())
+                await trio.sleep(CONTROL_S)
+            return True
+        return False
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+class UnitreeSecondPath(SecondPath):
+    """A participant of the root's own, which the robot knows before it is needed."""
+
+    def __init__(self, driver: _Legs, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._link: Link | None = None
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        self._link = link = self._new_link()
+        async with trio.open_nursery() as nursery:
+            await nursery.start(link.participant.run)
+            link.state = await self._one_state()
+            with trio.move_on_after(FIND_S):
+                await link.participant.wait_matched(link.commands)
+            if not link.heard:
+                raise WireDown(f"{self._driver.port}: the robot does not take commands of the root")
+            task_status.started()
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        link = self._link
+        if link is None:
+            return reports(self._driver.model, False, "the root has not found the robot")
+        link.send(link.safe_frame(rung == "damp"))  # first; what confirms it is announced after it
+        link.listen()
+        return await bring_down(link, rung)
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    async def _one_state(self) -> p.State | None:
+        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the root."""
+        scout = self._new_link()
+        scout.listen()
+        try:
+            with trio.move_on_after(FIND_S):
+                while scout.state is None:
+                    scout.poll()
+                    await trio.sleep(CONTROL_S)
+        finally:
+            scout.close()
+        return scout.state
+
+    def _new_link(self) -> Link:
+        driver = self._driver
+        return Link(driver.model, driver.port, driver.interface, driver.domain, self._clock)
