@@ -334,6 +334,9 @@ class Gate(Actor):
         mode = self._state.mode
         if mode in failsafe.WRITABLE and self._observation is not None:
             return Resumed(self._state.epoch, self._observation)
+        if self._state.locked_by and not message.lift:
+            why = f"resume: e-stopped by {self._state.locked_by}"
+            return Refused("locked_out", why, "an operator's resume() lifts the lockout")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode not in failsafe.LINKED:

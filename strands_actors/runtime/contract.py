@@ -22,6 +22,7 @@ import msgspec
 
 from .clock import Clock
 from .messages import Message, Refused
+from .verbs import SENSORS, STATUS, STOP, Verb
 
 
 class Reason(enum.StrEnum):
@@ -190,6 +191,10 @@ class Driver(ABC):
     reads_cameras: ClassVar[bool] = False
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty: it does."""
+    VERBS: ClassVar[tuple[Verb, ...]] = (SENSORS, STATUS, STOP)
+    """What an agent, an MCP client or a command from the mesh may ask."""
+    GUARDED: ClassVar[tuple[str, ...]] = ()
+    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
     robot: str
     axes: tuple[str, ...]
