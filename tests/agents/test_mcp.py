@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
+import subprocess
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -90,12 +92,33 @@ def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: T
             assert "so101 in process" in json_of(await use(client, action="status"))["lease"]
             code, said = await command(run_dir, "--port", twin.port)  # one robot, one server
             assert (code, said.count("\n")) == (2, 1), said
-            assert "in use" in said
+            assert "who else has it" in said
 
     run(main)
     assert goals(until(lambda: twin.log.host("setpoint"), "a setpoint")[0])[1] == 2161
     until(lambda: limps(twin.log), "it is released when the client leaves")
     assert set(torque_now(twin.log).values()) == {0}
+
+
+def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
+    server = subprocess.Popen(
+        [sys.executable, "-c", MAIN, "mcp", "so101", "--port", twin.port, "--allow-motion"],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        until(lambda: len(twin.log.host("enable")) >= 6, "it is energised")
+        until(lambda: set(torque_now(twin.log).values()) == {1}, "it is armed")
+        server.send_signal(signal.SIGINT)
+        code = server.wait(20.0)  # its standard input is still open
+        _, said = server.communicate()
+    finally:
+        server.kill()
+    assert (code, said) == (130, "")
+    assert limps(twin.log)
 
 
 def test_what_cannot_be_served_is_said_in_one_line(run_dir: Path) -> None:
