@@ -13,6 +13,7 @@ chunk lasts ends the rollout before that: the last setpoint expires and the robo
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -54,15 +55,19 @@ class Remote:
         self._hz = 0.0
         self._timeout_s = timeout_s
         self._where = f"ws://{host}:{port}/{path.removeprefix('/')}"
+        self._opened = contextlib.ExitStack()
         try:
             # No proxy: it is a robot's policy, near by, and what the environment says is meant for browsing.
-            self._socket = connect(
-                self._where, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None
-            )
+            opening = connect(self._where, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None)
+            self._socket = self._opened.enter_context(opening)
         except TimeoutError as error:
             raise TimeoutError(f"{self._where} did not answer within {timeout_s:g} s") from error
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
+
+    def close(self) -> None:
+        """Hang up."""
+        self._opened.close()
 
     def set_control_frequency(self, hz: float) -> None:
         self._hz = hz

@@ -78,6 +78,7 @@ class Gate(Actor):
         self._state = start
         self._lease: _Held | None = None
         self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
+        self._stopped_lease = 0  # the newest when it was last stopped: a rollout of before begins no more
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
@@ -228,6 +229,8 @@ class Gate(Actor):
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
         now_ns = self.context.clock.now_ns()
+        if 0 < message.over <= self._stopped_lease:
+            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
         held = self._lease
         under: _Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
@@ -290,6 +293,7 @@ class Gate(Actor):
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
+        self._stopped_lease = self._leases
         if self._lease is not None:
             self._lease = self._lease.owner  # a stop ends the rollout; a dead policy could not release its lease
         if self._trip(message.reason, by, lock):
