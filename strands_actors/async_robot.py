@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncGenerator, AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
 import trio
@@ -16,8 +16,30 @@ from .answers import Answer
 from .factory import Plan, plan
 from .policies import DEFAULT_PROVIDER, choose_provider
 from .portal import open_caller
+from .runtime.contract import Observation
 from .runtime.messages import Refused
 from .tree import RobotTree
+from .verbs import answered
+
+
+class Observations(AsyncIterator[dict[str, float]]):
+    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns that were missed
+    are skipped. It holds nothing: a loop may be left at any time."""
+
+    def __init__(self, tree: RobotTree, hz: float) -> None:
+        if not 0 < hz <= 1000:
+            raise ValueError(f"observations: hz is {hz!r}. give hertz, above 0 and at most 1000")
+        self._tree = tree
+        self._period_s = 1.0 / hz
+        self._last_s = trio.current_time()
+
+    async def __anext__(self) -> dict[str, float]:
+        while True:
+            self._last_s = max(self._last_s + self._period_s, trio.current_time())
+            await trio.sleep_until(self._last_s)
+            answer = await self._tree.observe()
+            if isinstance(answer, Observation):
+                return self._tree.driver.as_json(answer.position)
 
 
 class AsyncRobot:
@@ -43,27 +65,26 @@ class AsyncRobot:
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """As ``Robot.send_action``."""
-        return await verbs.send_action(self._tree, action)
+        return await answered("move", verbs.send_action, self._tree, action)
 
     async def get_observation(self) -> Answer:
         """Positions by joint, in the driver's units, or why there are none."""
-        return await verbs.get_observation(self._tree)
+        return await answered("observe", verbs.get_observation, self._tree)
 
-    def observations(self, hz: float = 30.0) -> AsyncGenerator[dict[str, float], None]:
-        """Observations at a steady rate, for ``async for``; none while nothing is read. Raise ``ValueError`` for a
-        rate that is none."""
-        return self._tree.observations(hz)
+    def observations(self, hz: float = 30.0) -> Observations:
+        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
+        return Observations(self._tree, hz)
 
     async def stop(self) -> Answer:
         """De-energise every motor and report each."""
-        return await verbs.stop(self._tree)
+        return await answered("stop", verbs.stop, self._tree)
 
     async def resume(self) -> Answer:
         """Lift a lockout, energise at the measured position. Restarts no motion."""
-        return await verbs.resume(self._tree)
+        return await answered("resume", verbs.resume, self._tree)
 
     async def get_status(self) -> Answer:
-        return await verbs.get_status(self._tree)
+        return await answered("status", verbs.get_status, self._tree)
 
     async def run_policy(
         self,
@@ -80,7 +101,9 @@ class AsyncRobot:
             chosen = verbs.choose_policy(policy, policy_object)
         except (TypeError, ValueError) as failure:
             return answers.error(f"run_policy: {failure}")
-        return await verbs.run_policy(self._tree, chosen, instruction, duration, n_steps, control_frequency)
+        return await answered(
+            "run_policy", verbs.run_policy, self._tree, chosen, instruction, duration, n_steps, control_frequency
+        )
 
     async def start_task(
         self,
@@ -98,21 +121,23 @@ class AsyncRobot:
             where, options = choose_provider(policy_provider, policy_host, policy_port, options)
         except ValueError as failure:
             return answers.error(f"start_task: {failure}")
-        return await verbs.start_task(self._tree, where, options, instruction, duration, control_frequency)
+        return await answered(
+            "start_task", verbs.start_task, self._tree, where, options, instruction, duration, control_frequency
+        )
 
     async def get_task_status(self) -> Answer:
-        return await verbs.get_task_status(self._tree)
+        return await answered("task", verbs.get_task_status, self._tree)
 
     async def stop_task(self) -> Answer:
         """End the rollout; returns when the robot holds, whatever the policy does."""
-        return await verbs.stop_task(self._tree)
+        return await answered("stop_task", verbs.stop_task, self._tree)
 
     async def perform(self, given: object, by: str, motion: str = "") -> Answer:
         """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
         call = read(self.driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
-        return await perform(self._tree, call, self._approval, by, motion)
+        return await answered(call.verb.name, perform, self._tree, call, self._approval, by, motion)
 
 
 @contextlib.asynccontextmanager
@@ -133,13 +158,13 @@ async def open_robot(
     """
     wanted = plan(name, mode, **keywords)
     approval = Approval((*wanted.driver_class.GUARDED, *guarded), approve, approve_within_s)
-    async with open_planned(wanted, approval, arm) as robot:
-        yield robot
+    async with open_tree(wanted, arm) as tree:
+        yield AsyncRobot(tree, approval)
 
 
 @contextlib.asynccontextmanager
-async def open_planned(wanted: Plan, approval: Approval, arm: bool = True) -> AsyncIterator[AsyncRobot]:
-    """As ``open_robot``, of what was planned."""
+async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
+    """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
     async with open_caller() as (node, nursery, endpoint):
         tree = RobotTree(
             node,
@@ -156,7 +181,7 @@ async def open_planned(wanted: Plan, approval: Approval, arm: bool = True) -> As
             problem = await tree.connect(arm)
             if problem is not None:
                 raise ConnectionError(problem)
-            yield AsyncRobot(tree, approval)
+            yield tree
         finally:
             with trio.CancelScope(shield=True):
                 await tree.cleanup()

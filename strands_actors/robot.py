@@ -27,6 +27,7 @@ from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .supervisors.messages import Status, TaskStatus
 from .tree import RobotTree
+from .verbs import Verb, answered
 
 _log = logging.getLogger("strands_actors")
 
@@ -93,17 +94,16 @@ class RealRobot(RobotTool):
         finally:
             self._liveness.leave()
 
-    def _verb(self, name: str, verb: Callable[..., Coroutine[Any, Any, Answer]], *args: Any) -> Answer:
+    def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
         """Run a verb on the tree; what keeps it from running at all is an error envelope."""
-        tree = self._tree
-        if tree is None:
-            return answers.error(f"{name}: {self._why_not}")
-        return self._call(verb, tree, *args)
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        return self._call(answered, name, verb, tree, *args)
 
-    @property
-    def _why_not(self) -> str:
-        """Why there is no tree."""
-        return _CLEANED_UP if self._closed else _NOT_CONNECTED
+    def _ready(self, name: str) -> RobotTree | str:
+        """The tree for a verb, or why there is none."""
+        return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
 
     # -- lifecycle
 
@@ -158,11 +158,11 @@ class RealRobot(RobotTool):
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
-        return self._verb("move", verbs.send_action, action)
+        return self._verb(verbs.send_action, "move", action)
 
     def get_observation(self) -> dict[str, float]:
         """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
-        answer = self._verb("observe", verbs.get_observation)
+        answer = self._verb(verbs.get_observation, "observe")
         if answer["status"] == "error":
             _log.warning("%s", answer["content"][0]["text"])
             return {}
@@ -171,15 +171,15 @@ class RealRobot(RobotTool):
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
-        return self._now_or_soon(lambda: self._verb("stop", verbs.stop), verbs.stop)
+        return self._now_or_soon(lambda: self._verb(verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
-        return self._now_or_soon(self._get_status, verbs.get_status)
+        return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
     def resume(self) -> Answer:
         """Lift a lockout, restart what has died, energise at the measured position. Restarts no motion."""
-        return self._verb("resume", verbs.resume)
+        return self._verb(verbs.resume, "resume")
 
     def run_policy(
         self,
@@ -197,7 +197,7 @@ class RealRobot(RobotTool):
             chosen = verbs.choose_policy(policy, policy_object)
         except (TypeError, ValueError) as failure:
             return answers.error(f"run_policy: {failure}")
-        return self._verb("run_policy", verbs.run_policy, chosen, instruction, duration, n_steps, control_frequency)
+        return self._verb(verbs.run_policy, "run_policy", chosen, instruction, duration, n_steps, control_frequency)
 
     def start_task(
         self,
@@ -216,17 +216,17 @@ class RealRobot(RobotTool):
             where, options = choose_provider(policy_provider, policy_host, policy_port, options)
         except ValueError as failure:
             return answers.error(f"start_task: {failure}")
-        return self._verb("start_task", verbs.start_task, where, options, instruction, duration, control_frequency)
+        return self._verb(verbs.start_task, "start_task", where, options, instruction, duration, control_frequency)
 
     def get_task_status(self) -> Answer:
         """The present rollout, or the last one: the same keys for every driver."""
         if self._tree is None:
             return answers.success(answers.task(TaskStatus()))
-        return self._verb("task", verbs.get_task_status)
+        return self._verb(verbs.get_task_status, "task")
 
     def stop_task(self) -> Answer:
         """End the rollout; returns when the robot holds, whatever the policy does."""
-        return self._verb("stop_task", verbs.stop_task)
+        return self._verb(verbs.stop_task, "stop_task")
 
     # -- as a tool
 
@@ -235,14 +235,18 @@ class RealRobot(RobotTool):
         call = read(self._driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
-        tree = self._tree
+        if self._tree is None and call.verb.does == "status":
+            return self._get_status()
+        name = call.verb.name
+        tree: RobotTree | str | None = self._tree
         if tree is None:
-            if call.verb.does == "status":
-                return self._get_status()
-            return answers.error(f"{call.verb.name}: {self._why_not}")
+            tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
         self._liveness.enter()
         try:
-            return await asyncio.wrap_future(portal().submit(perform, tree, call, self._approval, by))
+            doing = portal().submit(answered, name, perform, tree, call, self._approval, by)
+            return await asyncio.wrap_future(doing)
         finally:
             self._liveness.leave()
 
@@ -259,14 +263,12 @@ class RealRobot(RobotTool):
         return None if tree is None else self._call(tree.status)
 
     def _get_status(self) -> Answer:
-        if self._tree is not None:
-            return self._call(verbs.get_status, self._tree)
-        plan = self._plan
-        return answers.success(answers.status(plan.tool_name, plan.robot, self._driver, self._why_not, None, {}))
+        tree, plan = self._ready("status"), self._plan
+        if isinstance(tree, str):
+            return answers.success(answers.status(plan.tool_name, plan.robot, self._driver, tree, None, {}))
+        return self._call(answered, "status", verbs.get_status, tree)
 
-    def _now_or_soon(
-        self, now: Callable[[], Answer], verb: Callable[[RobotTree], Coroutine[Any, Any, Answer]]
-    ) -> Answer | PendingAnswer:
+    def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
         """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
         try:
             asyncio.get_running_loop()
@@ -277,10 +279,13 @@ class RealRobot(RobotTool):
             done.set_result(now())
             return PendingAnswer(done)
         self._liveness.enter()
-        future = portal().submit(verb, self._tree)
+        future = portal().submit(answered, name, verb, self._tree)
         future.add_done_callback(lambda _: self._liveness.leave())
         return PendingAnswer(future)
 
+
+_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
+"""The robot's own verb for what an agent's verb does."""
 
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
 _CLEANED_UP = "this robot was cleaned up. make a new one"

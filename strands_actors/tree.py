@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -471,17 +471,6 @@ class RobotTree:
         except (AskTimeout, Unreachable):
             return None
         return answer if isinstance(answer, TreeReport) else None
-
-    async def observations(self, hz: float = 30.0) -> AsyncGenerator[dict[str, float], None]:
-        """Observations at a steady rate, public keys, the driver's units; none while nothing is read. Raise
-        ``ValueError`` for a rate that is none."""
-        if not 0 < hz <= 1000:
-            raise ValueError(f"observations: hz is {hz!r}. give hertz, above 0 and at most 1000")
-        async with contextlib.aclosing(self._node.clock.ticks(1.0 / hz)) as ticks:
-            async for _ in ticks:
-                answer = await self.observe()
-                if isinstance(answer, Observation):
-                    yield self.driver.as_json(answer.position)
 
     # -- rollouts
 

@@ -1,14 +1,13 @@
 """The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents and MCP share.
 
-Whatever keeps a verb from running at all is an error envelope too, never an exception.
+They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope too.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Coroutine, Mapping
-from typing import Any, Concatenate, ParamSpec
+from typing import Any
 
 from . import answers
 from .answers import Answer
@@ -19,25 +18,18 @@ from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
 from .supervisors.policy import as_infer
 from .tree import NotConnected, RobotTree
 
-P = ParamSpec("P")
-Verb = Callable[Concatenate[RobotTree, P], Coroutine[Any, Any, Answer]]
+Verb = Callable[..., Coroutine[Any, Any, Answer]]
+"""On a tree, with what else it takes."""
 
 
-def _answered(name: str) -> Callable[[Verb[P]], Verb[P]]:
-    def wrap(verb: Verb[P]) -> Verb[P]:
-        @functools.wraps(verb)
-        async def answered(tree: RobotTree, /, *args: P.args, **keywords: P.kwargs) -> Answer:
-            try:
-                return await verb(tree, *args, **keywords)
-            except (NotConnected, AskTimeout, Unreachable) as failure:
-                return answers.error(f"{name}: {failure}")
-
-        return answered
-
-    return wrap
+async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
+    """Run a verb. A tree that is gone or silent is an error envelope."""
+    try:
+        return await verb(tree, *args)
+    except (NotConnected, AskTimeout, Unreachable) as failure:
+        return answers.error(f"{name}: {failure}")
 
 
-@_answered("move")
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
     answer = await tree.send_action(action)
     if isinstance(answer, Refused):
@@ -45,7 +37,6 @@ async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
     return answers.success(tree.driver.commanded(action, answer.values))
 
 
-@_answered("observe")
 async def get_observation(tree: RobotTree) -> Answer:
     answer = await tree.observe()
     if isinstance(answer, Refused):
@@ -53,13 +44,11 @@ async def get_observation(tree: RobotTree) -> Answer:
     return answers.success(tree.driver.as_json(answer.position))
 
 
-@_answered("state")
 async def get_state(tree: RobotTree) -> Answer:
     """Positions and velocities, and how old they are."""
     return await _measured(tree, "state", lambda seen: {"velocities": answers.velocities(tree.driver, seen)})
 
 
-@_answered("sensors")
 async def get_sensors(tree: RobotTree) -> Answer:
     """Positions, sensors and faults, and how old they are."""
     return await _measured(
@@ -84,13 +73,11 @@ async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], di
     )
 
 
-@_answered("stop")
 async def stop(tree: RobotTree) -> Answer:
     answer = await tree.stop()
     return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
 
 
-@_answered("status")
 async def get_status(tree: RobotTree) -> Answer:
     return answers.success(describe(tree, await tree.status()))
 
@@ -100,7 +87,6 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     return answers.status(tree.tool_name, tree.kind, tree.driver, problem, status, tree.facts)
 
 
-@_answered("resume")
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
     answer = await tree.resume(lift)
     if isinstance(answer, Refused):
@@ -110,14 +96,12 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
     return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
 
 
-@_answered("run_policy")
 async def run_policy(
     tree: RobotTree, policy: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
 ) -> Answer:
     return _begun(await tree.run_policy(policy, instruction, duration, n_steps or 0, hz))
 
 
-@_answered("start_task")
 async def start_task(
     tree: RobotTree, provider: str, options: dict[str, Any], instruction: str, duration: float, hz: float | None
 ) -> Answer:
@@ -126,12 +110,10 @@ async def start_task(
     )
 
 
-@_answered("task")
 async def get_task_status(tree: RobotTree) -> Answer:
     return answers.success(answers.task(await tree.task()))
 
 
-@_answered("stop_task")
 async def stop_task(tree: RobotTree) -> Answer:
     return _begun(await tree.stop_task())
 

@@ -7,7 +7,7 @@ import importlib.util
 import trio
 
 from ..agents.approval import Approval, ask_on_terminal
-from ..async_robot import open_planned
+from ..async_robot import AsyncRobot, open_tree
 from ..factory import Plan, plan
 from .errors import Problem
 
@@ -39,5 +39,5 @@ async def _serve(wanted: Plan, allow_motion: bool) -> None:
     from ..agents.mcp_server import serve
 
     approval = Approval(wanted.driver_class.GUARDED, ask_on_terminal)
-    async with open_planned(wanted, approval, arm=allow_motion) as opened:
-        await serve(opened, allow_motion)
+    async with open_tree(wanted, arm=allow_motion) as tree:
+        await serve(AsyncRobot(tree, approval), allow_motion)

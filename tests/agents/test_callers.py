@@ -144,8 +144,9 @@ def test_a_trio_program_has_every_verb(twin: Twin) -> None:
             assert "past 180.0" in why(await robot.send_action({"shoulder_pan": 400.0}))
             assert "shoulder_pan" in json_of(await robot.get_observation())
             json_of(await robot.run_policy(ahead, n_steps=3))
-            while (told := json_of(await robot.get_task_status()))["running"]:
-                await trio.sleep(0.01)
+            async for _ in robot.observations(hz=100):
+                if not (told := json_of(await robot.get_task_status()))["running"]:
+                    break
             assert told["steps"] == 3
             assert "duration is 0" in why(await robot.run_policy(ahead, duration=0))
             assert "no policy" in why(await robot.run_policy(3))
@@ -158,7 +159,7 @@ def test_a_trio_program_has_every_verb(twin: Twin) -> None:
             assert "needs an operator's approval" in why(await robot.perform(on, "test"))
             json_of(await robot.resume())
             with pytest.raises(ValueError, match="hz is 0"):
-                await anext(robot.observations(hz=0))
+                robot.observations(hz=0)
         assert "cleaned up" in why(await robot.send_action({"shoulder_pan": 0.0}))
 
     trio.run(main)

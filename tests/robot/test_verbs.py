@@ -443,13 +443,12 @@ def test_open_robot_in_a_trio_program(twin: Twin) -> None:
         seen = []
         async with open_robot("so101", mode="real", port=twin.port) as arm:
             await arm.send_action({"shoulder_pan": 10.0})
-            async with contextlib.aclosing(arm.observations(20)) as observations:
-                began_s = trio.current_time()
-                async for observation in observations:
-                    seen.append(observation)
-                    if len(seen) == 20:
-                        break
-                took_s = trio.current_time() - began_s
+            began_s = trio.current_time()
+            async for observation in arm.observations(20):
+                seen.append(observation)
+                if len(seen) == 20:
+                    break
+            took_s = trio.current_time() - began_s
         return seen, took_s
 
     seen, took_s = trio.run(main)
