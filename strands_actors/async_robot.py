@@ -9,7 +9,7 @@ from typing import Any
 import trio
 
 from . import answers, verbs
-from .agents.approval import APPROVE_S, Approval, Approve
+from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read, tool_spec
 from .agents.perform import perform
 from .answers import Answer
@@ -157,7 +157,7 @@ async def open_robot(
     Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
     """
     wanted = plan(name, mode, **keywords)
-    approval = Approval((*wanted.driver_class.GUARDED, *guarded), approve, approve_within_s)
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
     async with open_tree(wanted, arm) as tree:
         yield AsyncRobot(tree, approval)
 

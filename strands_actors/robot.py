@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from . import answers, verbs
-from .agents.approval import APPROVE_S, Approval, Approve
+from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read
 from .agents.perform import perform
 from .agents.tool import RobotTool
@@ -51,7 +51,7 @@ def Robot(  # a factory named as on the drivers page
     ``TypeError`` with what would be accepted.
     """
     wanted = plan(name, mode, **keywords)
-    return RealRobot(wanted, Approval((*wanted.driver_class.GUARDED, *guarded), approve, approve_within_s))
+    return RealRobot(wanted, approval_of(wanted.driver_class, guarded, approve, approve_within_s))
 
 
 class RealRobot(RobotTool):

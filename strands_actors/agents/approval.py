@@ -7,7 +7,6 @@ answer in time, an exception, any other answer, or nobody to ask: refused. Whoev
 
 from __future__ import annotations
 
-import os
 import select
 import termios
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -17,10 +16,9 @@ from typing import Any
 
 import trio
 
+from ..runtime.contract import Driver
+from ..runtime.guard import not_approved, unapproved
 from ..runtime.messages import Refused
-
-ALLOW = "STRANDS_ACTORS_ALLOW"
-"""Environment: guarded names that are allowed without asking, separated by commas."""
 
 APPROVE_S = 30.0
 """How long an operator may think."""
@@ -45,28 +43,38 @@ class Request:
 Approve = Callable[[Request], bool]
 
 
+def approval_of(
+    driver_class: type[Driver], guarded: Collection[str], approve: Approve | None, within_s: float
+) -> Approval:
+    """With what the driver guards by itself."""
+    own = Approval(guarded, approve, within_s)
+    return Approval(own.guarded | set(driver_class.GUARDED), approve, within_s)
+
+
 class Approval:
     """The gate of one robot. ``within_s``: how long ``approve`` may take; it runs in a thread of its own."""
 
     def __init__(
         self, guarded: Collection[str] = (), approve: Approve | None = None, within_s: float = APPROVE_S
     ) -> None:
+        """Raise ``TypeError`` or ``ValueError`` for what would guard nothing, or nothing that can be."""
+        if isinstance(guarded, str):
+            raise TypeError(f"guarded is {guarded!r}. give a tuple of verbs and action keys: ({guarded!r},)")
+        if "stop" in guarded:
+            raise ValueError("guarded names stop. a stop is never asked about")
+        if approve is not None and not callable(approve):
+            raise TypeError(
+                f"approve is {approve!r}. give a function that takes a request and returns True or False"
+            )
         self.guarded = frozenset(guarded)
         self._approve = approve
         self._within_s = within_s
 
     async def refuse(self, request: Request, keys: Iterable[str] = ()) -> Refused | None:
         """None: go on. ``keys``: of the action it would come to."""
-        names = self.guarded.intersection((request.verb, *keys)) - allowed()
-        if not names:
-            return None
-        why = await self._ask(request)
-        if why is None:
-            return None
-        shown = ", ".join(sorted(names))
-        return Refused(
-            "not_approved", f"{request.verb}: {shown} needs an operator's approval: {why}", _REMEDY, shown, ALLOW
-        )
+        names = unapproved(self.guarded, (request.verb, *keys))
+        why = await self._ask(request) if names else None
+        return None if why is None else not_approved(request.verb, names, why)
 
     async def _ask(self, request: Request) -> str | None:
         """None: approved."""
@@ -79,14 +87,6 @@ class Approval:
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"
         return f"no answer within {self._within_s:g} s"
-
-
-_REMEDY = f"pass approve= to the robot, or name it in {ALLOW}"
-
-
-def allowed() -> frozenset[str]:
-    """What the environment allows without asking."""
-    return frozenset(name for part in os.environ.get(ALLOW, "").split(",") if (name := part.strip()))
 
 
 def ask_on_terminal(request: Request) -> bool:

@@ -13,8 +13,9 @@ import pytest
 from strands import Agent, tool
 
 from strands_actors import Robot
-from strands_actors.agents.approval import ALLOW, Request
+from strands_actors.agents.approval import Request
 from strands_actors.robot import RealRobot
+from strands_actors.runtime.guard import ALLOW
 from strands_actors.testing import Twin
 
 from ..robot.conftest import NewArm

@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors import Robot
 from strands_actors.agents import approval as gate
-from strands_actors.agents.approval import ALLOW, Approval, Approve, Request
+from strands_actors.agents.approval import Approval, Approve, Request
+from strands_actors.runtime.guard import ALLOW
 from strands_actors.runtime.messages import Refused
 
 MOVE = Request("so101", "move_to", {"targets": {"gripper": 3}})
@@ -71,6 +73,12 @@ def test_only_true_is_a_yes(approve: Any, why: str) -> None:
     assert (refusal.code, refusal.offered) == ("not_approved", "move_to")
     assert why in refusal.text
     assert ALLOW in refusal.remedy
+
+
+@pytest.mark.parametrize("keywords", [{"guarded": "move_to"}, {"guarded": ("stop",)}, {"approve": True}])
+def test_what_would_guard_nothing_is_refused(keywords: dict[str, Any]) -> None:
+    with pytest.raises((TypeError, ValueError), match=r"guarded|approve"):
+        Robot("so101", mode="real", port="/dev/nowhere", **keywords)
 
 
 def test_no_answer_in_time_is_a_no() -> None:
