@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
 
-from .runtime.contract import Observation
+from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
-from .supervisors.messages import StopReport, TaskStatus, TreeReport
+from .supervisors.messages import Status, StopReport, TaskStatus, TreeReport
+
+UNREACHABLE = "unreachable"
+"""The state of a robot that does not answer, or was not connected."""
 
 
 class Answer(dict[str, Any]):
@@ -21,14 +24,28 @@ class Answer(dict[str, Any]):
         return self
 
 
-class PendingAnswer:
-    """What an async verb returns inside a running event loop: already under way, whether awaited or not."""
+class PendingAnswer(Mapping[str, Any]):
+    """What ``stop()`` and ``get_status()`` return inside a running event loop: already under way, whether awaited
+    or not, and not cancelled with who awaits it. ``await`` does not block the loop; to read it as a dict waits,
+    which is what a cell of a notebook wants."""
 
     def __init__(self, future: Future[Answer]) -> None:
         self._future = future
 
     def __await__(self) -> Generator[Any, None, Answer]:
-        return asyncio.wrap_future(self._future).__await__()
+        return asyncio.shield(asyncio.wrap_future(self._future)).__await__()
+
+    def __getitem__(self, key: str) -> Any:
+        return self._future.result()[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._future.result())
+
+    def __len__(self) -> int:
+        return len(self._future.result())
+
+    def __repr__(self) -> str:
+        return repr(self._future.result())
 
 
 def success(json: dict[str, Any]) -> Answer:
@@ -86,11 +103,53 @@ def task(status: TaskStatus) -> dict[str, Any]:
     }
 
 
+def status(
+    tool_name: str, robot: str, driver: Driver, problem: str, told: Status | None, facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what its wire said
+    of itself when it last answered; they come on top."""
+    observation = None if told is None else told.observation
+    return {
+        "tool_name": tool_name,
+        "robot": robot,
+        "connected": told is not None and told.connected,
+        "connect_error": problem if told is None else told.connect_error or None,
+        "state": UNREACHABLE if told is None else told.mode,
+        "epoch": None if told is None else told.epoch,
+        "locked_by": None if told is None else told.locked_by or None,
+        "cause": None if told is None else told.cause or None,
+        "lease": None if told is None else told.holder or None,
+        "observation_age_s": None if told is None or told.age_s < 0 else round(told.age_s, 4),
+        "writes": 0 if told is None else told.writes,
+        "reads": 0 if told is None else told.reads,
+        "refusals": 0 if told is None else told.refusals,
+        "last_refusal": None if told is None else told.last_refusal or None,
+        "faults": {} if observation is None else dict(observation.faults),
+        "sensors": {} if observation is None else sensors(observation),
+        "ladder": {str(reason): rung for reason, rung in driver.ladder.items()},
+        "firmware_watchdog": driver.firmware_watchdog,
+        "unit": driver.unit,
+        **facts,
+    }
+
+
+def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """By public key; what was never read is null."""
+    return {key: _known(value) for key, value in driver.as_json(observation.position).items()}
+
+
+def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """By axis; empty where the robot measures none."""
+    return {axis: _known(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
+
+
 def sensors(observation: Observation) -> dict[str, list[float | None]]:
     """By name, in axis order; what is not known is null."""
-    return {
-        name: [None if math.isnan(value) else value for value in row] for name, row in observation.sensors.items()
-    }
+    return {name: [_known(value) for value in row] for name, row in observation.sensors.items()}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def tree(report: TreeReport) -> dict[str, Any]:

@@ -5,31 +5,59 @@ Another package adds one by the entry point group ``strands_actors.policies``.
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
+from typing import Any, NamedTuple
+
+
+class Provider(NamedTuple):
+    """How a policy is built: ``where(axes=..., **options)`` in a process of its own."""
+
+    where: str  # module:factory
+    needs: str = ""  # a package that must be there; the extra that brings it has the same name
+    takes_address: bool = True  # options host and port, from policy_host and policy_port
+
 
 PROVIDERS = {
-    "mock": "strands_actors.policies:Mock",
-    "sine": "strands_actors.policies:Sine",
+    "mock": Provider("strands_actors.policies:Mock", takes_address=False),
+    "sine": Provider("strands_actors.policies:Sine", takes_address=False),
+    "remote": Provider("strands_actors.remote_policy:Remote"),
+    "lerobot_local": Provider("strands_actors.lerobot_policy:LerobotLocal", needs="lerobot", takes_address=False),
 }
 
-
-def list_providers() -> dict[str, str]:
-    """Name to ``module:factory``."""
-    return PROVIDERS | {point.name: point.value for point in entry_points(group="strands_actors.policies")}
+DEFAULT_PROVIDER = "lerobot_local"
+"""As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a moving arm."""
 
 
-def resolve_provider(name: str) -> str:
-    """``module:factory`` of a name; one that is given in that form is taken as it is. Raise ``ValueError`` with
-    the names there are."""
-    if ":" in name:
-        return name
+def list_providers() -> dict[str, Provider]:
+    """By name; those of other packages too."""
+    points = entry_points(group="strands_actors.policies")
+    return {point.name: Provider(point.value) for point in points} | PROVIDERS
+
+
+def choose_provider(name: str, host: str, port: int | None, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """``module:factory`` of a provider, and its options. A name in that form is taken as it is. Raise
+    ``ValueError`` with what would be accepted."""
     known = list_providers()
-    if name not in known:
+    provider = Provider(name) if ":" in str(name) else known.get(name)
+    if provider is None:
         raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted(known))}")
-    return known[name]
+    if provider.needs and importlib.util.find_spec(provider.needs) is None:
+        others = ", ".join(sorted(name for name, other in known.items() if not other.needs))
+        raise ValueError(
+            f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
+            f"without it there are {others}"
+        )
+    if port is None:
+        return provider.where, options
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 < port < 65536:
+        raise ValueError(f"policy_port is {port!r}. give a whole number from 1 to 65535")
+    if not provider.takes_address:
+        raise ValueError(f"policy_provider {name!r} takes no policy_port. policy_provider='remote' does")
+    return provider.where, {**options, "host": host, "port": port}
 
 
 class Mock:
@@ -39,13 +67,28 @@ class Mock:
     CHUNK = 8
     DT_S = 0.02
 
+    provider_name = "mock"
+    requires_images = False
+    reads_instruction = False
+    execution_horizon = CHUNK
+
     def __init__(self, axes: Sequence[str], amplitude: float = 0.5) -> None:
         self._axes = axes
         self._amplitude = amplitude
         self._step = 0
         self._center: dict[str, float] = {}
 
-    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
+    def set_robot_state_keys(self, keys: Sequence[str]) -> None:
+        self._axes = keys
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin anew, around where the axes are then. There is nothing random in it."""
+        self._step = 0
+        self._center = {}
+
+    def get_actions_sync(
+        self, observation: Mapping[str, float], instruction: str, **more: Any
+    ) -> list[dict[str, float]]:
         if not self._center:
             self._center = {axis: observation[axis] for axis in self._axes}
         actions = []

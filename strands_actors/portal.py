@@ -53,15 +53,31 @@ class Portal:
             await trio.sleep_forever()
 
     def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
-        """Start ``function(*args)`` in the loop; its result as a future of any thread."""
+        """Start ``function(*args)`` in the loop; its result as a future of any thread. To cancel the future is to
+        cancel what runs."""
         future: Future[T] = Future()
+        scope = trio.CancelScope()
 
         async def run() -> None:
             try:
-                future.set_result(await function(*args))
-            except Exception as error:  # the caller's to handle, not the loop's
-                future.set_exception(error)
+                with scope:
+                    try:
+                        result = await function(*args)
+                    except Exception as error:  # the caller's to handle, not the loop's
+                        if future.set_running_or_notify_cancel():
+                            future.set_exception(error)
+                    else:
+                        if future.set_running_or_notify_cancel():
+                            future.set_result(result)
+            finally:
+                future.cancel()  # the loop ends: nobody waits for it for ever
 
+        def cancel(done: Future[T]) -> None:
+            if done.cancelled():
+                with contextlib.suppress(trio.RunFinishedError):
+                    self._token.run_sync_soon(scope.cancel)
+
+        future.add_done_callback(cancel)
         self._token.run_sync_soon(self.nursery.start_soon, run)
         return future
 

@@ -7,49 +7,64 @@ here touches hardware.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import functools
 import logging
-import math
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-import trio
-
-from . import answers
+from . import answers, verbs
+from .agents.approval import APPROVE_S, Approval, Approve, approval_of
+from .agents.calls import read
+from .agents.perform import perform
+from .agents.tool import RobotTool
 from .answers import Answer, PendingAnswer
+from .async_robot import AsyncRobot, open_robot
 from .factory import Plan, plan
 from .liveness import Liveness
-from .policies import resolve_provider
-from .portal import open_caller, portal
-from .runtime.contract import Observation
+from .policies import DEFAULT_PROVIDER, choose_provider
+from .portal import portal
+from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
-from .runtime.node import AskTimeout, Unreachable
-from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
-from .tree import NotConnected, RobotTree
+from .supervisors.messages import Status, TaskStatus
+from .tree import RobotTree
+from .verbs import Verb, answered
 
 _log = logging.getLogger("strands_actors")
 
 T = TypeVar("T")
 
 
-def Robot(name: str, mode: str = "sim", **keywords: Any) -> RealRobot:  # a factory named as on the drivers page
+def Robot(  # a factory named as on the drivers page
+    name: str,
+    mode: str = "sim",
+    *,
+    approve: Approve | None = None,
+    guarded: tuple[str, ...] = (),
+    approve_within_s: float = APPROVE_S,
+    **keywords: Any,
+) -> RealRobot:
     """A handle on one robot; nothing is started before ``connect_eagerly()``.
 
     ``transport="twin"`` runs the robot's twin behind its real wire; otherwise ``port`` says where the robot
-    is. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    is. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
+    uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Raise ``ValueError`` or
+    ``TypeError`` with what would be accepted.
     """
-    return RealRobot(plan(name, mode, **keywords))
+    wanted = plan(name, mode, **keywords)
+    return RealRobot(wanted, approval_of(wanted.driver_class, guarded, approve, approve_within_s))
 
 
-class RealRobot:
-    """A robot behind its wire. Made by ``Robot(...)``."""
+class RealRobot(RobotTool):
+    """A robot behind its wire. Made by ``Robot(...)``. A strands-agents tool (``stream``, ``tool_spec``).
 
-    tool_type = "robot"
+    Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook) ``stream``, ``stop``
+    and ``get_status`` are to be awaited and do not block it; the others wait for their answer: milliseconds.
+    """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         self._plan = plan
+        self._approval = approval or Approval(plan.driver_class.GUARDED)
         self._liveness = Liveness()
         self._tree: RobotTree | None = None
         self._driver = plan.driver_class(plan.robot, plan.port, plan.options)
@@ -58,6 +73,10 @@ class RealRobot:
     @property
     def tool_name(self) -> str:
         return self._plan.tool_name
+
+    @property
+    def driver(self) -> Driver:
+        return self._driver
 
     @property
     def name(self) -> str:
@@ -76,23 +95,23 @@ class RealRobot:
         finally:
             self._liveness.leave()
 
-    def _verb(self, run: Callable[[RobotTree], Coroutine[Any, Any, Answer]], name: str) -> Answer:
+    def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
         """Run a verb on the tree; what keeps it from running at all is an error envelope."""
-        tree = self._tree
-        if tree is None:
-            why = "this robot was cleaned up. make a new one" if self._closed else _NOT_CONNECTED
-            return answers.error(f"{name}: {why}")
-        try:
-            return self._call(run, tree)
-        except _NO_ANSWER as failure:
-            return answers.error(f"{name}: {failure}")
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        return self._call(answered, name, verb, tree, *args)
+
+    def _ready(self, name: str) -> RobotTree | str:
+        """The tree for a verb, or why there is none."""
+        return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
 
     # -- lifecycle
 
     def connect_eagerly(self) -> str | None:
         """Start the tree, connect, and arm at the measured position. None, or why not."""
         if self._closed:
-            return "connect: this robot was cleaned up. make a new one"
+            return f"connect: {_CLEANED_UP}"
         return self._call(self._connect)
 
     async def _connect(self) -> str | None:
@@ -140,75 +159,39 @@ class RealRobot:
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
-
-        async def run(tree: RobotTree) -> Answer:
-            answer = await tree.send_action(action)
-            if isinstance(answer, Refused):
-                return answers.refused(answer)
-            return answers.success(tree.driver.commanded(action, answer.values))
-
-        return self._verb(run, "move")
+        return self._verb(verbs.send_action, "move", action)
 
     def get_observation(self) -> dict[str, float]:
         """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
-
-        async def run(tree: RobotTree) -> Answer:
-            answer = await tree.observe()
-            if isinstance(answer, Refused):
-                return answers.refused(answer)
-            return answers.success(tree.driver.as_json(answer.position))
-
-        answer = self._verb(run, "observe")
+        answer = self._verb(verbs.get_observation, "observe")
         if answer["status"] == "error":
             _log.warning("%s", answer["content"][0]["text"])
             return {}
         observation: dict[str, float] = answer["content"][0]["json"]
         return observation
 
-    def perform(self, verb: str, **arguments: Any) -> Answer:
-        """One of the driver's own verbs. Each is a method, too: ``robot.release_sport_mode(attempts=3)``."""
-
-        async def run(tree: RobotTree) -> Answer:
-            answer = await tree.perform(verb, arguments)
-            return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
-
-        return self._verb(run, verb)
+    def service(self, name: str, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``."""
+        return self._verb(verbs.service, name, name, arguments)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
-        """The driver's own verbs as methods."""
-        plan = self.__dict__.get("_plan")
-        if plan is None or name not in plan.driver_class.VERBS:
+        """The driver's own services as methods."""
+        plan: Plan | None = self.__dict__.get("_plan")
+        if plan is None or name not in plan.driver_class.SERVICES:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        return functools.partial(self.perform, name)
+        return functools.partial(self.service, name)
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
-
-        async def run(tree: RobotTree) -> Answer:
-            answer = await tree.stop()
-            return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
-
-        return self._now_or_soon(functools.partial(self._verb, run, "stop"), run, "stop")
+        return self._now_or_soon(lambda: self._verb(verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
-
-        async def run(tree: RobotTree) -> Answer:
-            return answers.success(self._describe(await tree.status()))
-
-        return self._now_or_soon(lambda: answers.success(self._describe(self._status())), run, "status")
+        return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
     def resume(self) -> Answer:
         """Lift a lockout, restart what has died, energise at the measured position. Restarts no motion."""
-
-        async def run(tree: RobotTree) -> Answer:
-            answer = await tree.resume()
-            if isinstance(answer, Resumed):
-                position = tree.driver.as_json(answer.observation.position)
-                return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
-            return answers.refused(answer)
-
-        return self._verb(run, "resume")
+        return self._verb(verbs.resume, "resume")
 
     def run_policy(
         self,
@@ -221,74 +204,63 @@ class RealRobot:
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable. Returns at
         once; ``n_steps`` wins over ``duration`` (seconds)."""
-        policy = policy if policy is not None else policy_object
-        problem = _check_rollout(duration, n_steps, control_frequency)
-        if problem is None and policy is None:
-            problem = "policy is None. give an object with get_actions_sync, get_actions or step, or a callable"
-        if problem is not None:
-            return answers.error(f"run_policy: {problem}")
-
-        async def run(tree: RobotTree) -> Answer:
-            try:
-                status = await tree.run_policy(policy, instruction, duration, n_steps or 0, control_frequency)
-            except TypeError as failure:
-                return answers.error(str(failure))
-            if isinstance(status, Refused):
-                return answers.refused(status)
-            return answers.success(answers.task(status))
-
-        return self._verb(run, "run_policy")
+        try:
+            verbs.check_length(duration, n_steps, control_frequency)
+            chosen = verbs.choose_policy(policy, policy_object)
+        except (TypeError, ValueError) as failure:
+            return answers.error(f"run_policy: {failure}")
+        return self._verb(verbs.run_policy, "run_policy", chosen, instruction, duration, n_steps, control_frequency)
 
     def start_task(
         self,
         instruction: str = "",
         policy_port: int | None = None,
         policy_host: str = "localhost",
-        policy_provider: str = "mock",
+        policy_provider: str = DEFAULT_PROVIDER,
         duration: float = 30.0,
         control_frequency: float | None = None,
         **options: Any,
     ) -> Answer:
-        """Run a named policy in a process of its own. Returns at once."""
-        problem = _check_rollout(duration, None, control_frequency)
-        if problem is not None:
-            return answers.error(f"start_task: {problem}")
-        if policy_port is not None:
-            options |= {"host": policy_host, "port": policy_port}
+        """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another package) in a
+        process of its own, built there from ``options``. Returns at once."""
         try:
-            provider = resolve_provider(policy_provider)
+            verbs.check_length(duration, None, control_frequency)
+            where, options = choose_provider(policy_provider, policy_host, policy_port, options)
         except ValueError as failure:
             return answers.error(f"start_task: {failure}")
-
-        async def run(tree: RobotTree) -> Answer:
-            all_options = {"axes": list(tree.driver.axes), **options}
-            status = await tree.start_task(provider, all_options, instruction, duration, control_frequency)
-            if isinstance(status, Refused):
-                return answers.refused(status)
-            return answers.success(answers.task(status))
-
-        return self._verb(run, "start_task")
+        return self._verb(verbs.start_task, "start_task", where, options, instruction, duration, control_frequency)
 
     def get_task_status(self) -> Answer:
-        tree = self._tree
-        if tree is None:
+        """The present rollout, or the last one: the same keys for every driver."""
+        if self._tree is None:
             return answers.success(answers.task(TaskStatus()))
-
-        async def run(tree: RobotTree) -> Answer:
-            return answers.success(answers.task(await tree.task()))
-
-        return self._verb(run, "task")
+        return self._verb(verbs.get_task_status, "task")
 
     def stop_task(self) -> Answer:
         """End the rollout; returns when the robot holds, whatever the policy does."""
+        return self._verb(verbs.stop_task, "stop_task")
 
-        async def run(tree: RobotTree) -> Answer:
-            status = await tree.stop_task()
-            if isinstance(status, Refused):
-                return answers.refused(status)
-            return answers.success(answers.task(status))
+    # -- as a tool
 
-        return self._verb(run, "stop_task")
+    async def perform(self, given: object, by: str) -> Answer:
+        """Do what a tool's input asks for, from an asyncio loop."""
+        call = read(self._driver, given)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        if self._tree is None and call.verb.does == "status":
+            return self._get_status()
+        name = call.verb.name
+        tree: RobotTree | str | None = self._tree
+        if tree is None:
+            tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        self._liveness.enter()
+        try:
+            doing = portal().submit(answered, name, perform, tree, call, self._approval, by)
+            return await asyncio.wrap_future(doing)
+        finally:
+            self._liveness.leave()
 
     def tree(self) -> dict[str, Any] | None:
         """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are none."""
@@ -302,101 +274,32 @@ class RealRobot:
         tree = self._tree
         return None if tree is None else self._call(tree.status)
 
-    def _describe(self, status: Status | None) -> dict[str, Any]:
-        driver, tree = self._driver, self._tree
-        json: dict[str, Any] = {
-            "tool_name": self.tool_name,
-            "robot": self._plan.robot,
-            "connected": False,
-            "connect_error": _NOT_CONNECTED if tree is None else tree.problem or "the wire does not answer",
-            "firmware_watchdog": driver.firmware_watchdog,
-            "unit": driver.unit,
-        }
-        if status is None:
-            return json
-        return json | {
-            "connected": status.connected,
-            "connect_error": status.connect_error or None,
-            "state": status.mode,
-            "epoch": status.epoch,
-            "locked_by": status.locked_by or None,
-            "cause": status.cause or None,
-            "lease": status.holder or None,
-            "observation_age_s": None if status.age_s < 0 else round(status.age_s, 4),
-            "writes": status.writes,
-            "reads": status.reads,
-            "refusals": status.refusals,
-            "last_refusal": status.last_refusal or None,
-            "ladder": {str(reason): rung for reason, rung in driver.ladder.items()},
-            "faults": {} if status.observation is None else dict(status.observation.faults),
-            "sensors": {} if status.observation is None else answers.sensors(status.observation),
-            **status.facts,
-        }
+    def _get_status(self) -> Answer:
+        tree, plan = self._ready("status"), self._plan
+        if isinstance(tree, str):
+            return answers.success(answers.status(plan.tool_name, plan.robot, self._driver, tree, None, {}))
+        return self._call(answered, "status", verbs.get_status, tree)
 
-    def _now_or_soon(
-        self, now: Callable[[], Answer], run: Callable[[RobotTree], Coroutine[Any, Any, Answer]], name: str
-    ) -> Answer | PendingAnswer:
+    def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
         """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
             return now()
-        tree = self._tree
-        if tree is None:
+        if self._tree is None:
             done: Future[Answer] = Future()
             done.set_result(now())
             return PendingAnswer(done)
-
-        async def safely() -> Answer:
-            try:
-                return await run(tree)
-            except _NO_ANSWER as failure:
-                return answers.error(f"{name}: {failure}")
-
-        return PendingAnswer(portal().submit(safely))
+        self._liveness.enter()
+        future = portal().submit(answered, name, verb, self._tree)
+        future.add_done_callback(lambda _: self._liveness.leave())
+        return PendingAnswer(future)
 
 
-_NO_ANSWER = (NotConnected, AskTimeout, Unreachable)
+_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
+"""The robot's own verb for what an agent's verb does."""
+
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
+_CLEANED_UP = "this robot was cleaned up. make a new one"
 
-
-def _check_rollout(duration: float, n_steps: int | None, hz: float | None) -> str | None:
-    if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
-        return f"duration is {duration!r}. give seconds, finite and above 0"
-    if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
-        return f"n_steps is {n_steps!r}. give a whole number above 0"
-    if hz is not None and (isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1000):
-        return f"control_frequency is {hz!r}. give hertz, above 0 and at most 1000"
-    return None
-
-
-@contextlib.asynccontextmanager
-async def open_robot(name: str, mode: str = "sim", **keywords: Any) -> AsyncIterator[RobotTree]:
-    """One robot for a trio program: connected and armed inside the block, safe and gone after it.
-
-    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
-    """
-    wanted = plan(name, mode, **keywords)
-    async with open_caller() as (node, nursery, endpoint):
-        tree = RobotTree(
-            node,
-            nursery,
-            endpoint,
-            wanted.driver_class,
-            wanted.robot,
-            wanted.tool_name,
-            wanted.port,
-            wanted.options,
-            wanted.transport,
-        )
-        try:
-            problem = await tree.connect()
-            if problem is not None:
-                raise ConnectionError(problem)
-            yield tree
-        finally:
-            with trio.CancelScope(shield=True):
-                await tree.cleanup()
-
-
-__all__ = ["Observation", "RealRobot", "Robot", "open_robot"]
+__all__ = ["AsyncRobot", "Observation", "RealRobot", "Robot", "open_robot"]

@@ -6,10 +6,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import tempfile
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.zenoh_mesh import unix_endpoint
 from .supervisors import addresses
+from .supervisors.actions import plain
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.gate import Gate
 from .supervisors.guardian import Guardian
@@ -51,7 +51,7 @@ from .supervisors.messages import (
     TaskStatus,
     TreeReport,
 )
-from .supervisors.policy import Policy, as_infer
+from .supervisors.policy import Policy
 from .supervisors.root import Root
 from .supervisors.tasks import Tasks
 
@@ -64,9 +64,6 @@ CONNECT_S = 12.0
 RETRY_S = 3.0
 """The wire's longest pause between two attempts to open it, and one attempt."""
 FENCE_S = 3.0
-
-_SHOWN = 100
-"""Characters of a key or value that are sent on, for the refusal to show."""
 
 
 class NotConnected(Exception):
@@ -111,6 +108,8 @@ class RobotTree:
         self._task_is_remote = False
         self.problem = ""
         """Why the last attempt to connect failed."""
+        self.facts: dict[str, Any] = {}
+        """What the wire said of itself when it last answered."""
         self._stops = 0
         self._starting = trio.Lock()
         self._writing = trio.Lock()
@@ -118,20 +117,27 @@ class RobotTree:
         the lease anew."""
         self.closed = False
 
+    @property
+    def tool_name(self) -> str:
+        """The name it was given; among the robots that run it may have a number."""
+        return self._wanted_name
+
     # -- start and end
 
-    async def connect(self) -> str | None:
-        """Start the tree if need be, wait for the link, take the lease, arm. None, or why not."""
+    async def connect(self, arm: bool = True) -> str | None:
+        """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is false: then
+        nothing is energised). None, or why not."""
         if self.closed:
             return "connect: this robot was cleaned up. make a new one"
         try:
             async with self._starting:
-                return await self._connect()
+                self.problem = await self._connect(arm) or ""
+                return self.problem or None
         except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
             self.problem = f"connect: {str(failure).removeprefix('connect: ')}"
             return self.problem
 
-    async def _connect(self) -> str | None:
+    async def _connect(self, arm: bool) -> str | None:
         stops = self._stops
         if self._root_process is not None:
             # What it says of the link may be from before its present pause between two attempts.
@@ -143,6 +149,8 @@ class RobotTree:
             except NotConnected:
                 await self._end_root()  # it would go on trying, and take the port from whoever has it next
                 raise
+        if not arm:
+            return None
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             if status.locked_by:
                 return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
@@ -328,7 +336,7 @@ class RobotTree:
             lease = self._lease
         ttl_s = self.driver.timing.oneshot_ttl_s
         deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
-        setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, _plain(action), 0.0, ttl_s is None)
+        setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
         try:
             answer = await self._gate.ask(setpoint, ASK_S)
         except AskTimeout:
@@ -340,7 +348,7 @@ class RobotTree:
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
 
     async def perform(self, verb: str, arguments: Mapping[str, Any]) -> Performed | Refused:
-        """One of the driver's own verbs (``Driver.VERBS``), under this caller's lease."""
+        """One of the driver's own verbs (``Driver.SERVICES``), under this caller's lease."""
         self._require()
         refusal = self.driver.check_verb(verb, arguments)
         if refusal is not None:
@@ -351,9 +359,9 @@ class RobotTree:
             refusal = await self._acquire()
             if refusal is not None or self._lease is None:
                 return refusal or Refused("lease", f"{verb}: no lease")
-            message = Perform(self._lease.id, self._lease.epoch, verb, _plain(arguments))
+            message = Perform(self._lease.id, self._lease.epoch, verb, plain(arguments))
             try:
-                answer = await self._gate.ask(message, self.driver.VERBS[verb].within_s + ASK_S)
+                answer = await self._gate.ask(message, self.driver.SERVICES[verb].within_s + ASK_S)
             except AskTimeout:
                 await self._fence(Reason.WIRE, f"{verb} timed out")  # it must not be done late
                 return Refused("timeout", f"{verb}: no answer; the robot was stopped", "resume()")
@@ -383,22 +391,26 @@ class RobotTree:
             return Refused("unconfirmed", f"stop: {why}", "look at the robot")
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
 
-    async def resume(self) -> Resumed | Refused:
-        """Lift a lockout, or start again what has died; energise at the measured position. No motion."""
+    async def resume(self, lift: bool = True) -> Resumed | Refused:
+        """Lift a lockout, or start again what has died; energise at the measured position. No motion.
+        ``lift=False`` only energises: for who is no operator."""
         if self.closed:
             raise NotConnected("this robot was cleaned up. make a new one")
         async with self._starting:
-            return await self._resume()
+            return await self._resume(lift)
 
-    async def _resume(self) -> Resumed | Refused:
+    async def _resume(self, lift: bool) -> Resumed | Refused:
         stops = self._stops
         if not await self._root_answers():
+            if not lift:  # whether it was locked is no longer known
+                remedy = "an operator's resume() starts it again"
+                return Refused("not_connected", "resume: the tree does not answer", remedy)
             if self._root_process is not None:
                 await self._root_process.fence()
                 await self._forget(self._root_process)
             await self._start()
         await self._wait_linked()
-        answer = await self._energise(stops)
+        answer = await self._energise(stops, lift)
         if isinstance(answer, Resumed):
             async with self._writing:
                 refusal = await self._acquire()
@@ -417,7 +429,7 @@ class RobotTree:
         else:
             self._end_policy("stop")
 
-    async def _energise(self, stops: int) -> Message | None:
+    async def _energise(self, stops: int, lift: bool = True) -> Message | None:
         """Have the gate arm, unless it was told to stop since (``stops``: how often it had been before)."""
         if self._stops != stops:
             return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
@@ -426,7 +438,7 @@ class RobotTree:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._watch_arming, nursery.cancel_scope)
             try:
-                answer = await self._gate.ask(Resume(self._holder), self._arm_s)
+                answer = await self._gate.ask(Resume(self._holder, lift), self._arm_s)
             except (AskTimeout, Unreachable) as error:
                 failure = error
             nursery.cancel_scope.cancel()
@@ -469,7 +481,10 @@ class RobotTree:
             answer = await self._gate.ask(GetStatus(), 0.1)
         except (AskTimeout, Unreachable):
             return None
-        return answer if isinstance(answer, Status) else None
+        if not isinstance(answer, Status):
+            return None
+        self.facts |= answer.facts
+        return answer
 
     async def describe(self) -> TreeReport | None:
         """Processes and actors of the tree; None when the root does not answer."""
@@ -481,14 +496,6 @@ class RobotTree:
             return None
         return answer if isinstance(answer, TreeReport) else None
 
-    async def observations(self, hz: float) -> AsyncGenerator[dict[str, float], None]:
-        """Observations at a steady rate, public keys, the driver's units."""
-        async with contextlib.aclosing(self._node.clock.ticks(1.0 / hz)) as ticks:
-            async for _ in ticks:
-                answer = await self.observe()
-                if isinstance(answer, Observation):
-                    yield self.driver.as_json(answer.position)
-
     # -- rollouts
 
     async def run_policy(
@@ -499,7 +506,6 @@ class RobotTree:
             refusal = await self._may_start("run_policy")
             if refusal is not None:
                 return refusal
-            as_infer(policy)
             rollout = self._rollout(instruction, duration_s, n_steps, hz)
             self._task_is_remote = False
             self._task = TaskStatus(running=True, instruction=instruction)
@@ -546,12 +552,12 @@ class RobotTree:
         if self.driver.TASKS and verb == "start_task":
             return Refused("no_task", f"{verb}: {self.kind}: {self.driver.TASKS}", "call run_policy()")
         self._require()
-        if (await self.task()).running:
-            return Refused("running", f"{verb}: a task is already running", "call stop_task() first")
         status = await self.status()
         if status is None or status.mode not in (Mode.ARMED, Mode.HOLDING):
             mode = "not connected" if status is None else status.mode
             return Refused("not_armed", f"{verb}: the robot is {mode}", "connect_eagerly() or resume() first")
+        if (await self.task()).running:
+            return Refused("running", f"{verb}: a task is already running", "call stop_task() first")
         return await self._acquire()
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
@@ -602,33 +608,6 @@ def _refuse_shape(action: object) -> Refused | None:
         return None
     kind = type(action).__name__
     return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")
-
-
-def _plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
-    refused by name."""
-    return {
-        str(key)[:_SHOWN]: (
-            {str(name)[:_SHOWN]: _number_or_text(part) for name, part in value.items()}
-            if isinstance(value, Mapping)
-            else _number_or_text(value)
-        )
-        for key, value in action.items()
-    }
-
-
-def _number_or_text(value: Any) -> float | bool | str | None:
-    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to the driver."""
-    if value is None or isinstance(value, str):
-        return value and value[:_SHOWN]
-    item = getattr(value, "item", None)
-    try:
-        value = item() if callable(item) else value
-        return value if isinstance(value, bool) else float(value)
-    except OverflowError:
-        return math.inf
-    except (TypeError, ValueError, RuntimeError):
-        return repr(value)[:_SHOWN]
 
 
 def _text(answer: object) -> str:

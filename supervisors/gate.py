@@ -95,6 +95,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     facts: dict[str, Any]
     last_stop: StopReport | None
     last_stop_ns: int
+    stopped_lease: int
     verbs: dict[int, Deferred]
     verb: int
     writes: int
@@ -115,6 +116,7 @@ class Gate(Actor):
         self._state = start
         self._lease: _Held | None = None
         self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
+        self._stopped_lease = 0  # the newest when it was last stopped: a rollout of before begins no more
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
@@ -309,6 +311,8 @@ class Gate(Actor):
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
         now_ns = self.context.received_ns
+        if 0 < message.over <= self._stopped_lease:
+            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
         held = self._lease
         under: _Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
@@ -375,6 +379,7 @@ class Gate(Actor):
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
+        self._stopped_lease = self._leases
         if self._lease is not None:
             self._lease = self._lease.owner  # a stop ends the rollout; a dead policy could not release its lease
         if self._trip(message.reason, by, lock):
@@ -433,6 +438,9 @@ class Gate(Actor):
         mode = self._state.mode
         if mode in failsafe.WRITABLE and self._observation is not None:
             return Resumed(self._state.epoch, self._observation)
+        if self._state.locked_by and not message.lift:
+            why = f"resume: e-stopped by {self._state.locked_by}"
+            return Refused("locked_out", why, "an operator's resume() lifts the lockout")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode not in failsafe.LINKED:

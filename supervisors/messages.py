@@ -97,11 +97,12 @@ class StopReport(Message, frozen=True):
 
 
 class Resume(Message, frozen=True):
-    """Lift a lockout and energise at the measured position. Restarts no motion."""
+    """Lift a lockout (unless ``lift`` is false) and energise at the measured position. Restarts no motion."""
 
     lane = "urgent"
 
     by: str = ""
+    lift: bool = True
 
 
 class Resumed(Message, frozen=True):

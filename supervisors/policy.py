@@ -23,6 +23,7 @@ from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 
 from . import addresses
+from .actions import plain
 from .gate import Gate
 from .messages import (
     Accepted,
@@ -37,7 +38,7 @@ from .messages import (
     TaskStatus,
 )
 
-Action = Mapping[str, Any]
+Action = dict[str, Any]
 Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
@@ -46,27 +47,41 @@ ASK_S = 0.5
 def as_infer(policy: Any) -> Infer:
     """Any object with ``get_actions_sync``, ``get_actions``, ``.step(obs)``, or a callable, as one function
     from (observation, instruction) to a chunk of actions. Raise ``TypeError`` for anything else."""
-    if hasattr(policy, "get_actions_sync"):
-        return lambda observation, instruction: _chunk(policy.get_actions_sync(observation, instruction))
-    if hasattr(policy, "get_actions"):
-        return lambda observation, instruction: _chunk(policy.get_actions(observation, instruction))
-    if hasattr(policy, "step"):
+    if callable(getattr(policy, "get_actions_sync", None)):
+        return lambda observation, instruction: _chunk(policy.get_actions_sync(observation, instruction), policy)
+    if callable(getattr(policy, "get_actions", None)):
+        return lambda observation, instruction: _chunk(policy.get_actions(observation, instruction), policy)
+    if callable(getattr(policy, "step", None)):
         return lambda observation, _: _chunk(policy.step(observation))
     if callable(policy):
         return lambda observation, _: _chunk(policy(observation))
     raise TypeError(
-        f"run_policy: {type(policy).__name__} is no policy. "
+        f"{type(policy).__name__} is no policy. "
         "give an object with get_actions_sync, get_actions or step, or a callable"
     )
 
 
-def _chunk(result: Any) -> Sequence[Action]:
+def prepare(policy: Any, axes: Sequence[str], hz: float) -> None:
+    """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to know."""
+    if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
+        return
+    for setter, value in (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz)):
+        if callable(tell := getattr(policy, setter, None)):
+            tell(value)
+    if callable(reset := getattr(policy, "reset", None)):
+        reset()
+
+
+def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
+    """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it executed than its
+    ``execution_horizon``; of any other the whole chunk is."""
     if inspect.isawaitable(result):
         result = asyncio.run(_await(result))
     if isinstance(result, Mapping):
-        return (result,)
+        return (plain(result),)
     if isinstance(result, Sequence) and all(isinstance(action, Mapping) for action in result):
-        return result
+        horizon = policy.execution_horizon if getattr(policy, "supports_rtc", False) else len(result)
+        return [plain(action) for action in result[:horizon]]
     raise TypeError(f"the policy returned {type(result).__name__}, not an action or a list of actions")
 
 
@@ -133,7 +148,7 @@ class Policy(Actor):
         assert self._lease is not None
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
-        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, dict(action), rollout.period_s)
+        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s)
         try:
             answer = await self._gate.ask(setpoint, ASK_S)
         except (AskTimeout, Unreachable) as failure:
@@ -153,7 +168,7 @@ class Policy(Actor):
 
     async def _infer(self) -> None:
         try:
-            infer = as_infer(await trio.to_thread.run_sync(self._make, abandon_on_cancel=True))
+            infer = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
             while self._ended is None:
                 await self._wanted.wait()
                 self._wanted = trio.Event()
@@ -172,6 +187,12 @@ class Policy(Actor):
                     self._wanted.set()
         except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
             await self._end("policy", describe(error))
+
+    def _ready(self) -> Infer:
+        policy = self._make()
+        infer = as_infer(policy)
+        prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)
+        return infer
 
     async def _observe(self) -> dict[str, float] | None:
         try:

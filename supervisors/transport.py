@@ -200,7 +200,7 @@ class Transport(Actor):
     async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
         verb = message.verb
         answer: dict[str, Any] | Refused = Refused("stopped", f"{verb}: stopped meanwhile", "ask again after that")
-        within_s = self._driver.VERBS[verb].within_s
+        within_s = self._driver.SERVICES[verb].within_s
         try:
             with scope, trio.fail_after(within_s):
                 answer = await wire.perform(verb, message.arguments, _Permit(self, message.epoch, 0))

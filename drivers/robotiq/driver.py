@@ -16,6 +16,7 @@ from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing
 from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.verbs import SENSORS, STATUS, STOP, Verb
 
 from .gates import FORCE, POSITION, SPEED, all_gates, keys_of, parse, position_key
 from .protocol import ACTIVATION_S
@@ -26,12 +27,24 @@ if TYPE_CHECKING:
 
 TCP_PORT = 502
 
+_HOW: Mapping[str, Mapping[str, str]] = {
+    "speed": {"type": "number", "description": "0 slowest to 1 fastest, the default"},
+    "force": {"type": "number", "description": "0 weakest to 1 strongest, the default"},
+}
+
 
 class Robotiq(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"
+    VERBS: ClassVar[tuple[Verb, ...]] = (
+        Verb("open", "action", "Open the fingers all the way.", _HOW, action={"gripper": 0.0}),
+        Verb("close", "action", "Close the fingers, onto what is between them.", _HOW, action={"gripper": 1.0}),
+        SENSORS,
+        STATUS,
+        STOP,
+    )
     ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
     OPTIONS: ClassVar[Mapping[str, str]] = {
         "unit_id": "Modbus unit, 0 to 247; default 9, behind a UR controller 0",

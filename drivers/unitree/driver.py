@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing, Verb
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
 from strands_actors.runtime.messages import Refused
 
 from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
@@ -154,8 +154,8 @@ class Go2Driver(_Legs):
     ALIASES: ClassVar[Mapping[str, str]] = {
         alias: name for alias, name in TABLES.aliases.items() if name != "unitree_g1"
     }
-    VERBS: ClassVar[Mapping[str, Verb]] = {
-        "release_sport_mode": Verb(
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "release_sport_mode": Service(
             "end the robot's own controller, so that its joints can be commanded: it no longer balances by itself",
             within_s=ATTEMPTS * RELEASE_S + 1.0,
             arguments={"attempts": ATTEMPTS},

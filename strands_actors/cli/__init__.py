@@ -117,6 +117,19 @@ def twin(
     serve_twin(robot, port_file, log, fault)
 
 
+@app.command()
+def mcp(
+    robot: Annotated[str, typer.Argument(help="As `list` names it.")],
+    port: Annotated[str | None, typer.Option(help="Where the robot is.")] = None,
+    transport: Annotated[str | None, typer.Option(help="`twin`: its twin, behind its real wire.")] = None,
+    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="Without, nothing is energised.")] = False,
+) -> None:
+    """Serve a robot as a tool over MCP, on standard input and output."""
+    from .mcp import serve_mcp
+
+    serve_mcp(robot, port, transport, allow_motion)
+
+
 def main() -> None:
     """Entry of the console script."""
     sys.exit(run(sys.argv[1:]))

@@ -23,6 +23,7 @@ import trio
 
 from .clock import Clock
 from .messages import Message, Refused
+from .verbs import SENSORS, STATUS, STOP, Verb
 
 
 class Reason(enum.StrEnum):
@@ -63,7 +64,7 @@ class Timing(msgspec.Struct, frozen=True):
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
 
 
-class Verb(msgspec.Struct, frozen=True):
+class Service(msgspec.Struct, frozen=True):
     """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name to default."""
 
     about: str
@@ -145,7 +146,7 @@ class Wire(ABC):
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
     async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Do one of ``Driver.VERBS``, checked by ``Driver.check_verb``. Runs beside ``read``; a stop cancels it.
+        """Do one of ``Driver.SERVICES``, checked by ``Driver.check_verb``. Runs beside ``read``; a stop cancels it.
         ``permit.check()`` before each write. Raise ``WireDown``."""
         raise NotImplementedError(f"{type(self).__name__} declares {verb} and does not do it")
 
@@ -218,7 +219,12 @@ class Driver(ABC):
     """Why this robot runs no policies; empty: it does."""
     TASKS: ClassVar[str] = ""
     """Why this robot runs no policy in a process of its own; empty: it does."""
-    VERBS: ClassVar[Mapping[str, Verb]] = {}
+    SERVICES: ClassVar[Mapping[str, Service]] = {}
+    """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    VERBS: ClassVar[tuple[Verb, ...]] = (SENSORS, STATUS, STOP)
+    """What an agent, an MCP client or a command from the mesh may ask."""
+    GUARDED: ClassVar[tuple[str, ...]] = ()
+    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
     robot: str
     axes: tuple[str, ...]
@@ -246,10 +252,10 @@ class Driver(ABC):
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
 
     def check_verb(self, verb: str, arguments: Mapping[str, Any]) -> Refused | None:
-        """Pure. Only names and arguments that ``VERBS`` declares pass."""
-        known = self.VERBS.get(verb)
+        """Pure. Only names and arguments that ``SERVICES`` declares pass."""
+        known = self.SERVICES.get(verb)
         if known is None:
-            names = ", ".join(self.VERBS) or "none"
+            names = ", ".join(self.SERVICES) or "none"
             return Refused("unknown_verb", f"{verb}: {self.robot} has no such verb", f"it has {names}", verb, names)
         for name in arguments:
             if name not in known.arguments:

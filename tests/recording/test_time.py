@@ -105,7 +105,7 @@ def test_a_gate_has_no_state_but_its_memory() -> None:
 
 def test_a_watchdog_has_no_state_but_its_memory() -> None:
     watchdog = Watchdog(FakeDriver.timing, "g", "t", "r", lambda: None)
-    wiring = {"_addresses", "_cycle_ns", "_orphaned", "_root_stands"}
+    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_cycle_ns", "_orphaned", "_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
     memory = WatchdogMemory(

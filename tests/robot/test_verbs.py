@@ -325,8 +325,8 @@ def test_a_stop_inside_asyncio_is_under_way_before_it_is_awaited(arm: RealRobot,
 
 
 def test_outside_a_loop_an_answer_is_there_at_once(arm: RealRobot) -> None:
-    assert arm.stop()["status"] == "success"  # type: ignore[index]
-    assert arm.get_status()["status"] == "success"  # type: ignore[index]
+    assert arm.stop()["status"] == "success"
+    assert arm.get_status()["status"] == "success"
 
 
 # -- several threads
@@ -340,7 +340,7 @@ def test_verbs_may_be_called_from_several_threads_at_once(arm: RealRobot) -> Non
         barrier.wait()
         for step in range(40):
             answers = (arm.send_action({joint: 20.0 + step / 10}), arm.get_status(), arm.get_task_status())
-            problems.extend(answer for answer in answers if answer["status"] != "success")  # type: ignore[index]
+            problems.extend(answer for answer in answers if answer["status"] != "success")
             if list(arm.get_observation()) != list(IDS):
                 problems.append("no observation")
 
@@ -443,13 +443,12 @@ def test_open_robot_in_a_trio_program(twin: Twin) -> None:
         seen = []
         async with open_robot("so101", mode="real", port=twin.port) as arm:
             await arm.send_action({"shoulder_pan": 10.0})
-            async with contextlib.aclosing(arm.observations(20)) as observations:
-                began_s = trio.current_time()
-                async for observation in observations:
-                    seen.append(observation)
-                    if len(seen) == 20:
-                        break
-                took_s = trio.current_time() - began_s
+            began_s = trio.current_time()
+            async for observation in arm.observations(20):
+                seen.append(observation)
+                if len(seen) == 20:
+                    break
+            took_s = trio.current_time() - began_s
         return seen, took_s
 
     seen, took_s = trio.run(main)

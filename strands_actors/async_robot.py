@@ -1,0 +1,187 @@
+"""``async with open_robot(...)``: one robot in a trio program; the verbs and envelopes of ``Robot``, awaited."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+import trio
+
+from . import answers, verbs
+from .agents.approval import APPROVE_S, Approval, Approve, approval_of
+from .agents.calls import read, tool_spec
+from .agents.perform import perform
+from .answers import Answer
+from .factory import Plan, plan
+from .policies import DEFAULT_PROVIDER, choose_provider
+from .portal import open_caller
+from .runtime.contract import Observation
+from .runtime.messages import Refused
+from .tree import RobotTree
+from .verbs import answered
+
+
+class Observations(AsyncIterator[dict[str, float]]):
+    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns that were missed
+    are skipped. It holds nothing: a loop may be left at any time."""
+
+    def __init__(self, tree: RobotTree, hz: float) -> None:
+        if not 0 < hz <= 1000:
+            raise ValueError(f"observations: hz is {hz!r}. give hertz, above 0 and at most 1000")
+        self._tree = tree
+        self._period_s = 1.0 / hz
+        self._last_s = trio.current_time()
+
+    async def __anext__(self) -> dict[str, float]:
+        while True:
+            self._last_s = max(self._last_s + self._period_s, trio.current_time())
+            await trio.sleep_until(self._last_s)
+            answer = await self._tree.observe()
+            if isinstance(answer, Observation):
+                return self._tree.driver.as_json(answer.position)
+
+
+class AsyncRobot:
+    """A connected robot, in the trio loop that opened it. Every verb answers with an envelope."""
+
+    def __init__(self, tree: RobotTree, approval: Approval) -> None:
+        self._tree = tree
+        self._approval = approval
+        self.driver = tree.driver
+
+    @property
+    def tool_name(self) -> str:
+        return self._tree.tool_name
+
+    @property
+    def name(self) -> str:
+        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        return self._tree.robot
+
+    @property
+    def tool_spec(self) -> dict[str, Any]:
+        return tool_spec(self.tool_name, self.driver)
+
+    async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
+        """As ``Robot.send_action``."""
+        return await answered("move", verbs.send_action, self._tree, action)
+
+    async def get_observation(self) -> Answer:
+        """Positions by joint, in the driver's units, or why there are none."""
+        return await answered("observe", verbs.get_observation, self._tree)
+
+    def observations(self, hz: float = 30.0) -> Observations:
+        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
+        return Observations(self._tree, hz)
+
+    async def stop(self) -> Answer:
+        """De-energise every motor and report each."""
+        return await answered("stop", verbs.stop, self._tree)
+
+    async def resume(self) -> Answer:
+        """Lift a lockout, energise at the measured position. Restarts no motion."""
+        return await answered("resume", verbs.resume, self._tree)
+
+    async def get_status(self) -> Answer:
+        return await answered("status", verbs.get_status, self._tree)
+
+    async def run_policy(
+        self,
+        policy: Any = None,
+        instruction: str = "",
+        duration: float = 30.0,
+        n_steps: int | None = None,
+        control_frequency: float | None = None,
+        policy_object: Any = None,
+    ) -> Answer:
+        """As ``Robot.run_policy``: it returns at once; the policy runs in a worker thread."""
+        try:
+            verbs.check_length(duration, n_steps, control_frequency)
+            chosen = verbs.choose_policy(policy, policy_object)
+        except (TypeError, ValueError) as failure:
+            return answers.error(f"run_policy: {failure}")
+        return await answered(
+            "run_policy", verbs.run_policy, self._tree, chosen, instruction, duration, n_steps, control_frequency
+        )
+
+    async def start_task(
+        self,
+        instruction: str = "",
+        policy_port: int | None = None,
+        policy_host: str = "localhost",
+        policy_provider: str = DEFAULT_PROVIDER,
+        duration: float = 30.0,
+        control_frequency: float | None = None,
+        **options: Any,
+    ) -> Answer:
+        """As ``Robot.start_task``."""
+        try:
+            verbs.check_length(duration, None, control_frequency)
+            where, options = choose_provider(policy_provider, policy_host, policy_port, options)
+        except ValueError as failure:
+            return answers.error(f"start_task: {failure}")
+        return await answered(
+            "start_task", verbs.start_task, self._tree, where, options, instruction, duration, control_frequency
+        )
+
+    async def get_task_status(self) -> Answer:
+        return await answered("task", verbs.get_task_status, self._tree)
+
+    async def stop_task(self) -> Answer:
+        """End the rollout; returns when the robot holds, whatever the policy does."""
+        return await answered("stop_task", verbs.stop_task, self._tree)
+
+    async def perform(self, given: object, by: str, motion: str = "") -> Answer:
+        """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
+        call = read(self.driver, given)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        return await answered(call.verb.name, perform, self._tree, call, self._approval, by, motion)
+
+
+@contextlib.asynccontextmanager
+async def open_robot(
+    name: str,
+    mode: str = "sim",
+    *,
+    arm: bool = True,
+    approve: Approve | None = None,
+    guarded: tuple[str, ...] = (),
+    approve_within_s: float = APPROVE_S,
+    **keywords: Any,
+) -> AsyncIterator[AsyncRobot]:
+    """One robot for a trio program: connected and armed inside the block, safe and gone after it. ``arm=False``
+    energises nothing.
+
+    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
+    """
+    wanted = plan(name, mode, **keywords)
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
+    async with open_tree(wanted, arm) as tree:
+        yield AsyncRobot(tree, approval)
+
+
+@contextlib.asynccontextmanager
+async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
+    """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
+    async with open_caller() as (node, nursery, endpoint):
+        tree = RobotTree(
+            node,
+            nursery,
+            endpoint,
+            wanted.driver_class,
+            wanted.robot,
+            wanted.tool_name,
+            wanted.port,
+            wanted.options,
+            wanted.transport,
+        )
+        try:
+            problem = await tree.connect(arm)
+            if problem is not None:
+                raise ConnectionError(problem)
+            yield tree
+        finally:
+            with trio.CancelScope(shield=True):
+                await tree.cleanup()

@@ -1,0 +1,43 @@
+"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its standard input."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import trio
+
+from ..agents.approval import Approval, ask_on_terminal
+from ..async_robot import AsyncRobot, open_tree
+from ..factory import Plan, plan
+from .errors import Problem
+
+
+def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
+    if importlib.util.find_spec("mcp") is None:
+        raise Problem("mcp: the package mcp is missing. pip install 'strands-actors[mcp]'")
+    given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
+    try:
+        wanted = plan(robot, "real" if given else "sim", **given)
+    except (ValueError, TypeError) as refusal:
+        raise Problem(f"mcp: {refusal}") from refusal
+    interrupted, problem = False, ""
+    try:
+        trio.run(_serve, wanted, allow_motion)
+    except* KeyboardInterrupt:
+        interrupted = True
+    except* BrokenPipeError:
+        pass  # the client is gone, and the robot safe
+    except* ConnectionError as failures:
+        problem = str(failures.exceptions[0])
+    if interrupted:
+        raise KeyboardInterrupt
+    if problem:
+        raise Problem(f"mcp: {problem}")
+
+
+async def _serve(wanted: Plan, allow_motion: bool) -> None:
+    from ..agents.mcp_server import serve
+
+    approval = Approval(wanted.driver_class.GUARDED, ask_on_terminal)
+    async with open_tree(wanted, arm=allow_motion) as tree:
+        await serve(AsyncRobot(tree, approval), allow_motion)

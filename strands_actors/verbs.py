@@ -1,0 +1,154 @@
+"""The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents and MCP share.
+
+They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any
+
+from . import answers
+from .answers import Answer
+from .runtime.contract import Observation
+from .runtime.messages import Refused
+from .runtime.node import AskTimeout, Unreachable
+from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
+from .supervisors.policy import as_infer
+from .tree import NotConnected, RobotTree
+
+Verb = Callable[..., Coroutine[Any, Any, Answer]]
+"""On a tree, with what else it takes."""
+
+
+async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
+    """Run a verb. A tree that is gone or silent is an error envelope."""
+    try:
+        return await verb(tree, *args)
+    except (NotConnected, AskTimeout, Unreachable) as failure:
+        return answers.error(f"{name}: {failure}")
+
+
+async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
+    answer = await tree.send_action(action)
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    return answers.success(tree.driver.commanded(action, answer.values))
+
+
+async def get_observation(tree: RobotTree) -> Answer:
+    answer = await tree.observe()
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    return answers.success(tree.driver.as_json(answer.position))
+
+
+async def get_state(tree: RobotTree) -> Answer:
+    """Positions and velocities, and how old they are."""
+    return await _measured(tree, "state", lambda seen: {"velocities": answers.velocities(tree.driver, seen)})
+
+
+async def get_sensors(tree: RobotTree) -> Answer:
+    """Positions, sensors and faults, and how old they are."""
+    return await _measured(
+        tree, "sensors", lambda seen: {"sensors": answers.sensors(seen), "faults": dict(seen.faults)}
+    )
+
+
+async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
+    status = await tree.status()
+    if status is None or status.observation is None:
+        why = "the wire does not answer" if status is None else "nothing was read yet"
+        return answers.refused(Refused("no_observation", f"{name}: {why}", "try again in a moment"))
+    seen = status.observation
+    return answers.success(
+        {
+            "positions": answers.positions(tree.driver, seen),
+            "unit": tree.driver.unit,
+            "age_s": round(status.age_s, 4),
+            "state": status.mode,
+            **more(seen),
+        }
+    )
+
+
+async def service(tree: RobotTree, name: str, arguments: Mapping[str, Any]) -> Answer:
+    """One of the driver's own services."""
+    answer = await tree.perform(name, arguments)
+    return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
+
+
+async def stop(tree: RobotTree) -> Answer:
+    answer = await tree.stop()
+    return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
+
+
+async def get_status(tree: RobotTree) -> Answer:
+    return answers.success(describe(tree, await tree.status()))
+
+
+def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
+    problem = tree.problem or "the wire does not answer"
+    return answers.status(tree.tool_name, tree.kind, tree.driver, problem, status, tree.facts)
+
+
+async def resume(tree: RobotTree, lift: bool = True) -> Answer:
+    answer = await tree.resume(lift)
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    assert isinstance(answer, Resumed)
+    position = tree.driver.as_json(answer.observation.position)
+    return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
+
+
+async def run_policy(
+    tree: RobotTree, policy: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
+) -> Answer:
+    return _begun(await tree.run_policy(policy, instruction, duration, n_steps or 0, hz))
+
+
+async def start_task(
+    tree: RobotTree, provider: str, options: dict[str, Any], instruction: str, duration: float, hz: float | None
+) -> Answer:
+    return _begun(
+        await tree.start_task(provider, {"axes": list(tree.driver.axes), **options}, instruction, duration, hz)
+    )
+
+
+async def get_task_status(tree: RobotTree) -> Answer:
+    return answers.success(answers.task(await tree.task()))
+
+
+async def stop_task(tree: RobotTree) -> Answer:
+    return _begun(await tree.stop_task())
+
+
+def _begun(status: TaskStatus | Refused) -> Answer:
+    if isinstance(status, Refused):
+        return answers.refused(status)
+    return answers.success(answers.task(status))
+
+
+# -- what is refused before a tree is asked
+
+
+def check_length(duration: object, n_steps: object = None, hz: object = None) -> None:
+    """Raise ``ValueError`` when a rollout of this length and rate cannot be."""
+    if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
+        raise ValueError(f"duration is {duration!r}. give seconds, finite and above 0")
+    if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
+        raise ValueError(f"n_steps is {n_steps!r}. give a whole number above 0")
+    if hz is not None and (isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1000):
+        raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most 1000")
+
+
+def choose_policy(policy: Any, policy_object: Any) -> Any:
+    """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there is none."""
+    if policy is not None and policy_object is not None:
+        raise TypeError("policy and policy_object are both given. give one of them")
+    chosen = policy if policy is not None else policy_object
+    if chosen is None:
+        raise TypeError("policy is None. give an object with get_actions_sync, get_actions or step, or a callable")
+    as_infer(chosen)
+    return chosen

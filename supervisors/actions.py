@@ -1,0 +1,37 @@
+"""What a writer sends is made plain before it travels: numbers of any library, keys of any type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+SHOWN = 100
+"""Characters of a key or value that are sent on, for the refusal to show."""
+
+
+def plain(action: Mapping[str, Any]) -> dict[str, Any]:
+    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
+    refused by name."""
+    return {
+        str(key)[:SHOWN]: (
+            {str(name)[:SHOWN]: _number_or_text(part) for name, part in value.items()}
+            if isinstance(value, Mapping)
+            else _number_or_text(value)
+        )
+        for key, value in action.items()
+    }
+
+
+def _number_or_text(value: Any) -> float | bool | str | None:
+    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to the driver."""
+    if value is None or isinstance(value, str):
+        return value and value[:SHOWN]
+    item = getattr(value, "item", None)
+    try:
+        value = item() if callable(item) else value
+        return value if isinstance(value, bool) else float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError, RuntimeError):
+        return repr(value)[:SHOWN]

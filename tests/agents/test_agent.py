@@ -1,0 +1,281 @@
+"""A robot in the hands of a real strands ``Agent`` whose model is a script."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import pytest
+from strands import Agent, tool
+
+from strands_actors import Robot
+from strands_actors.agents.approval import Request
+from strands_actors.robot import RealRobot
+from strands_actors.runtime.guard import ALLOW
+from strands_actors.testing import Twin
+
+from ..robot.conftest import NewArm
+from ..robot.helpers import at, goals, json_of, limps, state, status, task, torque_now, until, why
+from .scripted import Scripted, Turn
+
+
+def agent(model: Scripted, *tools: Any) -> Agent:
+    return Agent(model=model, tools=list(tools), callback_handler=None)
+
+
+def told(model: Scripted, *tools: Any) -> list[list[dict[str, Any]]]:
+    """What the model heard of the tools it called."""
+    agent(model, *tools)("go on")
+    return model.heard
+
+
+def call(robot: RealRobot, given: Any) -> dict[str, Any]:
+    """One use of the tool, as the agent's loop does it."""
+
+    async def use() -> dict[str, Any]:
+        (result,) = [event async for event in robot.stream({"input": given, "name": "so101", "toolUseId": "u"}, {})]
+        return result
+
+    return asyncio.run(use())
+
+
+def moves(**targets: float) -> tuple[str, dict[str, Any]]:
+    return "so101", {"action": "move_to", "targets": targets}
+
+
+# -- it is a tool
+
+STRANDS_FIRST = """
+import strands
+from strands_actors import Robot
+robot = Robot("so101", mode="real", port="/dev/nowhere")
+"""
+STRANDS_LAST = """
+from strands_actors import Robot
+robot = Robot("so101", mode="real", port="/dev/nowhere")
+assert not isinstance(robot, str)
+import strands
+"""
+KEPT = """
+from tests.agents.scripted import Scripted
+agent = strands.Agent(model=Scripted(), tools=[robot])
+assert agent.tool_names == ["so101"], agent.tool_names
+"""
+WITHOUT = """
+import sys
+sys.modules["strands"] = None
+from strands_actors import Robot
+robot = Robot("so101", mode="real", port="/dev/nowhere")
+assert not isinstance(robot, dict)
+assert robot.tool_spec["name"] == robot.tool_name == "so101"
+heavy = {"pydantic", "boto3", "mcp", "numpy", "mujoco"} & set(sys.modules)
+assert not heavy, heavy
+"""
+
+
+@pytest.mark.parametrize("script", [STRANDS_FIRST + KEPT, STRANDS_LAST + KEPT, WITHOUT])
+def test_an_agent_keeps_the_robot_in_either_order_of_imports(script: str) -> None:
+    subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True)
+
+
+def test_the_tool_has_all_that_an_agent_asks_of_one(new_arm: NewArm) -> None:
+    robot = new_arm(port="/dev/nowhere", tool_name="left")
+    assert agent(Scripted(), robot).tool_names == ["left"]
+    assert (robot.tool_type, robot.supports_hot_reload, robot.is_dynamic) == ("robot", False, False)
+    assert robot.get_display_properties() == {"Name": "left", "Type": "robot", "Robot": "so101"}
+    other = Robot("so101", mode="real", port="/dev/nowhere")
+    robot.mark_dynamic()
+    assert (robot.is_dynamic, other.is_dynamic) == (True, False)
+    assert type(robot) is robot.__class__ is RealRobot
+
+
+# -- the whole loop
+
+
+def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(arm: RealRobot, twin: Twin) -> None:
+    model = Scripted([moves(shoulder_pan=400.0)], [moves(shoulder_pan=10.0)], "done")
+    (refused,), (moved,) = told(model, arm)
+
+    assert (refused["toolUseId"], refused["status"]) == ("use-0", "error")
+    text, details = refused["content"]
+    assert text == {"text": "move: shoulder_pan 400.0 deg is past 180.0. stay within -180.0..180.0"}
+    assert details["json"]["refused"] == {"code": "past_travel", "offered": "400.0", "limit": "-180.0..180.0"}
+
+    assert (moved["toolUseId"], moved["status"]) == ("use-1", "success")
+    assert moved["content"][0]["json"]["commanded"] == {"shoulder_pan": 10.0}
+    setpoint = until(lambda: twin.log.host("setpoint"), "a setpoint on the wire")[0]
+    assert goals(setpoint)[1] == 2161
+    at(arm, "shoulder_pan", 10.0)
+    assert model.offered[0]["name"] == "so101"
+
+
+def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
+    assert call(arm, {"action": "status"})["content"][0]["json"]["state"] == "armed"
+    sensors = json_of(call(arm, {"action": "sensors"}))
+    assert list(sensors["positions"]) == list(arm.get_observation())
+    assert sensors["sensors"]
+    assert 0 <= sensors["age_s"] < 1.0
+
+    assert json_of(call(arm, {"action": "set_torque", "enabled": False}))["unconfirmed"] == []
+    assert set(torque_now(twin.log).values()) == {0}
+    assert "call resume() first" in why(call(arm, moves(gripper=40.0)[1]))
+    assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
+    json_of(call(arm, moves(gripper=40.0)[1]))
+    assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["rung"] == "limp"
+    assert state(arm) == "disarmed"
+
+
+def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> None:
+    for given, text in (
+        ({"action": "dance"}, "'dance' is not a verb of so101. use status, sensors, move_to, set_torque, stop"),
+        ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
+        ({}, "no action is given"),
+        ([], "give an object"),
+        ({"action": "move_to", "shoulder_pan": 5.0}, "it takes no 'shoulder_pan'. it takes targets"),
+        ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. give it as object"),
+        ({"action": "move_to"}, "targets is missing"),
+        ({"action": "move_to", "targets": {"elbow": 5.0}}, "elbow is not a joint of so101"),
+        ({"action": "move_to", "targets": {"gripper": "wide"}}, "gripper is wide"),
+        ({"action": "move_to", "targets": {}}, "names no joint"),
+        ({"action": "set_torque", "enabled": "no"}, "enabled is 'no'. give it as boolean"),
+    ):
+        answer = call(arm, given)
+        assert text in why(answer), answer
+        assert answer["content"][1]["json"]["refused"]["code"], answer
+    assert not twin.log.host("setpoint")
+    assert state(arm) == "armed"
+
+
+def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin) -> None:
+    from strands_actors.portal import portal
+    from strands_actors.runtime.contract import Reason
+
+    portal().call(arm._tree.stop, Reason.ESTOP, True)  # type: ignore[union-attr]
+    locked_ns = time.monotonic_ns()
+    refusal = call(arm, {"action": "set_torque", "enabled": True})
+    assert "e-stopped by so101" in why(refusal)
+    assert "operator" in why(refusal)
+    assert "e-stopped" in why(call(arm, moves(gripper=40.0)[1]))
+    assert not twin.log.host("enable", locked_ns)
+    json_of(arm.resume())
+    json_of(call(arm, moves(gripper=40.0)[1]))
+
+
+def test_a_robot_that_is_not_connected_says_so(new_arm: NewArm) -> None:
+    robot = new_arm(port="/dev/nowhere")
+    assert json_of(call(robot, {"action": "status"}))["connected"] is False
+    for action in ({"action": "sensors"}, {"action": "stop"}, moves(gripper=1.0)[1]):
+        assert "call connect_eagerly() first" in why(call(robot, action))
+    robot.cleanup()
+    assert "cleaned up. make a new one" in why(call(robot, {"action": "stop"}))
+
+
+# -- nothing waits for anything
+
+
+def test_saf_006_a_stop_is_answered_while_a_policy_spins(arm: RealRobot, twin: Twin) -> None:
+    ended = threading.Event()
+
+    def spin(observation: Any) -> dict[str, float]:
+        if task(arm)["steps"] > 5:
+            while not ended.is_set():
+                pass
+        return {"shoulder_pan": observation["shoulder_pan"] + 0.5}
+
+    took_s = []
+    for _ in range(3):
+        ended.clear()
+        json_of(arm.run_policy(spin, control_frequency=50))
+        until(lambda: status(arm)["writes"] > 5, "it moves")
+        time.sleep(0.05)
+        began_ns = time.monotonic_ns()
+        json_of(call(arm, {"action": "stop"}))
+        took_s.append((time.monotonic_ns() - began_ns) / 1e9)
+        ended.set()
+        assert limps(twin.log, began_ns)
+        assert twin.log.setpoints_after_safe(began_ns) == 0
+        json_of(arm.resume())
+    print("stop answered in", [f"{seconds * 1e3:.1f} ms" for seconds in took_s])
+    assert min(took_s) < 0.1
+    assert max(took_s) < 1.0
+
+
+def test_two_tools_called_at_once_overlap(twin: Twin, new_arm: NewArm) -> None:
+    """The move waits for an approval that comes only when the other tool has run."""
+    released = threading.Event()
+
+    @tool
+    def release() -> str:
+        """Let the move go."""
+        released.set()
+        return "released"
+
+    def approve(request: Request) -> bool:
+        return released.wait(20.0)
+
+    arm = new_arm(port=twin.port, guarded=("move_to",), approve=approve)
+    assert arm.connect_eagerly() is None
+    model = Scripted([moves(gripper=30.0), ("release", {})], "done")
+    ((moved, other),) = told(model, arm, release)
+    assert {moved["status"], other["status"]} == {"success"}
+
+
+def test_a_call_that_is_cancelled_moves_nothing_later(twin: Twin, new_arm: NewArm) -> None:
+    asked, answer = threading.Event(), threading.Event()
+
+    def approve(request: Request) -> bool:
+        asked.set()
+        return answer.wait(20.0)
+
+    arm = new_arm(port=twin.port, guarded=("move_to",), approve=approve)
+    assert arm.connect_eagerly() is None
+
+    async def give_up() -> None:
+        use = asyncio.ensure_future(anext(arm.stream({"input": moves(gripper=30.0)[1]}, {})))
+        await asyncio.to_thread(asked.wait, 20.0)
+        use.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await use
+
+    asyncio.run(give_up())
+    answer.set()
+    json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"]}))
+    written = until(lambda: twin.log.host("setpoint"), "the next command is written")
+    resting = goals(twin.log.host("safe")[0])
+    assert {goals(entry)[6] for entry in written} == {resting[6]}
+
+
+# -- the operator
+
+
+def test_what_is_guarded_is_done_when_the_operator_agrees(
+    twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Request] = []
+    answers = iter((False, True))
+
+    def approve(request: Request) -> bool:
+        asked.append(request)
+        return next(answers)
+
+    arm = new_arm(port=twin.port, guarded=("move_to", "set_torque"), approve=approve)
+    assert arm.connect_eagerly() is None
+    script: list[Turn] = [[moves(gripper=30.0)]] * 2
+    (refused,), (moved,) = told(Scripted(*script, "done"), arm)
+    assert why(refused).startswith("move_to: move_to needs an operator's approval: it was not given")
+    assert refused["content"][1]["json"]["refused"]["code"] == "not_approved"
+    json_of(moved)
+    assert [str(request) for request in asked] == ["agent asks so101: move_to targets={'gripper': 30.0}"] * 2
+
+    json_of(call(arm, {"action": "set_torque", "enabled": False}))  # a stop is not asked about
+    json_of(call(arm, {"action": "stop"}))
+    json_of(call(arm, {"action": "sensors"}))
+    assert len(asked) == 2
+    monkeypatch.setenv(ALLOW, "land, set_torque")
+    json_of(call(arm, {"action": "set_torque", "enabled": True}))
+    json_of(arm.send_action({"gripper": 40.0}))  # the robot's own program is the operator's
+    assert len(asked) == 2

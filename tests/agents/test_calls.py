@@ -1,0 +1,125 @@
+"""What drivers declare, as a tool's spec and as calls: pure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from strands_actors.agents.calls import Call, read, tool_spec
+from strands_actors.drivers import get_native_driver_class, list_native_drivers
+from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.verbs import Verb
+
+VERBS = {
+    "Feetech": ["status", "sensors", "move_to", "set_torque", "stop"],
+    "Dynamixel": ["status", "sensors", "move_to", "set_torque", "stop"],
+    "UR": ["state", "status", "stop"],
+    "Robotiq": ["open", "close", "sensors", "status", "stop"],
+}
+
+
+def driver(robot: str) -> Driver:
+    driver_class = get_native_driver_class(robot)
+    assert driver_class is not None
+    made: Driver = driver_class(robot, "192.0.2.1", {})
+    return made
+
+
+ARM, GRIPPER = driver("so101"), driver("robotiq_2f85")
+
+
+def called(of: Driver, given: Any) -> Call:
+    call = read(of, given)
+    assert isinstance(call, Call), call
+    return call
+
+
+def refused(of: Driver, given: Any) -> Refused:
+    refusal = read(of, given)
+    assert isinstance(refusal, Refused), refusal
+    return refusal
+
+
+@pytest.mark.parametrize("robot", sorted(list_native_drivers()))
+def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
+    made = driver(robot)
+    names = [verb.name for verb in made.VERBS]
+    assert names == VERBS.get(type(made).__name__, names)
+    assert len(set(names)) == len(names)
+    assert {"status", "stop"} <= set(names)
+    assert set(made.GUARDED).isdisjoint({"stop"})
+    spec = tool_spec("tool", made)
+    schema = spec["inputSchema"]["json"]
+    assert (spec["name"], schema["type"], schema["required"]) == ("tool", "object", ["action"])
+    assert schema["properties"]["action"]["enum"] == names
+    assert set(schema["properties"]) == {"action", *(name for verb in made.VERBS for name in verb.inputs)}
+    assert all(axis in spec["description"] for axis in made.axes)
+
+
+def test_targets_are_keyed_by_joint() -> None:
+    targets = tool_spec("so101", ARM)["inputSchema"]["json"]["properties"]["targets"]
+    assert list(targets["properties"]) == list(ARM.axes)
+    assert targets["additionalProperties"] is False
+
+
+def test_inputs_become_an_action() -> None:
+    assert called(ARM, {"action": "move_to", "targets": {"gripper": 3.0}}).action == {"gripper": 3.0}
+    assert called(GRIPPER, {"action": "open"}).action == {"gripper": 0.0}
+    assert called(GRIPPER, {"action": "close", "force": 0.2, "speed": None}).action == {
+        "gripper": 1.0,
+        "force": 0.2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "kind"),
+    [
+        ({"action": "status"}, "read"),
+        ({"action": "sensors", "targets": None}, "read"),
+        ({"action": "move_to", "targets": {}}, "motion"),
+        ({"action": "set_torque", "enabled": True}, "motion"),
+        ({"action": "set_torque", "enabled": False}, "stop"),
+        ({"action": "stop"}, "stop"),
+        ({"action": " STOP "}, "stop"),
+        ({"action": "stop", "why": ["I", "said", "so"]}, "stop"),
+    ],
+)
+def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
+    assert called(ARM, given).kind == kind
+
+
+@pytest.mark.parametrize("given", [None, "stop", 3, [], [("action", "stop")]])
+def test_what_is_no_object_is_refused(given: Any) -> None:
+    assert refused(ARM, given).code == "bad_input"
+
+
+@pytest.mark.parametrize("action", [None, "", "fly", 3, True, ["stop"], {"a": 1}, "x" * 10_000])
+def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
+    refusal = refused(ARM, {"action": action})
+    assert refusal.code == "unknown_verb"
+    assert refusal.remedy == "use status, sensors, move_to, set_torque, stop"
+    assert len(refusal.text) < 300
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"action": "move_to", "target": {}}, "move_to: it takes no 'target' ('targets'?). it takes targets"),
+        ({"action": "status", "now": True}, "status: it takes no 'now'. it takes no input"),
+        ({"action": "set_torque", "enabled": 1}, "set_torque: enabled is 1. give it as boolean"),
+        ({"action": "set_torque", "enabled": None}, "set_torque: enabled is missing. it takes enabled"),
+        ({"action": "move_to", "targets": "home"}, "move_to: targets is 'home'. give it as object"),
+    ],
+)
+def test_a_wrong_input_is_refused_with_what_would_do(given: dict[str, Any], text: str) -> None:
+    assert refused(ARM, given).text == text
+
+
+def test_a_bool_is_no_number() -> None:
+    assert refused(GRIPPER, {"action": "close", "force": True}).text == "close: force is True. give it as number"
+
+
+def test_a_verb_without_inputs_has_its_action() -> None:
+    assert Call(Verb("home", "action", "Go home.", action={"a": 1.0})).action == {"a": 1.0}

@@ -1,0 +1,133 @@
+"""``strands-actors mcp``, with the official client at the other end of its standard input and output."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import trio
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
+
+from strands_actors.testing import Twin
+
+from ..cli.command import MAIN, ROOT
+from ..robot.helpers import goals, json_of, limps, torque_now, until, why
+
+
+@contextlib.asynccontextmanager
+async def served(run_dir: Path, *arguments: str) -> AsyncIterator[Client]:
+    server = StdioServerParameters(
+        command=sys.executable,
+        args=["-c", MAIN, "mcp", "so101", *arguments],
+        env={"PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)},
+    )
+    async with Client(stdio_client(server)) as client:
+        yield client
+
+
+async def use(client: Client, **given: Any) -> dict[str, Any]:
+    """The envelope, which must agree with what the protocol says of it."""
+    result = await client.call_tool("so101", given)
+    envelope = result.structured_content
+    assert envelope is not None
+    assert result.is_error is (envelope["status"] == "error")
+    assert len(result.content) == len(envelope["content"])
+    return dict(envelope)
+
+
+async def command(run_dir: Path, *arguments: str) -> tuple[int, str]:
+    """The command with nobody to speak to: its exit code and what it said."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)}
+    done = await trio.run_process(
+        [sys.executable, "-c", MAIN, "mcp", "so101", *arguments], capture_stderr=True, check=False, env=environment
+    )
+    return done.returncode, done.stderr.decode()
+
+
+def run(test: Callable[[], Awaitable[None]]) -> None:
+    async def bounded() -> None:
+        with trio.fail_after(60.0):
+            await test()
+
+    trio.run(bounded)
+
+
+def test_without_allow_motion_nothing_is_energised_and_stop_works(twin: Twin, run_dir: Path) -> None:
+    async def main() -> None:
+        async with served(run_dir, "--port", twin.port) as client:
+            (tool,) = (await client.list_tools()).tools
+            assert tool.name == "so101"
+            assert tool.input_schema["properties"]["action"]["enum"][0] == "status"
+
+            assert json_of(await use(client, action="status"))["state"] == "disarmed"
+            assert "shoulder_pan" in json_of(await use(client, action="sensors"))["positions"]
+            refusal = await use(client, action="move_to", targets={"gripper": 30.0})
+            assert "motion is not allowed here. start the server with --allow-motion" in why(refusal)
+            assert refusal["content"][1]["json"]["refused"]["code"] == "no_motion"
+            assert "--allow-motion" in why(await use(client, action="set_torque", enabled=True))
+            assert "is not a verb" in why(await use(client, action="dance"))
+            assert json_of(await use(client, action="stop"))["unconfirmed"] == []
+            unknown = await client.call_tool("so100", {"action": "stop"})
+            assert unknown.is_error
+            assert "the tool is so101" in str(unknown.content)
+
+    run(main)
+    assert not twin.log.host("enable")
+    assert not twin.log.host("setpoint")
+
+
+def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: Twin, run_dir: Path) -> None:
+    async def main() -> None:
+        async with served(run_dir, "--port", twin.port, "--allow-motion") as client:
+            assert "is past 180.0" in why(await use(client, action="move_to", targets={"shoulder_pan": 400.0}))
+            moved = json_of(await use(client, action="move_to", targets={"shoulder_pan": 10.0}))
+            assert moved["commanded"] == {"shoulder_pan": 10.0}
+            assert "so101 in process" in json_of(await use(client, action="status"))["lease"]
+            code, said = await command(run_dir, "--port", twin.port)  # one robot, one server
+            assert (code, said.count("\n")) == (2, 1), said
+            assert "who else has it" in said
+
+    run(main)
+    assert goals(until(lambda: twin.log.host("setpoint"), "a setpoint")[0])[1] == 2161
+    until(lambda: limps(twin.log), "it is released when the client leaves")
+    assert set(torque_now(twin.log).values()) == {0}
+
+
+def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
+    server = subprocess.Popen(
+        [sys.executable, "-c", MAIN, "mcp", "so101", "--port", twin.port, "--allow-motion"],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        until(lambda: len(twin.log.host("enable")) >= 6, "it is energised")
+        until(lambda: set(torque_now(twin.log).values()) == {1}, "it is armed")
+        server.send_signal(signal.SIGINT)
+        code = server.wait(20.0)  # its standard input is still open
+        _, said = server.communicate()
+    finally:
+        server.kill()
+    assert (code, said) == (130, "")
+    assert limps(twin.log)
+
+
+def test_what_cannot_be_served_is_said_in_one_line(run_dir: Path) -> None:
+    async def main() -> None:
+        code, said = await command(run_dir, "--port", "/dev/nowhere")
+        assert (code, said.count("\n")) == (2, 1), said
+        assert "/dev/nowhere" in said
+        code, said = await command(run_dir, "--transport", "pigeon")
+        assert (code, said.count("\n")) == (2, 1), said
+        assert "it offers twin" in said
+
+    run(main)
