@@ -13,40 +13,60 @@ import logging
 import math
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
 
 import trio
 
 from . import answers
 from .answers import Answer, PendingAnswer
-from .factory import Plan, plan
+from .engine import SIM, Engine
+from .factory import Plan, plan, standalone
 from .liveness import Liveness
 from .policies import resolve_provider
 from .portal import open_caller, portal
 from .runtime.contract import Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
+from .simulation import SimulationError, World
 from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
 from .tree import NotConnected, RobotTree
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
 
 _log = logging.getLogger("strands_actors")
 
 T = TypeVar("T")
 
 
+@overload
+def Robot(name: str, mode: Literal["sim"] = "sim", **keywords: Any) -> SimRobot: ...
+@overload
+def Robot(name: str, mode: str, **keywords: Any) -> RealRobot: ...
 def Robot(name: str, mode: str = "sim", **keywords: Any) -> RealRobot:  # a factory named as on the drivers page
-    """A handle on one robot; nothing is started before ``connect_eagerly()``.
+    """A handle on one robot; nothing is started yet.
 
-    ``transport="twin"`` runs the robot's twin behind its real wire; otherwise ``port`` says where the robot
-    is. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected by
+    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter of
+    the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
+    ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
+    have. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
+    Other keywords are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
-    return RealRobot(plan(name, mode, **keywords))
+    other = standalone(name, mode, **keywords)
+    if other is not None:
+        return cast(RealRobot, other)  # a driver class of the drivers page: the same verbs, no tree
+    wanted = plan(name, mode, **keywords)
+    return SimRobot(wanted) if wanted.transport == SIM else RealRobot(wanted)
 
 
 class RealRobot:
     """A robot behind its wire. Made by ``Robot(...)``."""
 
     tool_type = "robot"
+    LAZY: ClassVar[frozenset[str]] = frozenset()
+    """Verbs that connect by themselves when nobody has."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -64,6 +84,20 @@ class RealRobot:
         """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
         return self.tool_name if self._tree is None else self._tree.robot
 
+    @property
+    def engine(self) -> Engine | None:
+        """The process of its twin, if it has one."""
+        return self._plan.engine
+
+    @property
+    def transport(self) -> str | None:
+        """What is instead of a port: ``twin``, ``sim``."""
+        return self._plan.transport
+
+    @property
+    def data_config(self) -> Any:
+        return self._plan.data_config
+
     def __repr__(self) -> str:
         return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
 
@@ -78,6 +112,10 @@ class RealRobot:
 
     def _verb(self, run: Callable[[RobotTree], Coroutine[Any, Any, Answer]], name: str) -> Answer:
         """Run a verb on the tree; what keeps it from running at all is an error envelope."""
+        if self._tree is None and name in self.LAZY and not self._closed:
+            problem = self.connect_eagerly()
+            if problem is not None:
+                return answers.error(f"{name}: {problem}")
         tree = self._tree
         if tree is None:
             why = "this robot was cleaned up. make a new one" if self._closed else _NOT_CONNECTED
@@ -109,6 +147,8 @@ class RealRobot:
                 plan.options,
                 plan.transport,
                 self._liveness.look,
+                plan.engine,
+                plan.owns_engine,
             )
         return await self._tree.connect()
 
@@ -340,6 +380,55 @@ class RealRobot:
         return PendingAnswer(portal().submit(safely))
 
 
+class SimRobot(RealRobot):
+    """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a simulation can do.
+
+    It starts at its first use. ``transport="twin", sim=`` puts a real driver on its wire: joints that are energised
+    there follow the wire, and a command to them here is refused.
+    """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "observe", "resume", "run_policy", "start_task", "reset"})
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan)
+        assert plan.engine is not None
+        self._world = World(plan.engine)
+
+    def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
+        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None for the whole
+        robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a ``RuntimeError``) that names the system
+        package when neither is there."""
+        return self._call(self._world.render, width, height, camera)
+
+    def view(self) -> None:
+        """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise ``SimulationError`` without a
+        display."""
+        self._call(self._world.view)
+
+    def reset(self) -> Answer:
+        """Stop, put every joint back to where it began, energise."""
+
+        async def run(tree: RobotTree) -> Answer:
+            report = await tree.stop()
+            if isinstance(report, Refused):
+                return answers.refused(report)
+            try:
+                await self._world.reset()
+            except SimulationError as failure:
+                return answers.error(str(failure))
+            answer = await tree.resume()
+            if isinstance(answer, Refused):
+                return answers.refused(answer)
+            return answers.success({"position": tree.driver.as_json(answer.observation.position)})
+
+        return self._verb(run, "reset")
+
+    def cleanup(self) -> Answer:
+        answer = super().cleanup()
+        self._call(self._world.close)
+        return answer
+
+
 _NO_ANSWER = (NotConnected, AskTimeout, Unreachable)
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
 
@@ -372,6 +461,8 @@ async def open_robot(name: str, mode: str = "sim", **keywords: Any) -> AsyncIter
             wanted.port,
             wanted.options,
             wanted.transport,
+            engine=wanted.engine,
+            owns_engine=wanted.owns_engine,
         )
         try:
             problem = await tree.connect()
@@ -383,4 +474,4 @@ async def open_robot(name: str, mode: str = "sim", **keywords: Any) -> AsyncIter
                 await tree.cleanup()
 
 
-__all__ = ["Observation", "RealRobot", "Robot", "open_robot"]
+__all__ = ["Observation", "RealRobot", "Robot", "SimRobot", "open_robot"]
