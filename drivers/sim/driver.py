@@ -84,12 +84,11 @@ class SimDriver(Driver):
             axis = self.axes[at]
             why = state.observation.faults.get(axis)
             if why is not None:
+                there = "stop it there, then " if why == HELD_BY_WIRE else ""
                 return Refused(
                     "not_held",
                     f"move: {axis} is {why}",
-                    "stop it there; then stop() and resume() here take it"
-                    if why == HELD_BY_WIRE
-                    else "stop(), resume()",
+                    f"{there}stop() and resume() here take it",
                     why,
                     "held by the simulation",
                 )

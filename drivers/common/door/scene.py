@@ -18,8 +18,11 @@ ACCENT = (0.96, 0.47, 0.13, 1.0)
 CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "top": (180.0, -89.0)}
 """Azimuth and elevation in degrees: the eye looks along them at the middle of the robot."""
 
-_ROOM = 1.12
-"""Around the robot in a picture, in all."""
+_SLACK = 1.15
+"""So much further than its ball a robot may reach before one steps back."""
+
+_ROOM = 0.95
+"""Around the robot in a picture: a ball around it is larger than it looks."""
 
 
 class View(NamedTuple):
@@ -29,17 +32,20 @@ class View(NamedTuple):
     radius: float
 
 
-def decorate(spec: Any) -> Any:
-    """A copy of a model, to be looked at; what moves in it is the same. Not compiled yet."""
+def decorate(spec: Any, view: View) -> Any:
+    """A copy of a model, to be looked at as in ``view``; what moves in it is the same. Not compiled yet."""
     scene = spec.copy()
+    scene.stat.center, scene.stat.extent = view.middle, view.radius
+    scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
     scene.visual.quality.offsamples = 4
     scene.visual.quality.shadowsize = 4096
+    scene.visual.map.shadowclip = 3  # in extents: at the edge of the shadow map the ground would be speckled
     scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
     scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
     scene.visual.headlight.specular = [0.0, 0.0, 0.0]
     scene.visual.rgba.haze = [0.80, 0.85, 0.90, 1.0]
     _add_sky_and_ground(scene)
-    _add_lights(scene)
+    _add_lights(scene, view)
     for body in scene.bodies[1:]:
         _colour(body)
     return scene
@@ -54,8 +60,17 @@ def view_of(model: Any, data: Any) -> View:
     low, high = (places - sizes).min(axis=0), (places + sizes).max(axis=0)
     low[2] = min(max(low[2], 0.0), high[2])
     middle = (low + high) / 2
-    radius = float(np.max(np.linalg.norm(places - middle, axis=1) + sizes[:, 0]))
-    return View((float(middle[0]), float(middle[1]), float(middle[2])), radius)
+    return View(
+        (float(middle[0]), float(middle[1]), float(middle[2])),
+        float(np.max(np.linalg.norm(places - middle, axis=1) + sizes[:, 0])),
+    )
+
+
+def widened(view: View, model: Any, data: Any) -> View:
+    """A view of the same place in which the robot, as it is posed now, fits."""
+    now = view_of(model, data)
+    away = math.dist(view.middle, now.middle)
+    return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
 
 
 def distance_m(model: Any, view: View, width: int, height: int) -> float:
@@ -95,16 +110,17 @@ def _add_sky_and_ground(scene: Any) -> None:
             geom.size = [0, 0, 0.05]  # as far as the eye reaches
 
 
-def _add_lights(scene: Any) -> None:
-    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    for place, towards, strength, shadow in (
-        ([1.5, 2.0, 4.0], [-0.35, -0.45, -0.82], 0.55, True),
-        ([2.0, -2.0, 2.0], [-0.6, 0.6, -0.5], 0.18, False),
+def _add_lights(scene: Any, view: View) -> None:
+    """A lamp above and beside, as far away as the robot is large, and a weaker one from the other side."""
+    middle = np.asarray(view.middle)
+    for towards, strength, shadow in (
+        ([-0.35, 0.45, -0.82], 0.6, True),
+        ([-0.6, -0.6, -0.5], 0.2, False),
     ):
         scene.worldbody.add_light(
-            pos=place,
+            pos=middle - np.asarray(towards) * view.radius * 5,
             dir=towards,
-            type=directional,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
             castshadow=shadow,
             diffuse=[strength] * 3,
             specular=[0.25 * shadow] * 3,
@@ -119,7 +135,8 @@ def _colour(body: Any) -> None:
         geom.rgba = GRAPHITE if not moves else SHELL if list(body.bodies) else ACCENT
     for joint in moves:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE and shapes:
-            _add_motor(body, joint, _thickness(shapes[0]))
+            behind = list(body.parent.geoms) if body.parent.name != "world" else []
+            _add_motor(body, joint, min(map(_thickness, [shapes[0], *behind])))
 
 
 def _add_motor(body: Any, joint: Any, radius: float) -> None:

@@ -96,7 +96,7 @@ class Door:
             case p.Render():
                 return await self._render(request)
             case p.GetModel():
-                return p.Model(number, await self._studio.model())
+                return p.Model(number, await self._studio.model(self._body.pose()))
             case p.GetPose():
                 return p.Pose(number, tuple(body.pose()))
             case p.Read():

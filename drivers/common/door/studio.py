@@ -14,7 +14,7 @@ import trio
 
 from strands_actors.drivers.common.without_gl import mujoco
 
-from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, distance_m, view_of
+from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, distance_m, view_of, widened
 
 LIBRARIES = {
     "egl": (("libEGL.so.1",), "libegl1"),
@@ -37,6 +37,7 @@ class Studio:
     def __init__(self, spec: Any) -> None:
         self._spec = spec
         self._limiter = trio.CapacityLimiter(1)
+        self._view: View | None = None
         self._room: _Room | None = None
 
     async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
@@ -50,9 +51,9 @@ class Studio:
             raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
-    async def model(self) -> bytes:
+    async def model(self, pose: Sequence[float]) -> bytes:
         """The scene as MuJoCo's own file."""
-        return await trio.to_thread.run_sync(self._save, limiter=self._limiter)
+        return await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
 
     def close(self) -> None:
         if self._room is not None:
@@ -63,11 +64,21 @@ class Studio:
             self._room.close()
             self._room = None
         if self._room is None:
-            self._room = _Room(decorate(self._spec).compile(), width, height)
+            self._room = _Room(self._spec, self._look(pose), width, height)
         return self._room.shoot(pose, width, height, camera)
 
-    def _save(self) -> bytes:
-        model = decorate(self._spec).compile()
+    def _look(self, pose: Sequence[float]) -> View:
+        """Where to stand is decided once, by the robot's pose at the time."""
+        if self._view is None:
+            model = self._spec.copy().compile()
+            data = mujoco.MjData(model)
+            data.qpos[:] = pose
+            mujoco.mj_kinematics(model, data)
+            self._view = view_of(model, data)
+        return self._view
+
+    def _save(self, pose: Sequence[float]) -> bytes:
+        model = decorate(self._spec, self._look(pose)).compile()
         file = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, file)
         return file.tobytes()
@@ -77,14 +88,15 @@ class _Room:
     """A scene and an OpenGL context for it, usable in any thread, one at a time; for pictures of at most that
     size."""
 
-    def __init__(self, model: Any, width: int, height: int) -> None:
+    def __init__(self, spec: Any, view: View, width: int, height: int) -> None:
+        model = decorate(spec, view).compile()
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._size = width, height
         self._model = model
         self._data = mujoco.MjData(model)
         self._scene = mujoco.MjvScene(model, maxgeom=1000)
         self._option = mujoco.MjvOption()
-        self._view: View | None = None
+        self._view = view
         self._gl = open_gl(width, height)
         with self._gl.as_current():
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -98,8 +110,7 @@ class _Room:
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
-        if self._view is None:
-            self._view = view_of(model, data)
+        self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
         eye.type = mujoco.mjtCamera.mjCAMERA_FREE
         eye.lookat[:] = self._view.middle
