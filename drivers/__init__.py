@@ -2,7 +2,8 @@
 
 Built-in wires are listed by name and imported when asked for; a third-party package names its driver class in
 the entry point group ``strands_actors.drivers``. One that cannot be used is a warning and a record
-(``broken_drivers``), never fatal. What is registered at run time lives as long as the process: nothing is written to a file of the user's.
+(``broken_drivers``), never fatal. What is registered at run time lives as long as the process: nothing is written
+to a file of the user's.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ class EngineDown(Exception):
 
 
 class Engine:
-    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one; ``has_door``: whether it
-    can be simulated, too."""
+    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one; ``has_door``: whether
+    it can be simulated, too."""
 
     def __init__(self, twin: str, robot: str, has_door: bool = False) -> None:
         self.robot = robot

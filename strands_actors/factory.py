@@ -220,7 +220,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
         raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
     if wanted.sim is not None and transport != "twin":
         raise ValueError(
-            f"Robot: sim= is what a twin is made of: add transport='twin'. {name} offers {', '.join(offered) or 'none'}"
+            "Robot: sim= is what a twin is made of: add transport='twin'. "
+            f"{name} offers {', '.join(offered) or 'none'}"
         )
     if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")

@@ -48,8 +48,8 @@ def Robot(name: str, mode: str = "sim", **keywords: Any) -> RealRobot:  # a fact
     """A handle on one robot; nothing is started yet.
 
     ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected by
-    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter of
-    the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
+    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
+    of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
     ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
     have. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
     Other keywords are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.

@@ -3,9 +3,9 @@
     world = World(robot.engine)
     picture = await world.render(640, 480, None)
 
-Its process is the robot's twin, which has two doors. The simulated robot comes through one, without gates; a real
-driver comes through the other, its wire (``transport="twin", sim=``). Both move the same joints: whatever is energised
-on the wire follows the wire, the rest follows the simulation.
+Its process is the robot's twin. The simulated robot comes through its door, without gates; a real driver comes
+through its wire (``transport="twin", sim=``). Both move the same joints: whatever is energised on the wire follows
+the wire, the rest follows the simulation.
 """
 
 from __future__ import annotations

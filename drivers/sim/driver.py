@@ -1,7 +1,7 @@
 """Any robot in simulation: its own driver's names, units and ladder, no gates, and its twin's door for a wire.
 
-What is still refused: names that are none of its joints, numbers that are not finite, and a joint that the simulation
-does not hold, since a command to it would have no effect.
+What is still refused: names that are none of its joints, numbers that are not finite, and a joint that the
+simulation does not hold, since a command to it would have no effect.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, SecondPath
 from strands_actors.runtime.messages import Refused
 
+from .gates import held
+
 if TYPE_CHECKING:
     from .wire import SimWire
 
 KEEPALIVE_S = 1.0
 """A door loses nothing: the re-send is of no use here, and costs nothing."""
-
-HELD_BY_WIRE = "held by the robot on its wire"
-LET_GO = "limp"
 
 
 class SimDriver(Driver):
@@ -48,7 +47,7 @@ class SimDriver(Driver):
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
         self.ladder = real.ladder
         self.units = real.model_units()
-        self.gates = (self._held,)
+        self.gates = (held(self.axes),)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse(action, state)
@@ -78,18 +77,3 @@ class SimDriver(Driver):
     def door_rung(self, rung: str) -> str:
         """Only a limp robot is let go of; one that is stopped otherwise stays where it is."""
         return LIMP if rung == LIMP else HOLD
-
-    def _held(self, candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis = self.axes[at]
-            why = state.observation.faults.get(axis)
-            if why is not None:
-                there = "stop it there, then " if why == HELD_BY_WIRE else ""
-                return Refused(
-                    "not_held",
-                    f"move: {axis} is {why}",
-                    f"{there}stop() and resume() here take it",
-                    why,
-                    "held by the simulation",
-                )
-        return None

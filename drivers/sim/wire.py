@@ -11,7 +11,7 @@ from strands_actors.drivers.common.door.client import DoorClient
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
 
-from .driver import HELD_BY_WIRE, LET_GO
+from .gates import HELD_BY_WIRE, LET_GO
 
 if TYPE_CHECKING:
     from .driver import SimDriver

@@ -239,8 +239,8 @@ class Driver(ABC):
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the twin's model, radians
-        or metres. Default: the same."""
+        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the twin's model,
+        radians or metres. Default: the same."""
         return ((0.0, 1.0),) * len(self.axes)
 
     def energised(self, rung: str) -> bool:

@@ -21,7 +21,7 @@ CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "
 _SLACK = 1.15
 """So much further than its ball a robot may reach before one steps back."""
 
-_ROOM = 0.95
+_ROOM = 1.0
 """Around the robot in a picture: a ball around it is larger than it looks."""
 
 
@@ -39,7 +39,7 @@ def decorate(spec: Any, view: View) -> Any:
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
     scene.visual.quality.offsamples = 4
     scene.visual.quality.shadowsize = 4096
-    scene.visual.map.shadowclip = 3  # in extents: at the edge of the shadow map the ground would be speckled
+    scene.visual.map.shadowclip = 3  # extents: else the edge of the shadow map speckles the ground
     scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
     scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
     scene.visual.headlight.specular = [0.0, 0.0, 0.0]
