@@ -1,4 +1,4 @@
-"""The gripper as a simulation: until the wire activates it, targets come through the door."""
+"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the door."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class GripperBody:
 
     @property
     def _hand(self) -> Hand:
-        if self._gripper.asked_to_be_active:
+        if self._gripper.driven:
             return Hand.WIRE
         return Hand.NONE if self._gripper.led_to is None else Hand.SIM
 

@@ -69,7 +69,7 @@ class Gripper:
         self._born_s = self._heard_s = self._then_s
         self._position = float(setup.open)  # counts
         self.led_to: float | None = None
-        """Where a simulation leads the fingers, in counts: until they are activated."""
+        """Where a simulation leads the fingers, in counts: until a command moves them."""
         self._command = RESET
         self._coming: tuple[float, Command] | None = None
         self._activation = Activation.RESET
@@ -86,6 +86,12 @@ class Gripper:
     def asked_to_be_active(self) -> bool:
         """rACT as it was last written."""
         return (self._command if self._coming is None else self._coming[1]).activate
+
+    @property
+    def driven(self) -> bool:
+        """Whether its fingers follow what was written: they have a goal, or are being activated."""
+        command = self._command if self._coming is None else self._coming[1]
+        return command.activate and (command.go_to or self._activation != Activation.ACTIVE)
 
     def hear(self) -> None:
         """A request has come."""
@@ -140,7 +146,8 @@ class Gripper:
             self._activation = Activation.RESET
             self._fault = _NOT_ACTIVATED if command.go_to else self._lasting_fault
             return
-        self.led_to = None
+        if command.go_to or not before.activate:
+            self.led_to = None
         if not before.activate:
             self._activation, self._activated_s = Activation.ACTIVATING, self._now_s()
             self._fault = self._lasting_fault
@@ -160,7 +167,7 @@ class Gripper:
             self._obey(command)
         if self.stuck or step_s <= 0:
             return
-        if self.led_to is not None and not self._command.activate:
+        if self.led_to is not None and not self.driven:
             self._lead(self.led_to, step_s)
             return
         if self._activation == Activation.ACTIVATING:
