@@ -1,15 +1,19 @@
 """Which robots have a driver here, and how another package adds one.
 
-Built-in wires are listed by name and imported when asked for; a third-party package names its driver class
-in the entry point group ``strands_actors.drivers``. A wire that cannot be imported is reported, never fatal.
+Built-in wires are listed by name and imported when asked for; a third-party package names its driver class in
+the entry point group ``strands_actors.drivers``. One that cannot be used is a warning and a record
+(``broken_drivers``), never fatal. What is registered at run time lives as long as the process: nothing is written
+to a file of the user's.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import warnings
+from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from strands_actors.runtime.contract import Driver
 
@@ -23,6 +27,9 @@ WIRES = {
 }
 """One entry a class that declares robots: most wires have one."""
 
+SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
+"""Drives any of them in simulation."""
+
 LEROBOT_ROBOTS = (
     "so100", "so101", "koch", "omx", "hope_jr", "bi_so100", "bi_so101", "lekiwi", "stretch3", "reachy2",
     "unitree_g1", "earthrover",
@@ -32,16 +39,43 @@ LEROBOT_ROBOTS = (
 OTHER_ROBOTS = ("ability_hand",)
 """Known by name, with no hardware driver anywhere."""
 
-MEMBERS = (
-    "cleanup", "get_status", "get_task_status", "run_policy", "send_action", "start_task", "stop", "stop_task",
-    "stream", "tool_name", "tool_spec", "tool_type",
-)  # fmt: skip
-"""What a driver class that runs by itself (not as a tree of actors) must have."""
+DRIVERS = ("auto", "lerobot", "strands")
+"""What ``Robot(driver=)`` may say."""
 
-broken: dict[str, str] = {}
-"""Wires and entry points that could not be imported, and why."""
+MEMBERS: Mapping[str, tuple[str, ...]] = {
+    "cleanup": (),
+    "get_status": (),
+    "get_task_status": (),
+    "run_policy": ("policy", "instruction", "duration", "n_steps"),
+    "send_action": ("action", "robot_name"),
+    "start_task": ("instruction", "policy_port", "policy_host", "policy_provider", "duration"),
+    "stop": (),
+    "stop_task": (),
+    "stream": ("tool_use", "invocation_state"),
+    "tool_name": (),
+    "tool_spec": (),
+    "tool_type": (),
+}
+"""What a driver class that runs by itself (not as a tree of actors) must have, each with its parameters."""
 
+OTHER_SPELLINGS = {"policy": "policy_object"}
+"""Parameters that go by another name, too."""
+
+OWN_KEYWORDS = ("data_config", "port", "sim", "tool_name", "transport")
+"""Keywords of every driver that is run as a tree."""
+
+
+class Registered(NamedTuple):
+    """A robot that was registered at run time."""
+
+    driver: str | None  # strands, lerobot, or whatever there is
+    model_xml: str | None
+
+
+_broken: dict[str, str] = {}
 _registered: dict[str, type[Any]] = {}
+_found: set[str] = set()  # robots whose drivers were there when they were loaded
+_robots: dict[str, Registered] = {}
 _aliases: dict[str, str] = {}
 _loaded = False
 
@@ -58,13 +92,25 @@ def _load() -> None:
         module, _, name = where.partition(":")
         try:
             driver_class = getattr(importlib.import_module(module), name)
+            missing = missing_driver_members(driver_class)
+            if missing:
+                raise TypeError(f"{name} lacks {', '.join(missing)}")
+            robots, aliases = list(driver_class.SUPPORTED_ROBOTS), dict(getattr(driver_class, "ALIASES", {}))
         except Exception as error:  # a third party's module may raise anything
-            broken[wire] = f"{type(error).__name__}: {error}"
-            warnings.warn(f"driver {wire} cannot be used: {broken[wire]}", stacklevel=3)
+            _broken[wire] = f"{type(error).__name__}: {error}"
             continue
-        for robot in driver_class.SUPPORTED_ROBOTS:
+        for robot in robots:
             _registered.setdefault(robot, driver_class)
-        _aliases.update(driver_class.ALIASES)
+        _aliases.update(aliases)
+    _found.update(_registered)
+    for wire, why in sorted(_broken.items()):
+        warnings.warn(f"driver {wire} cannot be used: {why}", stacklevel=3)
+
+
+def broken_drivers() -> dict[str, str]:
+    """Wires and entry points that cannot be used, and why."""
+    _load()
+    return dict(_broken)
 
 
 def missing_driver_members(cls: type[Any]) -> list[str]:
@@ -72,6 +118,32 @@ def missing_driver_members(cls: type[Any]) -> list[str]:
     if isinstance(cls, type) and issubclass(cls, Driver):
         return []
     return [member for member in MEMBERS if not hasattr(cls, member)]
+
+
+def drifted_driver_parameters(cls: type[Any]) -> dict[str, list[str]]:
+    """By member, the parameters of the drivers page that it does not take. Empty: nothing has drifted."""
+    if isinstance(cls, type) and issubclass(cls, Driver):
+        return {}
+    drifted = {}
+    for member, wanted in MEMBERS.items():
+        function = getattr(cls, member, None)
+        if wanted and callable(function):
+            taken = inspect.signature(function).parameters
+            if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in taken.values()):
+                continue
+            lacking = [name for name in wanted if name not in taken and OTHER_SPELLINGS.get(name) not in taken]
+            if lacking:
+                drifted[member] = lacking
+    return drifted
+
+
+def constructor_keywords(cls: type[Any]) -> list[str]:
+    """The keywords that ``Robot`` passes on to a driver class, sorted; ``**`` among them: any."""
+    if issubclass(cls, Driver):
+        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *(["cameras"] if cls.reads_cameras else [])})
+    parameters = inspect.signature(cls).parameters.values()
+    names = [one.name for one in parameters if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
+    return sorted(names + ["**" for one in parameters if one.kind is one.VAR_KEYWORD])
 
 
 def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -> None:
@@ -89,6 +161,32 @@ def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -
     _registered[name] = cls
 
 
+def register_robot(
+    name: str,
+    *,
+    model_xml: str | None = None,
+    hardware: Mapping[str, str] | None = None,
+    aliases: Iterable[str] = (),
+    overwrite: bool = False,
+) -> None:
+    """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives it, ``strands`` or
+    ``lerobot``; its class is ``register_native_driver``'s business. Raise ``ValueError`` for a name that is known
+    (unless ``overwrite``), and for other keys and drivers."""
+    _load()
+    given = dict(hardware or {})
+    driver = given.pop("driver", None)
+    if given:
+        raise ValueError(f"register_robot: hardware has no {', '.join(sorted(given))}. it takes driver")
+    if driver not in (None, "strands", "lerobot"):
+        raise ValueError(f"register_robot: hardware driver is {driver!r}. use 'strands' or 'lerobot'")
+    names = (name, *aliases)
+    known = [one for one in names if one in {*_found, *_aliases, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}]
+    if known and not overwrite:
+        raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
+    _robots[name] = Registered(driver, model_xml)
+    _aliases.update(dict.fromkeys(names[1:], name))
+
+
 def canonical_name(name: str) -> str:
     """The robot an alias stands for; the name itself otherwise."""
     _load()
@@ -101,6 +199,30 @@ def get_native_driver_class(name: str) -> type[Any] | None:
     return _registered.get(canonical_name(name))
 
 
+def port_kind(name: str) -> Literal["serial", "address"] | None:
+    """What the ``port`` of a robot is; None for a robot without a native driver, or whose driver does not say."""
+    kind: Literal["serial", "address"] | None = getattr(get_native_driver_class(name), "PORT_KIND", None)
+    return kind
+
+
+def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
+    """Who drives a robot: as asked for, else as it was registered, else a native driver, else lerobot. Raise
+    ``ValueError`` for another word, and when a native driver is asked for and there is none."""
+    robot = canonical_name(name)
+    if driver not in DRIVERS:
+        raise ValueError(f"Robot: driver is {driver!r}. use one of {', '.join(map(repr, DRIVERS))}")
+    record = _robots.get(robot)
+    if driver == "auto":
+        driver = (record.driver if record else None) or ("strands" if robot in _registered else "lerobot")
+    if driver == "lerobot":
+        return "lerobot"
+    if robot not in _registered:
+        raise ValueError(
+            f"Robot: {name} has no native driver. these have one: {', '.join(sorted(list_native_drivers()))}"
+        )
+    return "strands"
+
+
 def list_native_drivers() -> dict[str, str]:
     """Robot name to driver class name, sorted."""
     _load()
@@ -110,7 +232,8 @@ def list_native_drivers() -> dict[str, str]:
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
     _load()
+    lerobot = {*LEROBOT_ROBOTS, *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
     return {
-        name: tuple(who for who, has in (("lerobot", LEROBOT_ROBOTS), ("strands", _registered)) if name in has)
-        for name in sorted({*_registered, *LEROBOT_ROBOTS, *OTHER_ROBOTS})
+        name: tuple(who for who, has in (("lerobot", lerobot), ("strands", _registered)) if name in has)
+        for name in sorted({*_registered, *lerobot, *_robots, *OTHER_ROBOTS})
     }

@@ -176,6 +176,8 @@ async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
             wanted.port,
             wanted.options,
             wanted.transport,
+            engine=wanted.engine,
+            owns_engine=wanted.owns_engine,
         )
         try:
             problem = await tree.connect(arm)

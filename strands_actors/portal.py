@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import gc
+import itertools
 import os
 import threading
 from collections.abc import Awaitable, Callable
@@ -26,6 +27,8 @@ T = TypeVar("T")
 
 LEAVE_S = 0.08
 """How long the end of a script waits for the loop."""
+
+_callers = itertools.count(1)
 
 
 class Portal:
@@ -95,9 +98,10 @@ class Portal:
 @contextlib.asynccontextmanager
 async def open_caller() -> Any:
     """A node with a mesh for a process that starts robots: (node, nursery, endpoint)."""
-    path = f"{run_dir()}/caller-{os.getpid()}-{threading.get_ident() & 0xFFFF:x}.sock"
+    number = next(_callers)  # a program may have several, in one loop or in many
+    path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
     endpoint = unix_endpoint(path)
-    node = Node(f"caller.{os.getpid()}.{threading.get_ident() & 0xFFFF:x}", MonotonicClock())
+    node = Node(f"caller.{os.getpid()}.{number}", MonotonicClock())
     mesh = await ZenohMesh.open([endpoint])
     failure: Exception | None = None
     try:

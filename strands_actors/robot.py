@@ -11,7 +11,7 @@ import functools
 import logging
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
 
 from . import answers, verbs
 from .agents.approval import APPROVE_S, Approval, Approve, approval_of
@@ -20,21 +20,31 @@ from .agents.perform import perform
 from .agents.tool import RobotTool
 from .answers import Answer, PendingAnswer
 from .async_robot import AsyncRobot, open_robot
-from .factory import Plan, plan
+from .engine import SIM, Engine
+from .factory import Plan, plan, standalone
 from .liveness import Liveness
 from .policies import DEFAULT_PROVIDER, choose_provider
 from .portal import portal
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
+from .simulation import SimulationError, World
 from .supervisors.messages import Status, TaskStatus
 from .tree import RobotTree
 from .verbs import Verb, answered
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
 
 _log = logging.getLogger("strands_actors")
 
 T = TypeVar("T")
 
 
+@overload
+def Robot(name: str, mode: Literal["sim"] = "sim", **keywords: Any) -> SimRobot: ...
+@overload
+def Robot(name: str, mode: str, **keywords: Any) -> RealRobot: ...
 def Robot(  # a factory named as on the drivers page
     name: str,
     mode: str = "sim",
@@ -44,15 +54,23 @@ def Robot(  # a factory named as on the drivers page
     approve_within_s: float = APPROVE_S,
     **keywords: Any,
 ) -> RealRobot:
-    """A handle on one robot; nothing is started before ``connect_eagerly()``.
+    """A handle on one robot; nothing is started yet.
 
-    ``transport="twin"`` runs the robot's twin behind its real wire; otherwise ``port`` says where the robot
-    is. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
-    uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Raise ``ValueError`` or
-    ``TypeError`` with what would be accepted.
+    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected by
+    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
+    of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
+    ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
+    have. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
+    ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
+    uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords are the driver's
+    own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
+    other = standalone(name, mode, **keywords)
+    if other is not None:
+        return cast(RealRobot, other)  # a driver class of the drivers page: the same verbs, no tree
     wanted = plan(name, mode, **keywords)
-    return RealRobot(wanted, approval_of(wanted.driver_class, guarded, approve, approve_within_s))
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
+    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
 
 
 class RealRobot(RobotTool):
@@ -61,6 +79,9 @@ class RealRobot(RobotTool):
     Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook) ``stream``, ``stop``
     and ``get_status`` are to be awaited and do not block it; the others wait for their answer: milliseconds.
     """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset()
+    """Verbs that connect by themselves when nobody has."""
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         self._plan = plan
@@ -83,6 +104,20 @@ class RealRobot(RobotTool):
         """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
         return self.tool_name if self._tree is None else self._tree.robot
 
+    @property
+    def engine(self) -> Engine | None:
+        """The process of its twin, if it has one."""
+        return self._plan.engine
+
+    @property
+    def transport(self) -> str | None:
+        """What is instead of a port: ``twin``, ``sim``."""
+        return self._plan.transport
+
+    @property
+    def data_config(self) -> Any:
+        return self._plan.data_config
+
     def __repr__(self) -> str:
         return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
 
@@ -104,6 +139,10 @@ class RealRobot(RobotTool):
 
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
+        if self._tree is None and name in self.LAZY and not self._closed:
+            problem = self.connect_eagerly()
+            if problem is not None:
+                return problem
         return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
 
     # -- lifecycle
@@ -128,6 +167,8 @@ class RealRobot(RobotTool):
                 plan.options,
                 plan.transport,
                 self._liveness.look,
+                plan.engine,
+                plan.owns_engine,
             )
         return await self._tree.connect()
 
@@ -296,10 +337,59 @@ class RealRobot(RobotTool):
         return PendingAnswer(future)
 
 
+class SimRobot(RealRobot):
+    """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a simulation can do.
+
+    It starts at its first use. ``transport="twin", sim=`` puts a real driver on its wire: joints that are energised
+    there follow the wire, and a command to them here is refused.
+    """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "observe", "resume", "run_policy", "start_task", "reset"})
+
+    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
+        super().__init__(plan, approval)
+        assert plan.engine is not None
+        self._world = World(plan.engine)
+
+    def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
+        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None for the whole
+        robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a ``RuntimeError``) that names the system
+        package when neither is there."""
+        return self._call(self._world.render, width, height, camera)
+
+    def view(self) -> None:
+        """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise ``SimulationError`` without a
+        display."""
+        self._call(self._world.view)
+
+    def reset(self) -> Answer:
+        """Stop, put every joint back to where it began, energise."""
+
+        async def run(tree: RobotTree) -> Answer:
+            report = await tree.stop()
+            if isinstance(report, Refused):
+                return answers.refused(report)
+            try:
+                await self._world.reset()
+            except SimulationError as failure:
+                return answers.error(str(failure))
+            answer = await tree.resume()
+            if isinstance(answer, Refused):
+                return answers.refused(answer)
+            return answers.success({"position": tree.driver.as_json(answer.observation.position)})
+
+        return self._verb(run, "reset")
+
+    def cleanup(self) -> Answer:
+        answer = super().cleanup()
+        self._call(self._world.close)
+        return answer
+
+
 _NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
 """The robot's own verb for what an agent's verb does."""
 
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
 _CLEANED_UP = "this robot was cleaned up. make a new one"
 
-__all__ = ["AsyncRobot", "Observation", "RealRobot", "Robot", "open_robot"]
+__all__ = ["AsyncRobot", "Observation", "RealRobot", "Robot", "SimRobot", "open_robot"]

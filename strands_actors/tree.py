@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import trio
 
+from .engine import SIM, Engine, EngineDown
 from .rundir import Name, Note
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
@@ -85,7 +84,10 @@ class RobotTree:
         options: dict[str, Any],
         transport: str | None,
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
+        engine: Engine | None = None,
+        owns_engine: bool = True,
     ) -> None:
+        """``engine``: the twin's process behind ``transport``. It ends with the robot that owns it."""
         self.driver: Driver = driver_class(kind, port, options)
         self.kind = kind
         self.robot = wanted_name  # until the tree is started: then the name it could get
@@ -96,11 +98,12 @@ class RobotTree:
         self._endpoint = endpoint
         self._port = port
         self._options = options
-        self._transport = transport
+        self.transport = transport
         self._liveness = liveness
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
-        self._twin: ChildProcess | None = None
+        self.engine = engine
+        self._owns_engine = owns_engine
         self._lease: Lease | None = None
         self._scope: trio.CancelScope | None = None
         self._policy_scope: trio.CancelScope | None = None
@@ -162,8 +165,12 @@ class RobotTree:
         return None if refusal is None else refusal.text
 
     async def _start(self) -> None:
-        if self._transport == "twin" and self._twin is None:
-            self._port = await self._start_twin()
+        if self.engine is not None:
+            try:
+                await self.engine.start()
+            except EngineDown as down:
+                raise NotConnected(str(down)) from None
+            self._port = self.engine.door if self.transport == SIM else self.engine.port
         if self._name is None:
             self._name = Name(self._wanted_name)
             self.robot = self._name.name
@@ -174,7 +181,7 @@ class RobotTree:
             "robot": self.robot,
             "driver": describe_driver(self._driver_class, self.kind, self._port, self._options),
             "caller_pid": os.getpid(),
-            "twin_pid": self._twin.pid if self._twin else 0,
+            "twin_pid": 0 if self.engine is None else self.engine.pid,
             "listen": listen,
             "wire_listen": wire_listen,
             "connect": [self._endpoint],
@@ -188,24 +195,6 @@ class RobotTree:
         self._tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
         self._nursery.start_soon(self._attend, self._root_process, self._scope)
-
-    async def _start_twin(self) -> str:
-        log = os.environ.get("STRANDS_ACTORS_TWIN_LOG")
-        with tempfile.TemporaryDirectory(prefix="strands-actors-") as directory:
-            port_file = Path(directory) / "port"
-            args = {
-                "twin": self._driver_class.TWIN,
-                "robot": self.kind,
-                "port_file": str(port_file),
-                "log": log,
-            }
-            self._twin = start("strands_actors.twins:main", args)
-            with trio.move_on_after(CONNECT_S):
-                while self._twin.alive:
-                    if port_file.exists():
-                        return port_file.read_text().strip()
-                    await trio.sleep(0.005)
-        raise NotConnected("the twin did not start")
 
     async def _attend(self, process: ChildProcess, scope: trio.CancelScope) -> None:
         with scope:
@@ -251,12 +240,8 @@ class RobotTree:
         self.closed = True
         self._end_policy("cleanup")
         report = await self._end_root()
-        if self._twin is not None:
-            self._twin.kill(15)
-            with trio.move_on_after(1.0):
-                await self._twin.wait()
-            await self._twin.fence()
-            self._twin = None
+        if self.engine is not None and self._owns_engine:
+            await self.engine.close()
         return report
 
     async def _end_root(self) -> StopReport | None:

@@ -9,8 +9,12 @@ from strands_actors.runtime.contract import Driver
 
 
 def describe_driver(driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]) -> dict[str, Any]:
-    where = f"{driver_class.__module__}:{driver_class.__qualname__}"
-    return {"class": where, "robot": robot, "port": port, "options": options}
+    return {"class": place_of(driver_class), "robot": robot, "port": port, "options": options}
+
+
+def place_of(thing: type[Any]) -> str:
+    """Where ``load`` finds it."""
+    return f"{thing.__module__}:{thing.__qualname__}"
 
 
 def load(where: str) -> Any:

@@ -20,7 +20,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import mujoco
+from .without_gl import mujoco
 
 TIMESTEP_S = 0.002
 LINK_EXTENT_M = 0.1
@@ -98,7 +98,7 @@ def parse_rows(text: str) -> list[Row]:
     return [parse_row(line) for line in text.splitlines() if line.strip()]
 
 
-def build(table: Mapping[str, Any]) -> mujoco.MjSpec:
+def build(table: Mapping[str, Any]) -> Any:
     """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``, ``damping``,
     ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a
     position servo of its own name, rate-limited to the joint's velocity; its gains are the plant's business.
@@ -164,7 +164,7 @@ def _add_geom(body: Any, text: str, towards: Sequence[float], kg: float) -> None
         geom.pos = point
 
 
-def _add_joint(spec: mujoco.MjSpec, body: Any, row: Row, table: Mapping[str, Any]) -> None:
+def _add_joint(spec: Any, body: Any, row: Row, table: Mapping[str, Any]) -> None:
     kinds = mujoco.mjtJoint
     joint = body.add_joint(
         name=row.joint,

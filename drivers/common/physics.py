@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
+from .door.body import Hand
 from .model_rows import build
+from .without_gl import mujoco
 
 LONGEST_CATCH_UP_S = 0.25
 """Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped, not
@@ -24,16 +25,20 @@ class Plant:
     A servo follows its target with the joint's effort and, in a model of rows, the joint's speed at most.
     With torque off it has no gain at all, so that gravity has the arm. At first torque is off and joints
     are at ``home_rad`` (default: zero), or at the end of their range nearest to it.
+
+    A joint has one hand on it. The wire's (``set_torque``, ``set_target``) takes it whenever it is energised there,
+    and the simulation's (``take``, ``aim``) only what the wire does not hold.
     """
 
     def __init__(
         self,
-        spec: mujoco.MjSpec,
+        spec: Any,
         joints: Sequence[str],
         bandwidth_rad_s: float = 30.0,
         home_rad: Sequence[float] = (),
     ) -> None:
         self.joints = tuple(joints)
+        self.spec = spec
         for name in self.joints:
             spec.add_equality(  # switched on, it jams the joint where it is
                 type=mujoco.mjtEq.mjEQ_JOINT,
@@ -50,15 +55,9 @@ class Plant:
         self._bind()
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
-        self._torque = [True] * len(self.joints)
-        if home_rad:
-            self.data.qpos[self._qpos] = home_rad
-        for index, (joint, address) in enumerate(zip(self._joint, self._qpos, strict=True)):
-            if self.model.jnt_limited[joint]:
-                self.data.qpos[address] = np.clip(self.data.qpos[address], *self.model.jnt_range[joint])
-            self.set_target(index, float(self.data.qpos[address]))
-            self.set_torque(index, False)
-        mujoco.mj_forward(self.model, self.data)
+        self._hand = [Hand.NONE] * len(self.joints)
+        self._home_rad = tuple(home_rad)
+        self.go_home()
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
@@ -83,6 +82,24 @@ class Plant:
         self._dof = [int(model.jnt_dofadr[joint]) for joint in self._joint]
         self._effort_nm = [float(model.actuator_forcerange[servo, 1]) for servo in self._servo]
 
+    def go_home(self) -> None:
+        """Everything as at first; time begins anew."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._origin_s = None
+        if self._home_rad:
+            self.data.qpos[self._qpos] = self._home_rad
+        for index, (joint, address) in enumerate(zip(self._joint, self._qpos, strict=True)):
+            if self.model.jnt_limited[joint]:
+                self.data.qpos[address] = np.clip(self.data.qpos[address], *self.model.jnt_range[joint])
+            self.set_target(index, float(self.data.qpos[address]))
+            self._pass_to(index, Hand.NONE)
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def time_s(self) -> float:
+        """Of the simulation."""
+        return float(self.data.time)
+
     @property
     def position_rad(self) -> list[float]:
         values: list[float] = self.data.qpos[self._qpos].tolist()
@@ -104,17 +121,37 @@ class Plant:
         """What the servos can push with at most."""
         return list(self._effort_nm)
 
+    def hand(self, index: int) -> Hand:
+        return self._hand[index]
+
     def torque(self, index: int) -> bool:
-        return self._torque[index]
+        return self._hand[index] is not Hand.NONE
 
     def set_target(self, index: int, rad: float) -> None:
         self.data.ctrl[self._control[index]] = rad
 
     def set_torque(self, index: int, on: bool) -> None:
         """A servo that wakes up starts from where the joint is, whatever its target."""
-        if on == self._torque[index]:
+        if on != (self._hand[index] is Hand.WIRE):
+            self._pass_to(index, Hand.WIRE if on else Hand.NONE)
+
+    def take(self, index: int, on: bool) -> None:
+        """The simulation's torque. It holds the joint where it is, with all its effort."""
+        if self._hand[index] is Hand.WIRE or on == (self._hand[index] is Hand.SIM):
             return
-        self._torque[index] = on
+        if on:
+            self.set_target(index, float(self.data.qpos[self._qpos[index]]))
+            self.set_effort_share(index, 1.0)
+        self._pass_to(index, Hand.SIM if on else Hand.NONE)
+
+    def aim(self, index: int, rad: float) -> None:
+        """The simulation's target."""
+        if self._hand[index] is Hand.SIM:
+            self.set_target(index, rad)
+
+    def _pass_to(self, index: int, hand: Hand) -> None:
+        self._hand[index] = hand
+        on = hand is not Hand.NONE
         kp, kv = (float(self._kp[index]), float(self._kv[index])) if on else (0.0, 0.0)
         servo = self._servo[index]
         self.model.actuator_gainprm[servo, 0] = kp if self._state[index] < 0 else 0.0

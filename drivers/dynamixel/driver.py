@@ -29,6 +29,8 @@ class Dynamixel(ServoDriver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     TWIN: ClassVar[str] = "strands_actors.drivers.dynamixel.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = options_of(DEFAULT_BAUD, BAUD_RATES)
+    USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x0403, 0x6014), (0x2F5D, 0x2202), (0x1A86, 0x55D3))
+    """FT232H of a U2D2, OpenRB-150, CH343 of the common bus adapters [assumed]."""
     TABLES: ClassVar[RobotTables] = TABLES
     BAUD_RATES: ClassVar[tuple[int, ...]] = BAUD_RATES
     DEFAULT_BAUD: ClassVar[int] = DEFAULT_BAUD

@@ -25,6 +25,8 @@ class Feetech(ServoDriver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     TWIN: ClassVar[str] = "strands_actors.drivers.feetech.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = options_of(BAUD_RATES[0], BAUD_RATES)
+    USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x1A86, 0x55D3), (0x1A86, 0x7523))
+    """CH343 of the common bus adapters, CH340 of older ones [assumed]."""
     TABLES: ClassVar[RobotTables] = TABLES
     BAUD_RATES: ClassVar[tuple[int, ...]] = BAUD_RATES
     DEFAULT_BAUD: ClassVar[int] = BAUD_RATES[0]

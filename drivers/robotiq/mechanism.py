@@ -66,8 +66,10 @@ class Gripper:
         self._setup = setup
         self._now_s = now_s
         self._then_s = now_s()
-        self._heard_s = self._then_s
+        self._born_s = self._heard_s = self._then_s
         self._position = float(setup.open)  # counts
+        self.led_to: float | None = None
+        """Where a simulation leads the fingers, in counts: until a command moves them."""
         self._command = RESET
         self._coming: tuple[float, Command] | None = None
         self._activation = Activation.RESET
@@ -85,12 +87,18 @@ class Gripper:
         """rACT as it was last written."""
         return (self._command if self._coming is None else self._coming[1]).activate
 
+    @property
+    def driven(self) -> bool:
+        """Whether its fingers follow what was written: they have a goal, or are being activated."""
+        command = self._command if self._coming is None else self._coming[1]
+        return command.activate and (command.go_to or self._activation != Activation.ACTIVE)
+
     def hear(self) -> None:
         """A request has come."""
         now_s = self._now_s()
         self._silence = self._activation == Activation.ACTIVE and now_s - self._heard_s > SILENCE_S
         self._heard_s = now_s
-        self._pass_time()
+        self.pass_time()
 
     def write(self, command: Command) -> None:
         if self._setup.echo_s:
@@ -112,6 +120,20 @@ class Gripper:
             current=FREE_CURRENT if moving else self._command.force // 2 if pressed else 0,
         )
 
+    @property
+    def position(self) -> float:
+        """Counts."""
+        return self._position
+
+    @property
+    def time_s(self) -> float:
+        """Since it was made."""
+        return self._then_s - self._born_s
+
+    def open_up(self) -> None:
+        """At once, and led by nobody."""
+        self._position, self.led_to = float(self._setup.open), None
+
     def power_cycle(self) -> None:
         """Its registers are new; its fingers stay where they are."""
         self._command, self._coming = RESET, None
@@ -124,6 +146,8 @@ class Gripper:
             self._activation = Activation.RESET
             self._fault = _NOT_ACTIVATED if command.go_to else self._lasting_fault
             return
+        if command.go_to or not before.activate:
+            self.led_to = None
         if not before.activate:
             self._activation, self._activated_s = Activation.ACTIVATING, self._now_s()
             self._fault = self._lasting_fault
@@ -134,7 +158,7 @@ class Gripper:
         elif command.go_to and command != before:
             self._contact = Contact.MOVING  # also when it has not far to go: the first reading says so
 
-    def _pass_time(self) -> None:
+    def pass_time(self) -> None:
         now_s = self._now_s()
         step_s = min(now_s - self._then_s, LONGEST_STEP_S)
         self._then_s = now_s
@@ -142,6 +166,9 @@ class Gripper:
             command, self._coming = self._coming[1], None
             self._obey(command)
         if self.stuck or step_s <= 0:
+            return
+        if self.led_to is not None and not self.driven:
+            self._lead(self.led_to, step_s)
             return
         if self._activation == Activation.ACTIVATING:
             self._activate(step_s)
@@ -170,6 +197,10 @@ class Gripper:
         if self._move(goal, speed_mm_s, step_s):
             met = self._object is not None and goal > self._object and self._position >= self._object
             self._contact = Contact.CLOSING if met else Contact.ARRIVED
+
+    def _lead(self, goal: float, step_s: float) -> None:
+        setup = self._setup
+        self._move(min(max(goal, setup.open), setup.closed), setup.speed_mm_s[1], step_s)
 
     def _move(self, goal: float, speed_mm_s: float, step_s: float) -> bool:
         """Towards ``goal``, as far as an object lets it; whether it has come to its end."""

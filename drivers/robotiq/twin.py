@@ -32,6 +32,7 @@ from strands_actors.drivers.common.twin import (
 )
 
 from . import protocol as p
+from .body import GripperBody
 from .mechanism import Gripper, Setup
 from .robots import TABLES
 
@@ -50,9 +51,17 @@ OPTIONS = {
 class RobotiqTwin:
     """One gripper, for all clients."""
 
-    def __init__(self, setup: Setup, unit: int, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        unit: int,
+        table: Mapping[str, Any],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``table``: of ``robots.toml``, for its looks."""
         self.gripper = Gripper(setup, now_s)
         self.unit = unit
+        self.body = GripperBody(self.gripper, table)
         self.faults = Faults()
         self._felt = p.Status()
         self._output = p.RESET.registers()
@@ -162,7 +171,7 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     """The twin of a robot of ``robots.toml``; ``options`` without host and port."""
     table = TABLES.table(robot)
     unit = int(options.pop("unit_id", table["unit"]))
-    return RobotiqTwin(Setup.from_table(table, **options), unit, now_s)
+    return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
 def main(
@@ -172,6 +181,7 @@ def main(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
+    door: str | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
@@ -184,4 +194,4 @@ def main(
     def build(wire_log: WireLog) -> TcpServer:
         return TcpServer(twin, {port: answering(lambda: ModbusSession(twin))}, wire_log, host)
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)
+    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)

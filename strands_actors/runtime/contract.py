@@ -214,6 +214,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
+    """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty: it does."""
@@ -284,6 +286,11 @@ class Driver(ABC):
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the twin's model,
+        radians or metres. Default: the same."""
+        return ((0.0, 1.0),) * len(self.axes)
 
     def energised(self, rung: str) -> bool:
         """Whether motors keep torque on this rung."""

@@ -9,35 +9,48 @@ import pytest
 from serial.tools import list_ports
 
 from strands_actors import Robot, drivers
-from strands_actors.drivers import (
-    list_driver_coverage,
-    list_native_drivers,
-    missing_driver_members,
-    register_native_driver,
-)
-from strands_actors.drivers.feetech.driver import Feetech
+from strands_actors.drivers import list_native_drivers, register_native_driver
+from strands_actors.robot import RealRobot, SimRobot
 
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
+TWIN = {"mode": "real", "transport": "twin"}
+
+KEYWORDS = "it takes baud, calibration, data_config, port, sim, tool_name, transport"
 
 REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so10", PORT, ("'so10' is not known", "Did you mean: so10", "list_driver_coverage()")),
     ("toaster", PORT, ("'toaster' is not known", "list_driver_coverage()")),
-    ("so101_leader", PORT, ("so101_leader is a teleoperator", "Teleoperator('so101_leader', port=...)")),
-    ("ability_hand", PORT, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
+    ("toaster", {}, ("'toaster' is not known", "list_driver_coverage()")),
     (
-        "so101",
-        {"mode": "real", "prot": "x"},
-        ("no 'prot'", "'prot' -> 'port'", "Feetech", "baud, calibration, port"),
+        "so101_leader",
+        PORT,
+        ("so101_leader is a teleoperator", "Teleoperator('so101_leader', port=...)", "follower"),
     ),
-    ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", "it takes baud, calibration, port, tool_name, transport")),
-    ("so101", {**PORT, "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
+    ("ability_hand", PORT, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
+    ("ability_hand", {}, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
+    ("omx", PORT, ("omx", "lerobot", "strands-actors[lerobot]", "not in this version", "so100, so101")),
+    ("omx", {**PORT, "driver": "strands"}, ("omx has no native driver", "hope_jr", "so100, so101")),
+    ("so101", {**PORT, "driver": "lerobot"}, ("so101", "strands-actors[lerobot]", "not in this version")),
+    ("so101", {**PORT, "driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
+    ("so101", {"driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
+    ("so101", {"mode": "real", "prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
+    ("so101", {"prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
+    ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", KEYWORDS)),
+    ("so101", {**PORT, "cameras": {"top": 0}}, ("Feetech opens no cameras", "driver='lerobot'")),
+    ("so101", {"mode": "real", "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
+    ("so101", {**PORT, "sim": 1}, ("sim=", "add transport='twin'", "Feetech offers twin")),
+    ("so101", {**TWIN, "sim": "so101"}, ("sim is 'so101'", "Robot('so101')")),
+    ("so101", {**TWIN, "port": "/dev/ttyACM0"}, ("port='/dev/ttyACM0'", "transport='twin'", "choose one")),
     ("so101", {**PORT, "tool_name": "my arm"}, ("tool_name is 'my arm'", "1 to 64 of A-Z a-z 0-9 _ -")),
     ("so101", {**PORT, "tool_name": "a" * 65}, ("tool_name is",)),
     ("so101", {**PORT, "tool_name": ""}, ("tool_name is ''",)),
     ("so101", {**PORT, "tool_name": "arm\n"}, ("tool_name is",)),
-    ("so101", {"mode": "dream", "port": "x"}, ("mode 'dream'", "mode='real'")),
+    ("so101", {"tool_name": "my arm"}, ("tool_name is 'my arm'",)),
+    ("so101", {"mode": "dream", "port": "x"}, ("mode is 'dream'", "'sim', 'real', 'auto'", "upper or lower case")),
+    ("so101", {"mode": None}, ("mode is None", "'sim', 'real', 'auto'")),
     ("so101", {**PORT, "baud": 9600}, ("baud is 9600", "1000000, 500000")),
     ("so101", {**PORT, "calibration": 7}, ("calibration is 7", "Give a path, a dict or None")),
+    ("ur5e", {"mode": "real"}, ("ur5e needs 'port', its address", "Robot('ur5e', mode='real', port=")),
 ]
 
 
@@ -51,6 +64,82 @@ def test_what_is_wrong_is_refused_with_what_would_do(
         assert text in str(refusal.value)
 
 
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"port": "/dev/ttyACM0"},
+        {"mode": "SIM", "port": "/dev/ttyACM0"},
+        {"transport": "twin"},
+        {"cameras": {"top": 0}},
+        {"baud": 1_000_000},
+        {"calibration": "arm.json"},
+    ],
+)
+def test_what_a_simulation_would_ignore_is_refused(keywords: dict[str, Any]) -> None:
+    with pytest.raises(TypeError) as refusal:
+        Robot("so101", **keywords)
+    ignored = next(key for key in keywords if key != "mode")
+    assert str(refusal.value) == (
+        f"Robot: a simulation of so101 would ignore {ignored}=. add mode='real', or leave it out"
+    )
+
+
+def test_a_twin_is_made_of_a_simulation_of_the_same_robot() -> None:
+    sim = Robot("so100")
+    with pytest.raises(ValueError, match=r"sim is a so100\. give a simulation of so101"):
+        Robot("so101", **TWIN, sim=sim)
+    arm = Robot("so_arm100", **TWIN, sim=sim)
+    assert arm.engine is sim.engine
+    with pytest.raises(ValueError, match=r"sim is <Robot so100 \(so100, twin\)>"):
+        Robot("so100", **TWIN, sim=arm)  # its wire is taken
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test registers is forgotten after it."""
+    list_native_drivers()
+    monkeypatch.setattr(drivers, "_registered", dict(drivers._registered))
+
+
+# -- the mode
+
+
+@pytest.fixture
+def plugged(monkeypatch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
+    """The serial devices of this machine."""
+    devices: list[SimpleNamespace] = []
+    monkeypatch.setattr(list_ports, "comports", lambda: devices)
+    return devices
+
+
+def bus_adapter(path: str) -> SimpleNamespace:
+    return SimpleNamespace(device=path, vid=0x1A86, pid=0x55D3)
+
+
+def test_without_a_mode_a_robot_is_simulated(plugged: list[SimpleNamespace]) -> None:
+    plugged.append(bus_adapter("/dev/ttyACM0"))  # not even looked at
+    sim = Robot("so101")
+    assert isinstance(sim, SimRobot)
+    assert repr(sim) == "<Robot so101 (so101, sim)>"
+    assert not isinstance(Robot("so101", **PORT), SimRobot)
+
+
+def test_auto_is_real_where_there_is_one_robot_to_be_real(plugged: list[SimpleNamespace]) -> None:
+    def made(**keywords: Any) -> str:
+        return repr(Robot("so101", "Auto", **keywords))
+
+    plugged.append(SimpleNamespace(device="/dev/ttyS0", vid=None, pid=None))
+    assert made() == "<Robot so101 (so101, sim)>"
+    assert made(port="/dev/ttyS0") == "<Robot so101 (so101, /dev/ttyS0)>"
+    assert made(transport="twin") == "<Robot so101 (so101, twin)>"
+    plugged.append(bus_adapter("/dev/ttyACM0"))
+    assert made() == "<Robot so101 (so101, /dev/ttyACM0)>"
+    plugged.append(bus_adapter("/dev/ttyACM1"))
+    assert made() == "<Robot so101 (so101, sim)>"  # which of them?
+    assert repr(Robot("ur5e", "auto")) == "<Robot ur5e (ur5e, sim)>"
+    assert repr(Robot("ur5e", "auto", port="192.0.2.1")) == "<Robot ur5e (ur5e, 192.0.2.1)>"
+
+
 def test_close_names_are_offered() -> None:
     with pytest.raises(ValueError, match=r"Did you mean: .*so101"):
         Robot("so-101", mode="real", port="x")
@@ -58,12 +147,19 @@ def test_close_names_are_offered() -> None:
 
 @pytest.mark.parametrize(
     ("devices", "text"),
-    [(["/dev/ttyUSB1", "/dev/ttyACM0"], "/dev/ttyACM0, /dev/ttyUSB1"), ([], "serial devices here: none")],
+    [
+        (
+            [bus_adapter("/dev/ttyUSB1"), bus_adapter("/dev/ttyACM0")],
+            "serial devices here: /dev/ttyACM0, /dev/ttyUSB1 (",
+        ),
+        ([SimpleNamespace(device="/dev/ttyS0")], "serial devices here: /dev/ttyS0, none looks like a servo bus"),
+        ([], "serial devices here: none"),
+    ],
 )
 def test_without_a_port_the_devices_there_are_are_named(
-    monkeypatch: pytest.MonkeyPatch, devices: list[str], text: str
+    plugged: list[SimpleNamespace], devices: list[SimpleNamespace], text: str
 ) -> None:
-    monkeypatch.setattr(list_ports, "comports", lambda: [SimpleNamespace(device=path) for path in devices])
+    plugged += devices
     with pytest.raises(ValueError) as refusal:
         Robot("so101", mode="real")
     for part in ("so101 needs 'port'", "port='/dev/ttyACM0'", text, "a path is not an identity"):
@@ -76,65 +172,43 @@ def test_a_robot_is_made_by_any_of_its_names_and_starts_nothing() -> None:
     assert repr(arm) == "<Robot left (so101, /dev/nowhere)>"
     assert arm.tree() is None
     assert Robot("so101", mode="real", port="x").tool_name == "so101"
+    assert Robot("so101", mode="real", port="x", data_config="so101_tri").data_config == "so101_tri"
+    assert isinstance(arm, RealRobot)
 
 
-# -- the registry
+# -- a driver class of the drivers page, which is not run as a tree
 
 
-@pytest.fixture
-def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the test registers is forgotten after it."""
-    list_native_drivers()
-    monkeypatch.setattr(drivers, "_registered", dict(drivers._registered))
+class Lamp:
+    """All members, nothing behind them."""
 
+    PORT_KIND = "address"
+    TRANSPORTS = ()
+    tool_name = ""
+    tool_type = "robot"
+    tool_spec: dict[str, Any] = {}  # noqa: RUF012
 
-def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
-    listed = list_native_drivers()
-    assert list(listed) == sorted(listed)
-    assert {name: listed[name] for name in ("hope_jr", "open_duck_mini", "so100", "so101")} == dict.fromkeys(
-        ("hope_jr", "open_duck_mini", "so100", "so101"), "Feetech"
-    )
+    def __init__(self, tool_name: str, cameras: Any = None, data_config: Any = None, port: str = "") -> None:
+        self.tool_name, self.data_config, self.port = tool_name, data_config, port
 
+    def nothing(self) -> None: ...
 
-def test_coverage_says_who_drives_what() -> None:
-    coverage = list_driver_coverage()
-    assert coverage["so101"] == ("lerobot", "strands")
-    assert coverage["omx"] == ("lerobot",)
-    assert coverage["ability_hand"] == ()
-    assert coverage["open_duck_mini"] == ("strands",)
-    assert list(coverage) == sorted(coverage)
-
-
-class Half:
-    """A driver class with two members of many."""
-
-    tool_name = "half"
-
-    def stop(self) -> None: ...
+    cleanup = get_status = get_task_status = run_policy = send_action = nothing
+    start_task = stop = stop_task = stream = nothing
 
 
 @pytest.mark.usefixtures("registry")
-def test_a_class_that_lacks_members_is_refused_by_their_names() -> None:
-    missing = missing_driver_members(Half)
-    assert missing == sorted(missing)
-    assert {"cleanup", "send_action", "run_policy", "tool_spec", "stream"} <= set(missing)
-    assert not {"stop", "tool_name"} & set(missing)
-    with pytest.raises(TypeError) as refusal:
-        register_native_driver("half", Half)
-    assert str(refusal.value) == f"register_native_driver: Half lacks {', '.join(missing)}"
-    assert "half" not in list_native_drivers()
-
-
-@pytest.mark.usefixtures("registry")
-def test_a_name_is_bound_once_unless_it_is_to_be_replaced() -> None:
-    assert missing_driver_members(Feetech) == []
-
-    class Other(Feetech):
-        pass
-
-    with pytest.raises(ValueError, match="so101 is already served by Feetech"):
-        register_native_driver("so101", Other)
-    register_native_driver("so101", Other, overwrite=True)
-    assert list_native_drivers()["so101"] == "Other"
-    register_native_driver("so102", Other)
-    assert list_driver_coverage()["so102"] == ("strands",)
+def test_a_class_that_runs_by_itself_is_made_with_its_own_keywords() -> None:
+    register_native_driver("lamp", Lamp)
+    lamp = Robot("lamp", mode="real", port="192.0.2.7", tool_name="left", data_config="bright")
+    assert isinstance(lamp, Lamp)
+    assert (lamp.tool_name, lamp.port, lamp.data_config) == ("left", "192.0.2.7", "bright")
+    for keywords, text in (
+        ({}, "Lamp has no simulation of lamp. use mode='real'"),
+        ({"mode": "real"}, "lamp needs 'port'"),
+        ({"mode": "real", "prot": "x"}, r"no 'prot' \('prot' -> 'port'\?\). it takes cameras, data_config, port"),
+        ({"mode": "real", "port": "x", "cameras": {"top": 0}}, "Lamp opens no cameras"),
+        ({"mode": "real", "transport": "twin"}, "no transport 'twin'. it offers none"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            Robot("lamp", **keywords)

@@ -22,7 +22,7 @@ from strands_actors.runtime.contract import (
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, Verb
 
-from .axes import Axis, axes_of
+from .axes import COUNTS_PER_RADIAN, MIDDLE, Axis, axes_of
 
 NO_CALIBRATION = "none: full servo travel"
 
@@ -89,6 +89,9 @@ class ServoDriver(Driver):
         self.ids = tuple(axis.id for axis in self.joints)
         self.gates = self.all_gates(self.joints)
         self._index = {key: at for at, key in enumerate(self.axes)}
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
 
     @abstractmethod
     def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:

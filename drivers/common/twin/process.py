@@ -8,13 +8,18 @@ import signal
 import stat
 import sys
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import trio
+
+from strands_actors.drivers.common.door.body import body_of
 
 from .line import Line
 from .server import Robot, Server
 from .wirelog import WireLog
+
+if TYPE_CHECKING:
+    from strands_actors.drivers.common.door.server import Door
 
 LINGER_S = 3.0
 """How long a twin outlives its parent, so that what others still write is logged."""
@@ -53,19 +58,21 @@ def run(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
+    door: str | None = None,
     wire_time: bool = True,
 ) -> None:
     """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1 takes the
     robot's power away and gives it back.
 
     ``port_file`` holds the line's address as long as it is served. When stdin is a pipe it takes lines:
-    ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``.
+    ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. ``door``: where the robot's
+    body is served as a simulation, too (see ``common.door``).
     """
 
     def build(wire_log: WireLog) -> Server:
         return Server(robot, line, wire_log, wire_time=wire_time)
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)
+    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)
 
 
 def run_server(
@@ -75,9 +82,11 @@ def run_server(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
+    door: str | None = None,
 ) -> None:
-    """As ``run``, for what ``build`` makes of the wire log."""
-    trio.run(_main, build, port_file, log, fault, parent_fd)
+    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``door`` on a robot that
+    shows no body."""
+    trio.run(_main, build, port_file, log, fault, parent_fd, door)
 
 
 async def _main(
@@ -86,16 +95,22 @@ async def _main(
     log_path: str | None,
     fault: str | None,
     parent_fd: int | None,
+    door_path: str | None,
 ) -> None:
     log = WireLog(log_path)
     server = build(log)
+    door: Door | None = None
     try:
+        if door_path is not None:
+            door = _open_door(door_path, server, log)
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:
             async with trio.open_nursery() as nursery:
                 server.plug()
                 nursery.start_soon(server.serve)
+                if door is not None:
+                    nursery.start_soon(door.serve)
                 if parent_fd is not None:
                     nursery.start_soon(_outlive_parent, parent_fd, nursery.cancel_scope)
                 if _is_pipe(_STDIN):
@@ -108,11 +123,19 @@ async def _main(
                     else:
                         server.power_cycle()
     finally:
+        if door is not None:
+            door.close()
         server.close()
         log.close()
         if port_file:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(port_file)
+
+
+def _open_door(path: str, server: Served, log: WireLog) -> Door:
+    from strands_actors.drivers.common.door.server import Door  # MuJoCo: not every twin has it loaded
+
+    return Door(path, body_of(server), log)
 
 
 async def _outlive_parent(fd: int, scope: trio.CancelScope) -> None:

@@ -10,6 +10,8 @@ from typing import NamedTuple, Protocol
 
 import trio
 
+from strands_actors.drivers.common.door.body import Body, body_of
+
 from .alarm import NS, new_alarm
 from .faults import Fault, Reply, parse_fault
 from .line import Channel, Line
@@ -157,6 +159,11 @@ class Server:
     @property
     def address(self) -> str:
         return self._line.address
+
+    @property
+    def body(self) -> Body:
+        """Raise ``ValueError`` for a robot that shows none."""
+        return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
         """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""

@@ -9,6 +9,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from strands_actors.drivers.common.half_duplex import Decoder, PacketT
 from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.plant_body import PlantBody
 
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
@@ -116,6 +117,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.servos = tuple(servos)
         self.faults = Faults()
         self.now_s = now_s
+        self.body = PlantBody(plant, self.pass_time)
         self._decoder = decoder
         self._heard_s = now_s()
 
@@ -188,6 +190,7 @@ def serve(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
+    door: str | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> None:
     """Serve a robot on a serial port until interrupted (see ``run``)."""
@@ -201,5 +204,6 @@ def serve(
         log=log,
         fault=fault,
         parent_fd=parent_fd,
+        door=door,
         wire_time=bool(options.get("wire_time", True)),
     )

@@ -17,6 +17,8 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import trio
 
+from strands_actors.drivers.common.door.body import Body, body_of
+
 from .faults import parse_fault
 from .line import CHUNK
 from .server import Controls, Conversation, Frost, Session
@@ -125,6 +127,11 @@ class TcpServer:
     def address(self) -> str:
         host, port = self._names[0]
         return f"{host}:{port}"
+
+    @property
+    def body(self) -> Body:
+        """Raise ``ValueError`` for a robot that shows none."""
+        return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
         """``WORD`` or ``WORD:unit``. Raise ``ValueError`` for another word."""

@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterable
 from typing import Literal
 
-Source = Literal["host", "robot"]
+Source = Literal["host", "robot", "door"]
+"""``door``: what the simulation was told, beside the wire (see ``common.door``)."""
 
 
 class WireLog:

@@ -16,6 +16,7 @@ from strands_actors.drivers.common.twin import Fault, Faults, TcpServer, WireLog
 
 from .. import protocol as p
 from ..arms import JOINTS, arm_of
+from .body import URBody
 from .controller import TICK_HZ, Controller
 from .lines import Dashboard, ScriptPort
 from .rtde import RtdeServer
@@ -57,6 +58,7 @@ class URServer(TcpServer):
         faults = Faults()
         self._rtde = RtdeServer(self.controller, faults)
         self._machine = Machine(self.controller, faults)
+        self._body = URBody(self.controller)
         scripts = ScriptPort(self.controller).handle
         handlers = {
             p.RTDE_PORT: self._rtde.handle,
@@ -66,6 +68,10 @@ class URServer(TcpServer):
             p.REALTIME_PORT: scripts,
         }
         super().__init__(self._machine, handlers, log, host)
+
+    @property
+    def body(self) -> URBody:
+        return self._body
 
     def set_fault(self, text: str) -> None:
         super().set_fault(text)
@@ -113,6 +119,7 @@ def main(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
+    door: str | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> None:
     """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
@@ -124,4 +131,4 @@ def main(
     def build(wire_log: WireLog) -> URServer:
         return URServer(robot, wire_log, options.get("host"), float(options.get("program_start_s", 0.05)))
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)
+    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)

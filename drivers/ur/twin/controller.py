@@ -57,9 +57,13 @@ class Controller:
         self.now_s = now_s
         self._on_event = on_event
         self.serial = "20265300001"
+        self.wake_up()
+
+    def wake_up(self) -> None:
+        """Powered on, where its arm is."""
         self.reset()
         self.set_mode(p.RobotMode.RUNNING)
-        self.plant.catch_up(now_s())
+        self.plant.catch_up(self.now_s())
 
     def reset(self) -> None:
         """As after a boot, but the arm stays where it is."""
@@ -74,6 +78,7 @@ class Controller:
         self.double_in, self.double_out = [0.0] * p.REGISTERS, [0.0] * p.REGISTERS
         self.program: Program | None = None
         self.motion: Motion = motion.Hold()
+        self.led = False  # whether a simulation moves the arm: until a program is started
         self.fault = Fault.OK
         self._starting: tuple[float, Callable[[], Program]] | None = None
         self._watched: dict[int, tuple[float, float]] = {}  # integer register -> period, when it was written
@@ -110,9 +115,16 @@ class Controller:
 
     # -- programs
 
+    @property
+    def busy(self) -> bool:
+        """Whether a program runs, or is about to: then the arm is its."""
+        return self.program is not None or self._starting is not None
+
     def start_program(self, make: Callable[[], Program]) -> None:
         """Replaces whatever runs. Where nothing may move, or in local control, it is not started."""
         self.stop_program()
+        self.led = False
+        self.halt()
         if self.movable and self.remote:
             self._starting = self.now_s() + self.program_start_s, make
 

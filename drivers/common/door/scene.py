@@ -1,0 +1,162 @@
+"""What a model lacks to be looked at: light, ground, sky, colours, motors at the joints, and where to stand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from strands_actors.drivers.common.without_gl import mujoco
+
+MAX_WIDTH, MAX_HEIGHT = 2560, 1600
+
+GRAPHITE = (0.17, 0.19, 0.22, 1.0)
+SHELL = (0.90, 0.90, 0.88, 1.0)
+ACCENT = (0.96, 0.47, 0.13, 1.0)
+
+CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "top": (180.0, -89.0)}
+"""Azimuth and elevation in degrees: the eye looks along them at the middle of the robot."""
+
+_SLACK = 1.15
+"""So much further than its ball a robot may reach before one steps back."""
+
+_ROOM = 1.0
+"""Around the robot in a picture: a ball around it is larger than it looks."""
+
+
+class View(NamedTuple):
+    """Where to look at, and from how far the whole robot is seen."""
+
+    middle: tuple[float, float, float]
+    radius: float
+
+
+def decorate(spec: Any, view: View) -> Any:
+    """A copy of a model, to be looked at as in ``view``; what moves in it is the same. Not compiled yet."""
+    scene = spec.copy()
+    scene.stat.center, scene.stat.extent = view.middle, view.radius
+    scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
+    scene.visual.quality.offsamples = 4
+    scene.visual.quality.shadowsize = 4096
+    scene.visual.map.shadowclip = 3  # extents: else the edge of the shadow map speckles the ground
+    scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
+    scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
+    scene.visual.headlight.specular = [0.0, 0.0, 0.0]
+    scene.visual.rgba.haze = [0.80, 0.85, 0.90, 1.0]
+    _add_sky_and_ground(scene)
+    _add_lights(scene, view)
+    for body in scene.bodies[1:]:
+        _colour(body)
+    return scene
+
+
+def view_of(model: Any, data: Any) -> View:
+    """Of everything but the ground, as it is posed in ``data``."""
+    kept = [at for at in range(model.ngeom) if model.geom_type[at] != mujoco.mjtGeom.mjGEOM_PLANE]
+    if not kept:
+        return View((0.0, 0.0, 0.0), 1.0)
+    places, sizes = data.geom_xpos[kept], model.geom_rbound[kept][:, None]
+    low, high = (places - sizes).min(axis=0), (places + sizes).max(axis=0)
+    low[2] = min(max(low[2], 0.0), high[2])
+    middle = (low + high) / 2
+    return View(
+        (float(middle[0]), float(middle[1]), float(middle[2])),
+        float(np.max(np.linalg.norm(places - middle, axis=1) + sizes[:, 0])),
+    )
+
+
+def widened(view: View, model: Any, data: Any) -> View:
+    """A view of the same place in which the robot, as it is posed now, fits."""
+    now = view_of(model, data)
+    away = math.dist(view.middle, now.middle)
+    return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
+
+
+def distance_m(model: Any, view: View, width: int, height: int) -> float:
+    """From where the whole of ``view`` is inside a picture of that shape."""
+    half = math.radians(float(model.vis.global_.fovy)) / 2
+    narrow = min(half, math.atan(math.tan(half) * width / height))
+    return view.radius * _ROOM / math.sin(narrow)
+
+
+def _add_sky_and_ground(scene: Any) -> None:
+    kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
+    scene.add_texture(
+        name="sky",
+        type=kinds.mjTEXTURE_SKYBOX,
+        builtin=patterns.mjBUILTIN_GRADIENT,
+        rgb1=[0.55, 0.68, 0.82],
+        rgb2=[0.93, 0.95, 0.97],
+        width=256,
+        height=1536,
+    )
+    scene.add_texture(
+        name="ground",
+        type=kinds.mjTEXTURE_2D,
+        builtin=patterns.mjBUILTIN_CHECKER,
+        mark=mujoco.mjtMark.mjMARK_EDGE,
+        rgb1=[0.76, 0.78, 0.80],
+        rgb2=[0.70, 0.72, 0.75],
+        markrgb=[0.60, 0.62, 0.66],
+        width=256,
+        height=256,
+    )
+    ground = scene.add_material(name="ground", texrepeat=[5, 5], texuniform=True, reflectance=0.08)
+    ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "ground"
+    for geom in scene.worldbody.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+            geom.material = "ground"
+            geom.size = [0, 0, 0.05]  # as far as the eye reaches
+
+
+def _add_lights(scene: Any, view: View) -> None:
+    """A lamp above and beside, as far away as the robot is large, and a weaker one from the other side."""
+    middle = np.asarray(view.middle)
+    for towards, strength, shadow in (
+        ([-0.35, 0.45, -0.82], 0.6, True),
+        ([-0.6, -0.6, -0.5], 0.2, False),
+    ):
+        scene.worldbody.add_light(
+            pos=middle - np.asarray(towards) * view.radius * 5,
+            dir=towards,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            castshadow=shadow,
+            diffuse=[strength] * 3,
+            specular=[0.25 * shadow] * 3,
+        )
+
+
+def _colour(body: Any) -> None:
+    """Base and motors dark, links light, what has nothing behind it in the accent."""
+    shapes = list(body.geoms)
+    moves = list(body.joints)
+    for geom in shapes:
+        geom.rgba = GRAPHITE if not moves else SHELL if list(body.bodies) else ACCENT
+    for joint in moves:
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE and shapes:
+            behind = list(body.parent.geoms) if body.parent.name != "world" else []
+            _add_motor(body, joint, min(map(_thickness, [shapes[0], *behind])))
+
+
+def _add_motor(body: Any, joint: Any, radius: float) -> None:
+    """A drum around the joint's axis, without weight."""
+    place, axis = np.asarray(joint.pos), np.asarray(joint.axis)
+    reach = axis / np.linalg.norm(axis) * radius * 1.15
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[*(place - reach), *(place + reach)],
+        size=[radius * 1.12, 0, 0],
+        rgba=GRAPHITE,
+        mass=0,
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def _thickness(geom: Any) -> float:
+    """Half of it, across a link."""
+    sizes = [float(size) for size in geom.size if size > 0]
+    if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
+        return sorted(sizes)[1] if len(sizes) > 1 else 0.02
+    return sizes[0] if sizes else 0.02

@@ -1,0 +1,122 @@
+"""The twin's end of the door."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import socket
+import time
+from typing import TYPE_CHECKING
+
+import trio
+
+from . import protocol as p
+from .body import Body, Hand
+from .studio import CannotRender, Studio
+
+if TYPE_CHECKING:
+    from strands_actors.drivers.common.twin.wirelog import WireLog
+
+BACKLOG = 16
+_CHUNK = 1 << 16
+
+
+class Door:
+    """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the wire nor another
+    client waits for one."""
+
+    def __init__(self, path: str, body: Body, log: WireLog) -> None:
+        """Raise ``OSError`` when there can be no socket at ``path``."""
+        self._path = path
+        self._body = body
+        self._log = log
+        self._studio = Studio(body.spec)
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.setblocking(False)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        self._listener.bind(path)
+        os.chmod(path, 0o600)
+        self._listener.listen(BACKLOG)
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        try:
+            async with trio.open_nursery() as nursery:
+                while True:
+                    await trio.lowlevel.wait_readable(self._listener)
+                    with contextlib.suppress(BlockingIOError, ConnectionError):
+                        sock, _ = self._listener.accept()
+                        nursery.start_soon(self._attend, trio.socket.from_stdlib_socket(sock))
+        finally:
+            self._studio.close()
+
+    def close(self) -> None:
+        self._listener.close()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._path)
+
+    async def _attend(self, sock: trio.socket.SocketType) -> None:
+        decoder = p.request_decoder()
+        async with trio.SocketStream(sock) as stream:
+            with contextlib.suppress(trio.BrokenResourceError, p.Garbled):
+                while data := await stream.receive_some(_CHUNK):
+                    for request in decoder.feed(data):
+                        reply = await self._answer(request)
+                        if reply is not None and request.number:
+                            await stream.send_all(p.encode(reply))
+
+    async def _answer(self, request: p.Request) -> p.Reply | None:
+        body = self._body
+        body.pass_time()
+        number = request.number
+        match request:
+            case p.Hello():
+                return p.Axes(number, body.axes)
+            case p.Take():
+                self._note("enable", request)
+                body.take(True)
+            case p.Aim():
+                self._note("setpoint", request)
+                if len(request.values) == len(body.axes) and all(map(math.isfinite, request.values)):
+                    body.aim(request.values)
+                return None
+            case p.Safe():
+                self._note("safe", request, request.rung)
+                if request.rung == p.LIMP:
+                    body.take(False)
+                else:
+                    body.hold()
+            case p.Reset():
+                if Hand.WIRE in body.felt().hands:
+                    return p.No(number, "the robot on the wire is energised. stop it first")
+                self._note("reset", request)
+                body.reset()
+            case p.Render():
+                return await self._render(request)
+            case p.GetModel():
+                return p.Model(number, await self._studio.model(self._body.pose()))
+            case p.GetPose():
+                return p.Pose(number, tuple(body.pose()))
+            case p.Read():
+                pass
+        felt = body.felt()
+        return p.Sample(
+            number,
+            felt.time_s,
+            tuple(felt.position),
+            tuple(felt.velocity),
+            tuple(felt.effort),
+            tuple(int(hand) for hand in felt.hands),
+        )
+
+    async def _render(self, request: p.Render) -> p.Reply:
+        try:
+            rgb = await self._studio.render(self._body.pose(), request.width, request.height, request.camera)
+        except CannotRender as failure:
+            return p.No(request.number, str(failure))
+        return p.Picture(request.number, request.width, request.height, rgb)
+
+    def _note(self, kind: str, request: p.Frame, rung: str | None = None) -> None:
+        self._log.write(time.monotonic_ns(), "door", [(kind, p.encode(request))], rung)

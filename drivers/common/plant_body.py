@@ -1,0 +1,41 @@
+"""The body of a robot whose joints are driven one by one, as its twin shows it at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from .door.body import Felt
+from .physics import Plant
+
+
+class PlantBody:
+    """The body of a robot whose joints are driven one by one."""
+
+    def __init__(self, plant: Plant, pass_time: Callable[[], None]) -> None:
+        self._plant = plant
+        self.pass_time = pass_time
+        self.axes = plant.joints
+        self.spec = plant.spec
+
+    def felt(self) -> Felt:
+        plant = self._plant
+        hands = [plant.hand(index) for index in range(len(self.axes))]
+        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, hands)
+
+    def pose(self) -> Sequence[float]:
+        qpos: list[float] = self._plant.data.qpos.tolist()
+        return qpos
+
+    def take(self, on: bool) -> None:
+        for index in range(len(self.axes)):
+            self._plant.take(index, on)
+
+    def aim(self, values: Sequence[float]) -> None:
+        for index, value in enumerate(values):
+            self._plant.aim(index, value)
+
+    def hold(self) -> None:
+        self.aim(self._plant.position_rad)
+
+    def reset(self) -> None:
+        self._plant.go_home()

@@ -1,0 +1,62 @@
+"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from strands_actors.drivers.common.door.body import Felt, Hand
+
+from .mechanism import Gripper
+from .protocol import TOP
+
+CLOSED_RAD = 0.8
+"""Of each of the four joints of the model, when the fingers meet [mujoco_menagerie/robotiq_2f85]."""
+
+
+class GripperBody:
+    axes = ("gripper",)
+
+    def __init__(self, gripper: Gripper, table: Mapping[str, Any]) -> None:
+        self._gripper = gripper
+        self._table = table
+        self.pass_time = gripper.pass_time
+
+    @cached_property
+    def spec(self) -> Any:
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+
+        return build(self._table)
+
+    @property
+    def _hand(self) -> Hand:
+        if self._gripper.driven:
+            return Hand.WIRE
+        return Hand.NONE if self._gripper.led_to is None else Hand.SIM
+
+    @property
+    def _closed(self) -> float:
+        """Fraction."""
+        return self._gripper.position / TOP
+
+    def felt(self) -> Felt:
+        return Felt(self._gripper.time_s, (self._closed,), (0.0,), (0.0,), (self._hand,))
+
+    def pose(self) -> Sequence[float]:
+        return [self._closed * CLOSED_RAD] * 4
+
+    def take(self, on: bool) -> None:
+        """Nobody can push its fingers: let go of, they stay."""
+        if self._hand is (Hand.NONE if on else Hand.SIM):
+            self._gripper.led_to = self._gripper.position if on else None
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self._hand is Hand.SIM:
+            self._gripper.led_to = values[0] * TOP
+
+    def hold(self) -> None:
+        self.aim((self._closed,))
+
+    def reset(self) -> None:
+        self._gripper.open_up()

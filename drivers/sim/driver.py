@@ -1,0 +1,79 @@
+"""Any robot in simulation: its own driver's names, units and ladder, no gates, and its twin's door for a wire.
+
+What is still refused: names that are none of its joints, numbers that are not finite, and a joint that the
+simulation does not hold, since a command to it would have no effect.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import msgspec
+
+from strands_actors.drivers.common.door.protocol import HOLD, LIMP
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import Candidate, Driver, GateState, SecondPath
+from strands_actors.runtime.messages import Refused
+
+from .gates import held
+
+if TYPE_CHECKING:
+    from .wire import SimWire
+
+KEEPALIVE_S = 1.0
+"""A door loses nothing: the re-send is of no use here, and costs nothing."""
+
+
+class SimDriver(Driver):
+    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``port``: path of the
+    door."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TRANSPORTS: ClassVar[tuple[str, ...]] = ()
+    TWIN: ClassVar[str] = ""
+
+    firmware_watchdog = "none: a simulation holds its last target"
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        module, _, name = options["class"].partition(":")
+        real_class: type[Driver] = getattr(importlib.import_module(module), name)
+        self.real = real_class(robot, "", options["options"])
+        real = self.real
+        self.robot, self.port = real.robot, port
+        self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
+        self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
+        self.ladder = real.ladder
+        self.units = real.model_units()
+        self.gates = (held(self.axes),)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return self.real.parse(action, state)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        return self.real.as_json(values)
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        return self.real.commanded(action, values)
+
+    def energised(self, rung: str) -> bool:
+        return self.real.energised(rung)
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        return self.units
+
+    def open_wire(self, clock: Clock) -> SimWire:
+        from .wire import SimWire
+
+        return SimWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .wire import SimSecondPath
+
+        return SimSecondPath(self)
+
+    def door_rung(self, rung: str) -> str:
+        """Only a limp robot is let go of; one that is stopped otherwise stays where it is."""
+        return LIMP if rung == LIMP else HOLD

@@ -1,0 +1,52 @@
+"""MuJoCo's viewer on a simulation, in a process of its own: it only looks."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import trio
+
+from strands_actors.drivers.common.door import protocol as p
+from strands_actors.drivers.common.door.client import DoorClient
+from strands_actors.drivers.common.without_gl import mujoco
+from strands_actors.runtime.contract import WireDown
+
+FRAME_S = 1 / 60
+ANSWER_S = 10.0
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the process. Ends when its window is closed, or with the simulation or the caller."""
+    trio.run(_mirror, args["door"], sock)
+
+
+async def _mirror(door: str, sock: socket.socket) -> None:
+    from mujoco import viewer
+
+    client = DoorClient(door)
+    file = (await client.call(p.GetModel(0), p.Model, ANSWER_S)).binary
+    model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": file})
+    data = mujoco.MjData(model)
+    window = viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    sock.sendall(b"\x01")  # it is open
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(_end_with, sock, nursery.cancel_scope)
+        while window.is_running():
+            try:
+                pose = await client.call(p.GetPose(0), p.Pose, ANSWER_S)
+            except WireDown:
+                break
+            with window.lock():
+                data.qpos[:] = pose.qpos
+                mujoco.mj_forward(model, data)
+            window.sync()
+            await trio.sleep(FRAME_S)
+        nursery.cancel_scope.cancel()
+    window.close()
+
+
+async def _end_with(sock: socket.socket, scope: trio.CancelScope) -> None:
+    """The caller's end is the end of its windows."""
+    await trio.lowlevel.wait_readable(sock)
+    scope.cancel()

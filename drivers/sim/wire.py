@@ -1,0 +1,144 @@
+"""The door of a twin as a wire, and as the root's second path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from strands_actors.drivers.common.door import protocol as p
+from strands_actors.drivers.common.door.body import Hand
+from strands_actors.drivers.common.door.client import DoorClient
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+
+from .gates import HELD_BY_WIRE, LET_GO
+
+if TYPE_CHECKING:
+    from .driver import SimDriver
+
+HELLO_S = 2.0
+READ_S = 0.03
+"""How long one reading waits; the next one asks again. The watchdog wants to hear of us."""
+
+SILENT_S = 1.0
+"""A simulation that says nothing for so long is gone."""
+
+SAFE_S = 1.0
+
+
+class SimWire(Wire):
+    def __init__(self, driver: SimDriver, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._door: DoorClient | None = None
+        self._armed = False
+        self._seen: Observation | None = None
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        self._door = DoorClient(self._driver.port)
+        axes = (await self._client.call(p.Hello(0), p.Axes, HELLO_S)).axes
+        if axes != self._driver.axes:
+            raise WireDown(f"the simulation is of another robot: it has {', '.join(axes)}")
+        self._observe(await self._client.call(p.Read(0), p.Sample, HELLO_S))
+        return {"simulation": self._driver.port}
+
+    async def arm(self, permit: Permit) -> Observation:
+        permit.check()
+        sample = await self._client.call(p.Take(0), p.Sample, HELLO_S)
+        self._armed = True
+        return self._observe(sample)
+
+    async def read(self) -> Observation:
+        client = self._client
+        sample = await client.answer(client.ask(p.Read(0)), p.Sample, READ_S)
+        if sample is not None:
+            return self._observe(sample)
+        seen = self._seen
+        if seen is None or self._clock.now_ns() - seen.t_ns > SILENT_S * NS:
+            raise WireDown(f"the simulation says nothing for {SILENT_S:g} s")
+        return seen
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        units = self._driver.units
+        # what modifies a target (a gripper's speed) follows the axes, and has no meaning here
+        aim = p.Aim(0, tuple((value - zero) / scale for value, (zero, scale) in zip(values, units, strict=False)))
+        client = self._client
+        permit.check()
+        client.tell(aim)
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        if self._door is None:
+            return _failed(self._driver, "not connected")
+        self._armed = self._armed and self._driver.energised(rung)
+        return await _make_safe(self._driver, self._door, rung)
+
+    def close(self) -> None:
+        if self._door is not None:
+            self._door.close()
+        self._door = self._seen = None
+        self._armed = False
+
+    @property
+    def _client(self) -> DoorClient:
+        if self._door is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._door
+
+    def _observe(self, sample: p.Sample) -> Observation:
+        driver, now_ns = self._driver, self._clock.now_ns()
+        rows = list(zip(sample.position, sample.velocity, driver.units, strict=True))
+        self._seen = Observation(
+            t_ns=now_ns,
+            position=tuple(zero + scale * position for position, _, (zero, scale) in rows),
+            stamp_ns=(now_ns,) * len(rows),
+            velocity=tuple(scale * velocity for _, velocity, (_, scale) in rows),
+            sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,)},
+            faults=_faults(driver.axes, sample.hands) if self._armed else {},
+        )
+        return self._seen
+
+
+class SimSecondPath(SecondPath):
+    """A conversation of the root's own, begun when it is needed."""
+
+    def __init__(self, driver: SimDriver) -> None:
+        self._driver = driver
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        try:
+            door = DoorClient(self._driver.port)
+        except WireDown as down:
+            return _failed(self._driver, str(down))
+        try:
+            return await _make_safe(self._driver, door, rung)
+        finally:
+            door.close()
+
+    def close(self) -> None:
+        pass
+
+
+async def _make_safe(driver: SimDriver, door: DoorClient, rung: str) -> tuple[MotorReport, ...]:
+    """``ask`` hands the frame over before anything waits."""
+    try:
+        sample = await door.call(p.Safe(0, driver.door_rung(rung)), p.Sample, SAFE_S)
+    except WireDown as down:
+        return _failed(driver, str(down))
+    wire = int(Hand.WIRE)
+    return tuple(
+        MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "")
+        for axis, motor, hand in zip(driver.axes, driver.ids, sample.hands, strict=True)
+    )
+
+
+def _failed(driver: SimDriver, why: str) -> tuple[MotorReport, ...]:
+    return tuple(
+        MotorReport(axis, motor, False, False, False, why)
+        for axis, motor in zip(driver.axes, driver.ids, strict=True)
+    )
+
+
+def _faults(axes: Sequence[str], hands: Sequence[int]) -> dict[str, str]:
+    words = {int(Hand.WIRE): HELD_BY_WIRE, int(Hand.NONE): LET_GO}
+    return {axis: words[hand] for axis, hand in zip(axes, hands, strict=True) if hand in words}

@@ -1,0 +1,46 @@
+"""What a caller asks of a simulation beside the robot's verbs: a picture, a fresh start."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeVar
+
+from strands_actors.drivers.common.door import protocol as p
+from strands_actors.drivers.common.door.client import DoorClient, Refusal
+from strands_actors.runtime.contract import WireDown
+
+T = TypeVar("T", bound=p.Frame)
+
+PICTURE_S = 30.0
+"""The first one compiles shaders; software that draws on a busy machine is slow."""
+
+RESET_S = 2.0
+
+
+class Picture(NamedTuple):
+    """Rows from the top, three bytes a pixel."""
+
+    width: int
+    height: int
+    rgb: bytes
+
+
+async def render(door: str, width: int, height: int, camera: str) -> Picture:
+    """Raise ``RuntimeError`` with the reason there is no picture."""
+    got = await _ask(door, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
+    return Picture(got.width, got.height, got.rgb)
+
+
+async def reset(door: str) -> None:
+    """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is energised."""
+    await _ask(door, p.Reset(0), p.Sample, RESET_S)
+
+
+async def _ask(door: str, request: p.Request, kind: type[T], within_s: float) -> T:
+    try:
+        client = DoorClient(door)
+        try:
+            return await client.call(request, kind, within_s)
+        finally:
+            client.close()
+    except (WireDown, Refusal) as failure:
+        raise RuntimeError(str(failure)) from None

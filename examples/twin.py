@@ -1,0 +1,10 @@
+"""The real driver of an SO-101, with a simulation behind its wire. No robot, no display, no download."""
+
+from __future__ import annotations
+
+from strands_actors import Robot
+
+sim = Robot("so101")
+arm = Robot("so101", mode="real", transport="twin", sim=sim)
+arm.connect_eagerly()
+print(arm.send_action({"shoulder_pan": 10.0}))

@@ -1,0 +1,228 @@
+"""Who drives which robot, and how another package, or a script, adds one."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import EntryPoint
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot, drivers
+from strands_actors.drivers import (
+    broken_drivers,
+    canonical_name,
+    constructor_keywords,
+    drifted_driver_parameters,
+    get_native_driver_class,
+    list_driver_coverage,
+    list_native_drivers,
+    missing_driver_members,
+    port_kind,
+    register_native_driver,
+    register_robot,
+    resolve_driver,
+)
+from strands_actors.drivers.feetech.driver import Feetech
+from strands_actors.drivers.ur.driver import UR
+
+STATE = ("_registered", "_aliases", "_broken", "_robots", "_found")
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test registers is forgotten after it."""
+    list_native_drivers()
+    for name in STATE:
+        monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
+
+
+pytestmark = pytest.mark.usefixtures("registry")
+
+
+def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
+    listed = list_native_drivers()
+    assert list(listed) == sorted(listed)
+    assert {name: listed[name] for name in ("hope_jr", "open_duck_mini", "so100", "so101")} == dict.fromkeys(
+        ("hope_jr", "open_duck_mini", "so100", "so101"), "Feetech"
+    )
+    assert get_native_driver_class("so101_follower") is Feetech
+    assert get_native_driver_class("toaster") is None
+
+
+def test_coverage_says_who_drives_what() -> None:
+    coverage = list_driver_coverage()
+    assert coverage["so101"] == ("lerobot", "strands")
+    assert coverage["omx"] == ("lerobot",)
+    assert coverage["ability_hand"] == ()
+    assert coverage["open_duck_mini"] == ("strands",)
+    assert list(coverage) == sorted(coverage)
+
+
+def test_the_kind_of_a_port_is_known_by_name() -> None:
+    assert (port_kind("so101"), port_kind("ur5e"), port_kind("toaster")) == ("serial", "address", None)
+
+
+def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
+    assert constructor_keywords(UR) == ["data_config", "port", "sim", "tool_name", "transport"]
+    assert constructor_keywords(Feetech) == sorted([*constructor_keywords(UR), "baud", "calibration"])
+
+    class Seeing(Feetech):
+        reads_cameras = True
+
+    assert "cameras" in constructor_keywords(Seeing)
+
+    class Open:
+        def __init__(self, tool_name: str, *, port: str = "", **more: Any) -> None: ...
+
+    assert constructor_keywords(Open) == ["**", "port", "tool_name"]
+
+
+# -- resolving
+
+
+def test_who_drives_is_asked_for_else_registered_else_native_else_lerobot() -> None:
+    assert resolve_driver("so101") == "strands"
+    assert resolve_driver("so101", "lerobot") == "lerobot"
+    assert resolve_driver("omx") == "lerobot"
+    register_robot("so101", hardware={"driver": "lerobot"}, overwrite=True)
+    assert resolve_driver("so101") == "lerobot"
+    assert resolve_driver("so101_follower") == "lerobot"
+    assert resolve_driver("so101", "strands") == "strands"
+    for robot, driver, text in (
+        ("so101", "magic", "driver is 'magic'. use one of 'auto', 'lerobot', 'strands'"),
+        ("omx", "strands", "omx has no native driver. these have one: .*so100, so101"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            resolve_driver(robot, driver)
+
+
+def test_a_robot_that_is_registered_is_known_by_all_its_names() -> None:
+    class Own(Feetech):
+        pass
+
+    register_robot("my_arm", hardware={"driver": "strands"}, aliases=["mine"], model_xml="arm.xml")
+    assert list_driver_coverage()["my_arm"] == ()
+    with pytest.raises(ValueError, match="mine has no native driver"):
+        Robot("mine", mode="real", port="/dev/ttyACM0")
+    register_native_driver("my_arm", Own)
+    assert canonical_name("mine") == "my_arm"
+    assert list_driver_coverage()["my_arm"] == ("strands",)
+    assert resolve_driver("mine") == "strands"
+    register_robot("theirs", hardware={"driver": "lerobot"})
+    assert list_driver_coverage()["theirs"] == ("lerobot",)
+    with pytest.raises(ValueError, match=r"theirs would be driven by lerobot \(extra strands-actors\[lerobot\]\)"):
+        Robot("theirs")
+
+
+@pytest.mark.parametrize(
+    ("name", "keywords", "text"),
+    [
+        ("so101", {}, "so101 is known already. pass overwrite=True"),
+        ("new", {"aliases": ["so_arm101"]}, "so_arm101 is known already"),
+        ("ability_hand", {}, "ability_hand is known already"),
+        ("new", {"hardware": {"driver": "magic"}}, "hardware driver is 'magic'. use 'strands' or 'lerobot'"),
+        ("new", {"hardware": {"wheels": "4"}}, "hardware has no wheels. it takes driver"),
+    ],
+)
+def test_a_robot_that_cannot_be_registered_is_not(name: str, keywords: dict[str, Any], text: str) -> None:
+    before = list_driver_coverage()
+    with pytest.raises(ValueError, match=text):
+        register_robot(name, **keywords)
+    assert list_driver_coverage() == before
+
+
+# -- driver classes
+
+
+class Half:
+    """A driver class with two members of many."""
+
+    tool_name = "half"
+
+    def stop(self) -> None: ...
+
+
+def test_a_class_that_lacks_members_is_refused_by_their_names() -> None:
+    missing = missing_driver_members(Half)
+    assert missing == sorted(missing)
+    assert {"cleanup", "send_action", "run_policy", "tool_spec", "stream"} <= set(missing)
+    assert not {"stop", "tool_name"} & set(missing)
+    with pytest.raises(TypeError) as refusal:
+        register_native_driver("half", Half)
+    assert str(refusal.value) == f"register_native_driver: Half lacks {', '.join(missing)}"
+    assert "half" not in list_native_drivers()
+
+
+def test_a_name_is_bound_once_unless_it_is_to_be_replaced() -> None:
+    assert missing_driver_members(Feetech) == []
+
+    class Other(Feetech):
+        pass
+
+    with pytest.raises(ValueError, match="so101 is already served by Feetech"):
+        register_native_driver("so101", Other)
+    register_native_driver("so101", Other, overwrite=True)
+    assert list_native_drivers()["so101"] == "Other"
+    register_native_driver("so102", Other)
+    assert list_driver_coverage()["so102"] == ("strands",)
+
+
+class Drifted:
+    def run_policy(self, policy_object: Any, instruction: str = "", duration: float = 1.0) -> None: ...
+    def send_action(self, joints: dict[str, float]) -> None: ...
+    def start_task(self, instruction: str, **more: Any) -> None: ...
+    def stop(self, now: bool = True) -> None: ...
+
+
+def test_parameters_that_are_not_those_of_the_page_are_named() -> None:
+    assert drifted_driver_parameters(Drifted) == {
+        "run_policy": ["n_steps"],  # policy goes by policy_object, too
+        "send_action": ["action", "robot_name"],
+    }
+    assert drifted_driver_parameters(Feetech) == {}
+
+
+# -- other packages
+
+
+class Theirs(Feetech):
+    SUPPORTED_ROBOTS = ("their_arm", "so101")
+    ALIASES = {"their_arm_v2": "their_arm"}  # noqa: RUF012
+
+
+@pytest.fixture
+def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three of other people's are installed: a good one, one that raises and one that is no driver."""
+    module = ModuleType("their_drivers")
+    module.__dict__.update(Theirs=Theirs, Half=Half)
+    monkeypatch.setitem(sys.modules, "their_drivers", module)
+    group = "strands_actors.drivers"
+    points = [
+        EntryPoint("good", "their_drivers:Theirs", group),
+        EntryPoint("gone", "no_such_module:Driver", group),
+        EntryPoint("half", "their_drivers:Half", group),
+        EntryPoint("feetech", "their_drivers:Half", group),  # no way to take a built-in wire's place
+    ]
+    monkeypatch.setattr(drivers, "entry_points", lambda group: points)
+    for name in STATE:
+        getattr(drivers, name).clear()
+    monkeypatch.setattr(drivers, "_loaded", False)
+
+
+@pytest.mark.usefixtures("packages")
+def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived() -> None:
+    with pytest.warns(UserWarning) as told:
+        listed = list_native_drivers()
+    assert listed["their_arm"] == "Theirs"
+    assert listed["so101"] == "Feetech"
+    assert canonical_name("their_arm_v2") == "their_arm"
+    broken = broken_drivers()
+    assert sorted(broken) == ["gone", "half"]
+    assert broken["gone"] == "ModuleNotFoundError: No module named 'no_such_module'"
+    assert broken["half"].startswith("TypeError: Half lacks cleanup, get_status")
+    assert [str(warning.message) for warning in told] == [
+        f"driver {name} cannot be used: {why}" for name, why in sorted(broken.items())
+    ]
+    assert list_native_drivers() == listed  # told once

@@ -1,0 +1,367 @@
+"""``Robot(name)``: a simulation with the same tree and verbs, its pictures, and the real driver on its wire."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trio
+
+from strands_actors import Robot, open_robot
+from strands_actors.robot import RealRobot, SimRobot
+from strands_actors.simulation import SimulationError
+from strands_actors.testing import WireLog
+from strands_actors.tree import RobotTree
+
+from .helpers import at, json_of, state, status, task_ended, until, why
+
+ROOT = Path(__file__).parents[2]
+
+NewSim = Callable[..., SimRobot]
+NewArm = Callable[..., RealRobot]
+
+# a joint, where it is sent, and within what it gets there
+SIMULATED = {
+    "so100": ("shoulder_pan", -30.0, 1.0),
+    "so101": ("shoulder_pan", 30.0, 1.0),
+    "hope_jr": ("wrist_roll", 15.0, 1.0),
+    "open_duck_mini": ("head_yaw", 25.0, 1.0),
+    "koch": ("shoulder_pan", 20.0, 1.0),
+    "ur5e": ("shoulder_pan_joint", 1.0, 0.01),  # far more than a real one may be sent in one go
+    "robotiq_2f85": ("gripper", 0.5, 0.01),
+}
+
+
+@pytest.fixture
+def new_sim(run_dir: Path) -> Iterator[NewSim]:
+    """Make a simulation. It and whatever is on its wire is cleaned up."""
+    made: list[SimRobot] = []
+
+    def new(robot: str = "so101", **keywords: Any) -> SimRobot:
+        made.append(Robot(robot, **keywords))
+        return made[-1]
+
+    yield new
+    for sim in made:
+        sim.cleanup()
+
+
+@pytest.fixture
+def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
+    """The real driver on a simulation's wire, connected."""
+    made: list[RealRobot] = []
+
+    def new(sim: SimRobot, robot: str = "so101") -> RealRobot:
+        made.append(Robot(robot, mode="real", transport="twin", sim=sim))
+        for _ in range(3):  # a busy machine may let the twin wait until it counts as silent
+            problem = made[-1].connect_eagerly()
+            if problem is None:
+                return made[-1]
+        pytest.fail(f"no arm to test with: {problem}")
+
+    yield new
+    for arm in made:
+        arm.cleanup()
+
+
+def pids(robot: RealRobot) -> dict[str, int]:
+    tree = robot.tree()
+    assert tree is not None
+    return {process["role"]: process["pid"] for process in tree["processes"]}
+
+
+# -- the verbs
+
+
+@pytest.mark.parametrize("robot", SIMULATED)
+def test_a_robot_is_simulated_from_its_first_verb_on(new_sim: NewSim, robot: str) -> None:
+    joint, place, within = SIMULATED[robot]
+    sim = new_sim(robot)
+    assert sim.tree() is None  # nothing was started
+    assert sim.get_task_status()["status"] == "success"
+    answer = json_of(sim.send_action({joint: place}))
+    assert place in (
+        answer.get("commanded", {}).get(joint),
+        answer.get("targets", {}).get(joint),
+        answer.get("position"),
+    )
+    at(sim, joint, place, within)
+    assert "is not a" in why(sim.send_action({"left_wheel": 1.0}))
+    assert "finite" in why(sim.send_action({joint: math.nan}))
+    assert state(sim) == "armed"
+
+
+def test_nothing_is_gated_but_names_and_numbers(new_sim: NewSim) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_pan": 400.0}))  # the joint's own end stops it
+    until(lambda: sim.get_observation()["shoulder_pan"] > 100.0, "it goes as far as it can")
+    policy = iter(range(-50, 1000, 25))  # steps that no servo can follow
+    json_of(sim.run_policy(lambda _: {"shoulder_pan": next(policy)}, n_steps=5, control_frequency=50.0))
+    ended = task_ended(sim)
+    assert (ended["exit_reason"], ended["steps"], ended["refusal"]) == ("n_steps", 5, None)
+
+
+def test_a_stop_lets_go_and_only_a_resume_moves_again(new_sim: NewSim) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_lift": -40.0}))
+    at(sim, "shoulder_lift", -40.0, 5.0)
+    report = json_of(sim.stop())
+    assert (report["stopped"], report["rung"], report["unconfirmed"]) == (True, "limp", [])
+    until(lambda: sim.get_observation()["shoulder_lift"] > -30.0, "it falls")
+    assert "disarmed" in why(sim.send_action({"shoulder_lift": -40.0}))
+    json_of(sim.resume())
+    json_of(sim.send_action({"shoulder_lift": -40.0}))
+    at(sim, "shoulder_lift", -40.0, 5.0)
+
+
+def test_a_reset_is_a_fresh_start(new_sim: NewSim) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_pan": 60.0, "gripper": 80.0}))
+    at(sim, "shoulder_pan", 60.0)
+    began = json_of(sim.reset())["position"]
+    assert abs(began["shoulder_pan"]) < 1.0
+    json_of(sim.send_action({"gripper": 50.0}))
+    at(sim, "gripper", 50.0)
+    assert abs(sim.get_observation()["shoulder_pan"]) < 1.0  # no old target comes back
+
+
+def test_saf_003_008_a_simulation_whose_wire_is_killed_is_let_go_of_and_waits(
+    new_sim: NewSim, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = WireLog(tmp_path / "wire.ndjson")
+    monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_lift": -40.0}))
+    wire = pids(sim)["wire"]
+    os.kill(wire, signal.SIGKILL)
+    until(lambda: [entry for entry in door(log) if entry.kind == "safe"], "the root's own path writes")
+    until(lambda: state(sim) == "disarmed" and pids(sim)["wire"] != wire, "another wire, disarmed")
+    assert "disarmed" in why(sim.send_action({"shoulder_lift": 0.0}))
+    kinds = [entry.kind for entry in door(log)]
+    assert "setpoint" not in kinds[kinds.index("safe") :]
+    json_of(sim.resume())
+    json_of(sim.send_action({"shoulder_lift": -20.0}))
+
+
+def door(log: WireLog) -> list[Any]:
+    return [entry for entry in log.entries() if entry.sender == "door"]
+
+
+def test_what_is_cleaned_up_is_gone(new_sim: NewSim) -> None:
+    sim, other = new_sim(), new_sim()
+    for one in (sim, other):
+        assert one.connect_eagerly() is None
+    assert (sim.name, other.name) == ("so101", "so101-2")
+    processes = pids(sim)
+    assert processes["twin"] != pids(other)["twin"]
+    sim.cleanup()
+    for role in ("root", "twin"):  # children of this process
+        with pytest.raises(ProcessLookupError):
+            os.kill(processes[role], 0)
+    assert "cleaned up" in why(sim.send_action({"shoulder_pan": 1.0}))
+    assert sim.get_observation() == {}
+    with pytest.raises(SimulationError, match=r"render: the simulation was cleaned up\. make a new one"):
+        sim.render()
+    json_of(other.send_action({"shoulder_pan": 5.0}))
+
+
+def test_wire_and_root_of_a_simulation_know_no_physics(new_sim: NewSim) -> None:
+    sim = new_sim()
+    assert sim.connect_eagerly() is None
+    mapped = {role: Path(f"/proc/{pid}/maps").read_text() for role, pid in pids(sim).items()}
+    assert "mujoco" in mapped["twin"]
+    for role in ("root", "wire"):
+        assert "mujoco" not in mapped[role]
+        assert "/numpy" not in mapped[role]
+
+
+def test_a_trio_program_has_it_too(run_dir: Path) -> None:
+    async def main() -> dict[str, float]:
+        async with open_robot("so101") as sim, open_arm(sim) as arm:
+            await arm.send_action({"shoulder_pan": 20.0})
+            async for observation in sim.observations(hz=30):
+                if abs(observation["shoulder_pan"] - 20.0) < 1.0:
+                    return observation
+        raise AssertionError("not reached")
+
+    def open_arm(sim: RobotTree) -> Any:
+        return open_robot("so101", mode="real", transport="twin", sim=sim)
+
+    async def in_time() -> dict[str, float]:
+        with trio.fail_after(60.0):
+            return await main()
+
+    assert abs(trio.run(in_time)["shoulder_pan"] - 20.0) < 1.0
+
+
+# -- the real driver on a simulation's wire
+
+
+def test_the_pages_example_prints_what_the_page_says(run_dir: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / "twin.py")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (
+        "{'status': 'success', 'content': [{'json': {'commanded': {'shoulder_pan': 10.0}, "
+        "'unit': 'degrees (gripper: percent open)'}}]}\n"
+    )
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("robot", "joint", "step"),
+    [
+        ("so101", "shoulder_pan", 10.0),
+        ("koch", "wrist_flex", -10.0),
+        ("ur5e", "elbow_joint", 0.01),
+        ("robotiq_2f85", "gripper", 0.4),
+    ],
+)
+def test_what_the_real_driver_does_is_seen_in_the_simulation(
+    new_sim: NewSim, new_arm: NewArm, robot: str, joint: str, step: float
+) -> None:
+    sim = new_sim(robot)  # used by the arm before it is used itself
+    arm = new_arm(sim, robot)
+    goal = arm.get_observation()[joint] + step
+    json_of(arm.send_action({joint: goal}))
+    at(sim, joint, goal, abs(step) / 4)
+    at(arm, joint, goal, abs(step) / 4)
+    assert pids(sim)["twin"] == pids(arm)["twin"]
+    assert (sim.name, arm.name) == (f"{robot}-2", robot)
+
+
+def test_what_is_energised_on_the_wire_follows_the_wire(new_sim: NewSim, new_arm: NewArm) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_pan": 20.0}))
+    at(sim, "shoulder_pan", 20.0)
+    arm = new_arm(sim)
+    at(arm, "shoulder_pan", 20.0)  # no jump when it changes hands
+    until(lambda: status(sim)["faults"].get("gripper"), "the simulation has seen it")
+    refused = why(sim.send_action({"shoulder_pan": 0.0}))
+    assert "shoulder_pan is held by the robot on its wire" in refused
+    assert "stop() and resume()" in refused
+    stopped = sim.stop()
+    assert "not confirmed by shoulder_pan (id 1): held by the robot on its wire" in why(stopped)
+    json_of(arm.send_action({"shoulder_pan": 10.0}))
+    at(sim, "shoulder_pan", 10.0)
+    json_of(arm.stop())
+    assert "reset" not in why(sim.send_action({"shoulder_pan": 0.0}))
+    json_of(sim.resume())
+    json_of(sim.send_action({"shoulder_pan": -15.0}))
+    at(arm, "shoulder_pan", -15.0)  # whose positions are still read
+    json_of(sim.stop())
+    json_of(arm.resume())
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    at(sim, "shoulder_pan", 5.0)
+    assert "the robot on the wire is energised" in why(sim.reset())
+
+
+def test_the_arm_goes_when_its_simulation_goes(new_sim: NewSim, new_arm: NewArm) -> None:
+    sim = new_sim()
+    arm = new_arm(sim)
+    sim.cleanup()
+    until(lambda: not status(arm)["connected"], "the arm notices")
+    assert "not connected" in why(arm.send_action({"shoulder_pan": 1.0}))
+    arm.cleanup()
+    late = Robot("so101", mode="real", transport="twin", sim=sim)
+    assert late.connect_eagerly() == "connect: the simulation was cleaned up. make a new one"
+
+
+# -- pictures
+
+
+def has_egl() -> bool:
+    """Asked of the system, not of what is tested."""
+    try:
+        ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    return bool(list(Path("/usr/share/glvnd/egl_vendor.d").glob("*.json")))
+
+
+def accent(picture: Any) -> Any:
+    """Where the picture is orange, as the last link is."""
+    red, green, blue = (picture[:, :, at].astype(int) for at in range(3))
+    return (red > 150) & (green < 0.75 * red) & (blue < 0.6 * red)
+
+
+def test_a_picture_shows_the_whole_robot_and_what_it_does(new_sim: NewSim, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_pan": 40.0}))
+    at(sim, "shoulder_pan", 40.0)
+    if not has_egl():
+        with pytest.raises(SimulationError, match=r"render: no OpenGL .* install libegl1 \(egl\) or libosmesa6"):
+            sim.render()
+        return
+    before = sim.render()
+    assert (before.shape, before.dtype) == ((480, 640, 3), np.uint8)
+    assert before.flags.writeable
+    assert len(np.unique(before.reshape(-1, 3), axis=0)) > 500  # light and shade
+    assert 100 < accent(before).sum() < 0.2 * before[:, :, 0].size
+    for edge in (before[0], before[-1], before[:, 0], before[:, -1]):
+        assert not accent(edge[None]).any()
+    json_of(sim.send_action({"shoulder_pan": -40.0}))
+    at(sim, "shoulder_pan", -40.0)
+    after = sim.render(width=320, height=240, camera="top")
+    assert after.shape == (240, 320, 3)
+    again = sim.render()
+    moved = np.argwhere(accent(again)).mean(axis=0) - np.argwhere(accent(before)).mean(axis=0)
+    assert np.linalg.norm(moved) > 30  # pixels
+    assert state(sim) == "armed"  # a picture keeps nobody waiting
+    with pytest.raises(SimulationError, match=r"render: no camera 'nose'\. there are front, side, top"):
+        sim.render(camera="nose")
+
+
+@pytest.mark.parametrize(
+    ("word", "text"),
+    [
+        ("impossible", r"MUJOCO_GL is 'impossible'. unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or "),
+        ("off", "MUJOCO_GL is 'off'. unset it, or use MUJOCO_GL=egl"),
+    ],
+)
+def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
+    new_sim: NewSim, monkeypatch: pytest.MonkeyPatch, word: str, text: str
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", word)
+    sim = new_sim()
+    with pytest.raises(SimulationError, match=text) as refusal:
+        sim.render()
+    assert "libosmesa6" in str(refusal.value)
+    json_of(sim.send_action({"shoulder_pan": 5.0}))
+    at(sim, "shoulder_pan", 5.0)
+
+
+@pytest.mark.parametrize("size", [(0, 480), (640, 0.5), (640, -1), (100_000, 480)])
+def test_a_picture_of_no_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
+    with pytest.raises(SimulationError, match="render: a picture of"):
+        new_sim().render(*size)
+
+
+def test_without_a_display_there_is_no_window(new_sim: NewSim, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(SimulationError, match=r"view: there is no display \(DISPLAY is not set\). use render\(\)"):
+        new_sim().view()
+
+
+def test_a_display_that_does_not_answer_opens_no_window(
+    new_sim: NewSim, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":4711")
+    with pytest.raises(SimulationError, match="view: the viewer did not open"):
+        new_sim().view()
