@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .drivers import canonical_name, get_native_driver_class, list_driver_coverage, list_native_drivers
+from .mesh.config import MeshConfig
 from .runtime.contract import Driver
 
 MODES = ("real",)
@@ -24,6 +25,7 @@ class Plan:
     port: str
     transport: str | None
     options: dict[str, Any]
+    mesh: MeshConfig
 
 
 def plan(
@@ -33,6 +35,7 @@ def plan(
     port: str | None = None,
     transport: str | None = None,
     tool_name: str | None = None,
+    mesh: MeshConfig | None = None,
     **options: Any,
 ) -> Plan:
     """Raise ``ValueError`` for names, values and unknown keywords."""
@@ -53,7 +56,10 @@ def plan(
     if transport is None and port is None:
         raise ValueError(_missing_port(robot, driver_class))
     resolved = driver_class.resolve(robot, {**options, "tool_name": chosen})
-    return Plan(robot, chosen, driver_class, port or "", transport, resolved)
+    if mesh is None:
+        mesh = MeshConfig.from_environment()
+    mesh.check()
+    return Plan(robot, chosen, driver_class, port or "", transport, resolved, mesh)
 
 
 def _driver_class(name: str, robot: str) -> type[Driver]:
@@ -75,7 +81,7 @@ def _driver_class(name: str, robot: str) -> type[Driver]:
 
 
 def _check_keywords(driver_class: type[Driver], options: dict[str, Any]) -> None:
-    accepted = sorted({"port", "transport", "tool_name", *driver_class.OPTIONS})
+    accepted = sorted({"port", "transport", "tool_name", "mesh", *driver_class.OPTIONS})
     for keyword in options:
         if keyword not in accepted:
             close = difflib.get_close_matches(keyword, accepted, n=1)

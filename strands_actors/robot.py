@@ -109,6 +109,7 @@ class RealRobot:
                 plan.options,
                 plan.transport,
                 self._liveness.look,
+                plan.mesh,
             )
         return await self._tree.connect()
 
@@ -148,6 +149,15 @@ class RealRobot:
             return answers.success(tree.driver.commanded(action, answer.values))
 
         return self._verb(run, "move")
+
+    def release(self) -> Answer:
+        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
+
+        async def run(tree: RobotTree) -> Answer:
+            refused = await tree.release()
+            return answers.success({"released": True}) if refused is None else answers.refused(refused)
+
+        return self._verb(run, "release")
 
     def get_observation(self) -> dict[str, float]:
         """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
@@ -372,6 +382,7 @@ async def open_robot(name: str, mode: str = "sim", **keywords: Any) -> AsyncIter
             wanted.port,
             wanted.options,
             wanted.transport,
+            mesh=wanted.mesh,
         )
         try:
             problem = await tree.connect()
