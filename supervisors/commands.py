@@ -102,12 +102,13 @@ class Commands(Actor):
     def _check(self, sender: str, command: Command, now_ns: int) -> Refused | None:
         if isinstance(command, mesh_json.Stop | mesh_json.Estop):
             return None
-        leased = isinstance(command, mesh_json.Leased)
-        holds = leased and sender == self._holder and command.lease == self._lease.id
-        limit, rate = (self._moves, MOVES_PER_S) if holds else (self._commands, COMMANDS_PER_S)
+        if isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id):
+            limit, rate = self._moves, MOVES_PER_S
+        else:
+            limit, rate = self._commands, COMMANDS_PER_S
         if not limit.admits(now_ns):
             return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
-        if leased and not holds:
+        if isinstance(command, mesh_json.Leased) and limit is not self._moves:
             return Refused("lease", f"{sender} holds no lease of this robot", "acquire it first")
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 

@@ -76,6 +76,7 @@ class PubSub:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._waker = Waker()
+        self._closed = False
         self._inboxes: dict[str, _Inbox] = {}
         self._topics: dict[str, Topic] = {}
         self._polls: dict[str, Poll] = {}
@@ -97,10 +98,13 @@ class PubSub:
         """Close the session. Blocks for a few milliseconds."""
         closed(self)
         self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
+        self._closed = True
+        self._waker.wake()
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Until the session is closed."""
         task_status.started()
-        while True:
+        while not self._closed:
             await self._waker.wait()
             for inbox in list(self._inboxes.values()):
                 samples = inbox.samples
@@ -108,6 +112,7 @@ class PubSub:
                     inbox.handler(_received(samples.popleft()))
                 if samples:
                     self._waker.wake()
+        self._waker.close()
 
     # -- out
 

@@ -77,6 +77,11 @@ class Waker:
         os.read(self._read_fd, 8)
         self._pending = False
 
+    def close(self) -> None:
+        """Nobody may wake it any more."""
+        for fd in {self._read_fd, self._write_fd}:
+            os.close(fd)
+
 
 class Closes(Protocol):
     def close(self) -> None: ...
