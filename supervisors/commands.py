@@ -128,7 +128,7 @@ class Commands(Actor):
                 self._safety.tell(ResumeOrder(command.by or sender, sender, turn))
                 return
             case mesh_json.Beat():
-                self._gate.tell(messages.Beat(command.lease, command.answers))
+                self._gate.tell(messages.Beat(command.lease, command.answered_ago_s))
                 return
         try:
             answer = await self._answer(sender, command)

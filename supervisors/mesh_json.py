@@ -101,10 +101,11 @@ class Acquire(Dated, frozen=True):
 
 
 class Beat(Dated, frozen=True):
-    """Keeps the lease, for a second. Not answered. ``answers``: the thread that commands does."""
+    """Keeps the lease, for a second. Not answered. ``answered_ago_s``: when the thread that commands last did
+    anything but compute; negative: not since the last beat."""
 
     lease: int
-    answers: bool = True
+    answered_ago_s: Annotated[float, msgspec.Meta(ge=-1.0, le=60.0)] = 0.0
 
 
 class Release(Command, frozen=True):
@@ -142,8 +143,8 @@ ACTIONS: dict[str, type[Command]] = {
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):
-    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it; a resume names one robot, and is
-    dated as a command is."""
+    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless it names one
+    robot; a resume names one, and is dated as a command is."""
 
     sender_id: str = ""
     turn_id: str = ""

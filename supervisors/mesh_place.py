@@ -17,6 +17,7 @@ from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.pubsub import PubSub
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from strands_actors.runtime.zenoh_session import short
 
 from . import addresses
 from .command_rules import Shared
@@ -52,7 +53,7 @@ class MeshPlace:
         try:
             pubsub = await PubSub.open(listen, connect, {**limits, **settings})
         except zenoh.ZError as error:
-            self.problem = f"mesh: cannot open {', '.join(listen)}: {error}"
+            self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
             self.settled.set()
             return
         try:

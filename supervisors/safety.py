@@ -127,6 +127,8 @@ class Safety(Actor):
 
     def _on_estop(self, payload: bytes) -> None:
         order = _order(payload)
+        if order.target_id not in ("", "*", self._robot):
+            return
         by = order.by or order.sender_id or "an unnamed sender on the mesh"
         named = is_name(order.sender_id) and is_name(order.turn_id)
         sender, turn = (order.sender_id, order.turn_id) if named else ("", "")

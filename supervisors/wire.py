@@ -50,7 +50,9 @@ async def run_group(
             at.path("transport"),
             lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
         ),
-        node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)),
+        node.cell(
+            at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
+        ),
         node.cell(
             at.path("watchdog"),
             lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned, root),
@@ -85,7 +87,9 @@ class ProcessPlace:
 class InlinePlace:
     """The wire group in this process's loop: for tests, under virtual time too."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State, cause: str) -> None:
+    def __init__(
+        self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State, cause: str
+    ) -> None:
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"

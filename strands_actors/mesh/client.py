@@ -17,7 +17,7 @@ import os
 import re
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -28,6 +28,7 @@ from ..rundir import notes
 from ..runtime.clock import NS
 from ..runtime.messages import Refused
 from ..runtime.pubsub import PubSub, Received
+from ..runtime.zenoh_session import short
 from ..supervisors import mesh_json
 from ..supervisors.mesh_json import ESTOP_ANSWER_S, Command, Response, encode, schema
 from .config import MeshConfig
@@ -35,6 +36,7 @@ from .config import MeshConfig
 LOOK_S = 0.5
 """How often it is looked for robots that have come or gone, and how long one may take to appear."""
 ANSWER_S = 0.5
+STOP_S = 3.0
 CLOCK_AGE_S = 10.0
 """A clock is read again when the last reading is older."""
 
@@ -50,6 +52,7 @@ class Outcome(msgspec.Struct, frozen=True):
     detail: str = ""
     rung: str = ""
     path: str = ""
+    locked: bool = False
     took_ms: float = 0.0  # on the robot: from its order to the last motor's confirmation
     motors: tuple[dict[str, Any], ...] = ()
 
@@ -107,7 +110,7 @@ class MeshClient:
             try:
                 session = await PubSub.open(connect=connects, settings=self._config.settings())
             except zenoh.ZError as error:
-                raise ValueError(f"mesh: {', '.join(connects)}: {error}") from error
+                raise ValueError(f"mesh: {', '.join(connects)}: {short(error)}") from error
             await self._join("", session)
 
     async def _join(self, endpoint: str, session: PubSub) -> None:
@@ -170,10 +173,13 @@ class MeshClient:
         """Send one command; its result."""
         return await self._ask(robot, mesh_json.key(robot, "cmd"), {"command": command}, within_s)
 
-    async def stop(self, robot: str, by: str = "", within_s: float = 3.0) -> dict[str, Any] | Refused:
+    async def stop(self, robot: str, by: str = "", within_s: float = STOP_S) -> Outcome:
         """Make one robot safe. Not by its command key: that may be flooded."""
         body = {"command": mesh_json.Stop(by=by)}
-        return await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
+        answer = await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
+        if isinstance(answer, Refused):
+            return Outcome(robot, "unreachable", answer.text)
+        return _outcome(robot, answer)
 
     async def resume(self, robot: str, by: str = "", within_s: float = 12.0) -> dict[str, Any] | Refused:
         """Lift a lockout and energise at the measured position. Starts no motion."""
@@ -260,9 +266,10 @@ class MeshClient:
 
     # -- e-stop
 
-    async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-        """Every robot on the mesh goes safe and is locked until it is resumed. A report on each that is known,
-        within ``within_s``; one that does not answer is unreachable, and counts as moving."""
+    async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S, robot: str = "*") -> list[Outcome]:
+        """Every robot on the mesh, or only ``robot``, goes safe and is locked until it is resumed. A report on each
+        that is known, within ``within_s``; one that does not answer is unreachable, and counts as moving. No report
+        at all: there is nobody."""
         found: dict[str, Outcome] = {}
         settled_at = self._opened_at + LOOK_S
         with self._turn() as (turn, answers), trio.move_on_after(within_s):
@@ -270,16 +277,27 @@ class MeshClient:
                 # Again to everybody whenever a robot appears: one order too many does no harm.
                 appeared, sessions = self._appeared, list(self._sessions.values())
                 for session in sessions:
-                    self._put(session, mesh_json.ESTOP_KEY, "*", turn, {"by": by})
+                    self._put(session, mesh_json.ESTOP_KEY, robot, turn, {"by": by})
                 await self.look()
                 if list(self._sessions.values()) != sessions:
                     continue
-                await self._collect(found, answers, appeared, settled_at)
+                await self._collect(found, answers, appeared, settled_at, robot)
                 if not appeared.is_set():
                     break
-        for robot in self.robots:
-            found.setdefault(robot, Outcome(robot, "unreachable", "it did not answer"))
-        return [found[robot] for robot in sorted(found)]
+        for missing in self._meant(robot):
+            found.setdefault(missing, Outcome(missing, "unreachable", "it did not answer"))
+        return [*(found[name] for name in sorted(found)), *self._not_connected()]
+
+    def _meant(self, robot: str) -> set[str]:
+        return {name for name in self.robots if robot in ("*", name)}
+
+    def _not_connected(self) -> list[Outcome]:
+        connects = self._config.connects
+        missing = len(connects) - self._sessions[""].connections if connects else 0
+        if missing <= 0:
+            return []
+        detail = f"{missing} of {len(connects)} endpoints are not connected: who is behind them is not known"
+        return [Outcome(", ".join(connects), "unreachable", detail)]
 
     async def _collect(
         self,
@@ -287,6 +305,7 @@ class MeshClient:
         answers: trio.MemoryReceiveChannel[Response],
         appeared: trio.Event,
         settled_at: float,
+        robot: str,
     ) -> None:
         """Return when all have answered and nobody else can be expected, or somebody has appeared."""
         remote = bool(self._config.connects)
@@ -298,9 +317,9 @@ class MeshClient:
                 nursery.cancel_scope.cancel()
 
             nursery.start_soon(watch)
-            while not (done >= set(self.robots) and (not remote or trio.current_time() >= settled_at)):
+            while not (done >= self._meant(robot) and (not remote or trio.current_time() >= settled_at)):
                 response = await answers.receive()
-                outcome = _outcome(response)
+                outcome = _outcome(response.responder_id, response.result or {"detail": response.error})
                 known = found.get(outcome.robot)
                 if known is None or known.outcome != "safe":
                     found[outcome.robot] = outcome
@@ -317,20 +336,20 @@ def _result(response: Response) -> dict[str, Any] | Refused:
     return response.result
 
 
-def _outcome(response: Response) -> Outcome:
-    result = response.result
+def _outcome(robot: str, result: Mapping[str, Any]) -> Outcome:
     motors = tuple(motor for motor in result.get("motors", ()) if isinstance(motor, dict))
-    detail = str(result.get("detail") or response.error)
+    detail = str(result.get("detail", ""))
     if not detail and result.get("outcome") != "safe":
         detail = ", ".join(
             f"{motor.get('axis')}: {motor.get('detail')}" for motor in motors if not motor.get("safe")
         )
     return Outcome(
-        response.responder_id,
+        robot,
         "safe" if result.get("outcome") == "safe" else "unconfirmed",
         detail,
         str(result.get("rung", "")),
         str(result.get("path", "")),
+        bool(result.get("locked")),
         float(result.get("took_ms", 0.0)),
         motors,
     )

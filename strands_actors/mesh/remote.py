@@ -20,7 +20,7 @@ from ..runtime.clock import NS
 from ..runtime.messages import Refused
 from ..supervisors import mesh_json
 from ..supervisors.mesh_json import Command
-from .client import MeshClient, Reading
+from .client import MeshClient, Outcome, Reading
 
 BEAT_S = 0.2
 COMMAND_S = 0.25
@@ -37,7 +37,7 @@ class RemoteRobot:
         self.unit = ""
         self._mesh = mesh
         self._lease = self._epoch = 0
-        self._oneshot_ttl_s: float | None = None
+        self.oneshot_ttl_s: float | None = None
 
     async def acquire(self) -> Refused | None:
         """Take the lease; None, or why not."""
@@ -48,7 +48,7 @@ class RemoteRobot:
             return answer
         self._lease, self._epoch = int(answer["lease"]), int(answer["epoch"])
         self.axes, self.unit = tuple(answer["axes"]), str(answer["unit"])
-        self._oneshot_ttl_s = answer["oneshot_ttl_s"]
+        self.oneshot_ttl_s = answer["oneshot_ttl_s"]
         return None
 
     async def send_action(
@@ -56,7 +56,7 @@ class RemoteRobot:
     ) -> dict[str, Any] | Refused:
         """Joints by name, in the driver's units. ``ttl_s``: how long the target lives, as part of a stream of one
         every ``period_s``; without, as long as the lease does (where the driver lets a target live so long)."""
-        ttl_s = self._oneshot_ttl_s if ttl_s is None else ttl_s
+        ttl_s = self.oneshot_ttl_s if ttl_s is None else ttl_s
 
         def make(clock: str, deadline_ns: int) -> Command:
             return mesh_json.Move(
@@ -78,8 +78,8 @@ class RemoteRobot:
     async def status(self) -> dict[str, Any] | Refused:
         return await self._mesh.request(self.robot, mesh_json.Status())
 
-    async def stop(self, by: str = "") -> dict[str, Any] | Refused:
-        """Make it safe; what became of each motor."""
+    async def stop(self, by: str = "") -> Outcome:
+        """Make it safe; what became of it."""
         return await self._mesh.stop(self.robot, by)
 
     async def resume(self, by: str = "") -> Refused | None:

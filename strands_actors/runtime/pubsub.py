@@ -101,6 +101,12 @@ class PubSub:
         self._closed = True
         self._waker.wake()
 
+    @property
+    def connections(self) -> int:
+        """How many others this session is connected to."""
+        info = self._session.info
+        return len(info.peers_zid()) + len(info.routers_zid())
+
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Until the session is closed."""
         task_status.started()

@@ -53,6 +53,11 @@ def unix_endpoint(path: str) -> str:
     return f"unixsock-stream/{path}"
 
 
+def short(error: zenoh.ZError) -> str:
+    """What it says, without where in zenoh's source it says so."""
+    return str(error).partition(" at /")[0]
+
+
 class Waker:
     """From zenoh's threads into the loop: an eventfd, or a pipe where there is none (macOS)."""
 
