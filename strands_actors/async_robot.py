@@ -178,6 +178,7 @@ async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
             wanted.transport,
             engine=wanted.engine,
             owns_engine=wanted.owns_engine,
+            mesh=wanted.mesh,
         )
         try:
             problem = await tree.connect(arm)

@@ -18,6 +18,7 @@ from .drivers import (
     resolve_driver,
 )
 from .engine import SIM, Engine
+from .mesh.config import MeshConfig
 from .runtime.contract import Driver
 from .supervisors.loading import load, place_of
 
@@ -38,6 +39,7 @@ class Plan:
     engine: Engine | None = None
     owns_engine: bool = True
     data_config: Any = None
+    mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class Wanted:
     sim: Any
     cameras: Any
     data_config: Any
+    mesh: MeshConfig
     options: dict[str, Any]
 
     def given(self) -> dict[str, Any]:
@@ -99,6 +102,7 @@ def _read(
     tool_name: str | None = None,
     cameras: Any = None,
     data_config: Any = None,
+    mesh: MeshConfig | None = None,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
     chosen_mode = str(mode).lower()
@@ -110,10 +114,13 @@ def _read(
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     _check_keywords(driver_class, options)
+    if mesh is None:
+        mesh = MeshConfig.from_environment()
+    mesh.check()
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport)
     return (
-        Wanted(name, robot, chosen_mode, chosen, port, transport, sim, cameras, data_config, options),
+        Wanted(name, robot, chosen_mode, chosen, port, transport, sim, cameras, data_config, mesh, options),
         driver_class,
     )
 
@@ -183,6 +190,7 @@ def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         options,
         Engine(driver_class.TWIN, wanted.robot, has_door=True),
         data_config=wanted.data_config,
+        mesh=wanted.mesh,
     )
 
 
@@ -210,6 +218,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         engine,
         owns_engine,
         wanted.data_config,
+        wanted.mesh,
     )
 
 

@@ -169,6 +169,7 @@ class RealRobot(RobotTool):
                 self._liveness.look,
                 plan.engine,
                 plan.owns_engine,
+                plan.mesh,
             )
         return await self._tree.connect()
 
@@ -201,6 +202,10 @@ class RealRobot(RobotTool):
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
         return self._verb(verbs.send_action, "move", action)
+
+    def release(self) -> Answer:
+        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
+        return self._verb(verbs.release, "release")
 
     def get_observation(self) -> dict[str, float]:
         """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""

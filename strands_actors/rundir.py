@@ -24,7 +24,8 @@ class Note(msgspec.Struct):
     robot: str
     kind: str
     pid: int
-    endpoints: list[str]
+    endpoints: list[str]  # of its actors
+    mesh: list[str] = []  # of its topics: what a subscriber connects to
 
 
 def run_dir() -> Path:

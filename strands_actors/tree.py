@@ -13,6 +13,7 @@ from typing import Any
 import trio
 
 from .engine import SIM, Engine, EngineDown
+from .mesh.config import MeshConfig
 from .rundir import Name, Note
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
@@ -31,12 +32,15 @@ from .supervisors.messages import (
     Beat,
     Describe,
     Fence,
+    GetMesh,
     GetObservation,
     GetStatus,
     GetTask,
     Lease,
+    OnMesh,
     Perform,
     Performed,
+    Release,
     Resume,
     Resumed,
     Rollout,
@@ -86,6 +90,7 @@ class RobotTree:
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
         engine: Engine | None = None,
         owns_engine: bool = True,
+        mesh: MeshConfig = MeshConfig(),  # noqa: B008  # frozen
     ) -> None:
         """``engine``: the twin's process behind ``transport``. It ends with the robot that owns it."""
         self.driver: Driver = driver_class(kind, port, options)
@@ -100,6 +105,7 @@ class RobotTree:
         self._options = options
         self.transport = transport
         self._liveness = liveness
+        self._mesh = mesh
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self.engine = engine
@@ -149,6 +155,7 @@ class RobotTree:
             await self._start()
             try:
                 status = await self._wait_linked()
+                await self._require_mesh()
             except NotConnected:
                 await self._end_root()  # it would go on trying, and take the port from whoever has it next
                 raise
@@ -176,7 +183,7 @@ class RobotTree:
             self.robot = self._name.name
         name = self._name
         at = addresses.of(self.robot)
-        listen, wire_listen = (unix_endpoint(name.socket(role)) for role in ("root", "wire"))
+        listen, wire_listen, mesh = (unix_endpoint(name.socket(role)) for role in ("root", "wire", "mesh"))
         args = {
             "robot": self.robot,
             "driver": describe_driver(self._driver_class, self.kind, self._port, self._options),
@@ -185,9 +192,14 @@ class RobotTree:
             "listen": listen,
             "wire_listen": wire_listen,
             "connect": [self._endpoint],
+            "mesh": {
+                "listen": [mesh, *self._mesh.listens],
+                "connect": self._mesh.connects,
+                "settings": self._mesh.robot_settings(),
+            },
         }
         self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
-        name.publish(Note(self.robot, self.kind, self._root_process.pid, [listen, wire_listen]))
+        name.publish(Note(self.robot, self.kind, self._root_process.pid, [listen, wire_listen], [mesh]))
         node = self._node
         self._gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
         self._guardian: Ref = node.ref(at.guardian, Guardian)
@@ -227,6 +239,12 @@ class RobotTree:
                 raise NotConnected(status.connect_error)
             await trio.sleep(0.01)
         raise NotConnected(f"no answer within {CONNECT_S:g} s" if status is None else status.connect_error)
+
+    async def _require_mesh(self) -> None:
+        """A robot that was to be reached from elsewhere and is not has not been started."""
+        answer = await self._root.ask(GetMesh(), ASK_S)
+        if isinstance(answer, OnMesh) and answer.problem:
+            raise NotConnected(answer.problem)
 
     async def _beat(self) -> None:
         while True:
@@ -291,6 +309,18 @@ class RobotTree:
             self._lease = answer
             return None
         return answer if isinstance(answer, Refused) else Refused("lease", "no lease")
+
+    async def release(self) -> Refused | None:
+        """Give the lease up: others, on the mesh too, may then move the robot. A target that was latched is held.
+        The next command of ours takes the lease again, if nobody else has it."""
+        self._require()
+        if (await self.task()).running:
+            return Refused("running", "release: a task is running", "call stop_task() first")
+        async with self._writing:
+            lease, self._lease = self._lease, None
+            if lease is not None:
+                await self._gate.ask(Release(lease.id), ASK_S)
+        return None
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""

@@ -73,6 +73,12 @@ async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], di
     )
 
 
+async def release(tree: RobotTree) -> Answer:
+    """Give the lease up."""
+    refused = await tree.release()
+    return answers.success({"released": True}) if refused is None else answers.refused(refused)
+
+
 async def service(tree: RobotTree, name: str, arguments: Mapping[str, Any]) -> Answer:
     """One of the driver's own services."""
     answer = await tree.perform(name, arguments)

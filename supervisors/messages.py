@@ -399,6 +399,14 @@ class Describe(Message, frozen=True):
     pass
 
 
+class GetMesh(Message, frozen=True):
+    """Ask the root whether the robot is on the mesh."""
+
+
+class OnMesh(Message, frozen=True):
+    problem: str = ""  # empty: it is
+
+
 class ActorInfo(Message, frozen=True):
     address: str
     role: str

@@ -30,12 +30,15 @@ from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
 from .loading import load_driver
+from .mesh_place import MeshPlace
 from .messages import (
     ActorInfo,
     Census,
     Describe,
+    GetMesh,
     GetTask,
     Happened,
+    OnMesh,
     ProcessInfo,
     RootBeat,
     Shutdown,
@@ -63,13 +66,22 @@ class Root(Actor):
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
 
-    def receive(self, message: Describe | Shutdown) -> TreeReport | StopReport | Refused | Deferred | None:
+    def receive(
+        self, message: Describe | GetMesh | Shutdown
+    ) -> TreeReport | OnMesh | StopReport | Refused | Deferred | None:
         deferred = self.context.defer()
-        if isinstance(message, Describe):
-            self.context.start_soon(self._describe, deferred)
-        else:
-            self._tree.shut_down(message.reason, message.by, deferred)
+        match message:
+            case Describe():
+                self.context.start_soon(self._describe, deferred)
+            case GetMesh():
+                self.context.start_soon(self._tell_mesh, deferred)
+            case Shutdown():
+                self._tree.shut_down(message.reason, message.by, deferred)
         return deferred
+
+    async def _tell_mesh(self, deferred: Deferred) -> None:
+        await self._tree.mesh.settled.wait()
+        deferred.send(OnMesh(self._tree.mesh.problem))
 
     async def _describe(self, deferred: Deferred) -> None:
         deferred.send(await self._tree.describe(self.context.address))
@@ -88,7 +100,8 @@ class Tree:
             run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
-        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire)
+        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state)
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -132,6 +145,8 @@ class Tree:
             nursery.start_soon(link.run)
             nursery.start_soon(self._supervise)
             nursery.start_soon(self._join_mesh)
+            place: dict[str, Any] = self.args["mesh"]
+            nursery.start_soon(self.mesh.run, place["listen"], place["connect"], place["settings"])
             await self._shutdown.wait()
             await self._leave()
 

@@ -44,7 +44,7 @@ class Tasks(Actor):
         self._connect = connect
         self.process: ChildProcess | None = None
         self.starts = 0
-        self._status = TaskStatus()
+        self.status = TaskStatus()
         self._stopping = False
 
     async def started(self) -> None:
@@ -55,9 +55,9 @@ class Tasks(Actor):
     async def receive(self, message: StartTask | StopTask | GetTask | TaskStatus) -> TaskStatus | Refused | None:
         match message:
             case TaskStatus():
-                self._status = message
+                self.status = message
             case GetTask():
-                return self._status
+                return self.status
             case StartTask():
                 return await self._start(message)
             case StopTask():
@@ -81,9 +81,9 @@ class Tasks(Actor):
         self.starts += 1
         self.context.note(Happened("the policy process was started", message.provider, self.process.pid))
         self._stopping = False
-        self._status = TaskStatus(running=True, instruction=message.rollout.instruction)
+        self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
         self.context.start_soon(self._attend, self.process)
-        return self._status
+        return self.status
 
     async def _attend(self, process: ChildProcess) -> None:
         async with trio.open_nursery() as nursery:
@@ -93,31 +93,31 @@ class Tasks(Actor):
         self.process = None
         how = f"signal {-code}" if code < 0 else f"code {code}"
         self.context.note(Happened("the policy process has ended", how, process.pid))
-        if self._status.running:
+        if self.status.running:
             reason, detail = ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
-            self._status = msgspec.structs.replace(
-                self._status, running=False, exit_reason=reason, exit_detail=detail
+            self.status = msgspec.structs.replace(
+                self.status, running=False, exit_reason=reason, exit_detail=detail
             )
             self._gate.tell(Stop(Reason.POLICY, detail or "the task was stopped"))
 
     async def _stop(self) -> TaskStatus:
         process = self.process
         if process is None:
-            return self._status
+            return self.status
         self._stopping = True
         try:
             status = await self._policy.ask(StopTask(), STOP_S)
         except (AskTimeout, Unreachable):
             status = None
         if isinstance(status, TaskStatus):
-            self._status = status
+            self.status = status
         else:
             await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
-            self._status = msgspec.structs.replace(
-                self._status, running=False, exit_reason="stopped", exit_detail="the policy did not answer"
+            self.status = msgspec.structs.replace(
+                self.status, running=False, exit_reason="stopped", exit_detail="the policy did not answer"
             )
         await process.fence()
-        return self._status
+        return self.status
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:

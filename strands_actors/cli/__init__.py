@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,8 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 Which = Annotated[str | None, typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.")]
+What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
+Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
 All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]
 
 
@@ -57,27 +60,94 @@ def tree(json: Json = False) -> None:
 
 
 @app.command()
-def stop(robot: Which = None, all_: All = False) -> None:
+def stop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
     """De-energise a robot."""
-    from .operate import stop as run
+    from .orders import stop as run
 
-    raise typer.Exit(run(robot, every=all_))
-
-
-@app.command()
-def estop(robot: Which = None, all_: All = False) -> None:
-    """De-energise a robot and lock it until `resume`."""
-    from .operate import estop as run
-
-    raise typer.Exit(run(robot, every=all_))
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
 @app.command()
-def resume(robot: Which = None, all_: All = False) -> None:
+def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
+    """De-energise every robot, or one, and lock it until `resume`."""
+    from .orders import estop as run
+
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
+
+
+@app.command()
+def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
     """Lift a lockout and energise; starts no motion."""
-    from .operate import resume as run
+    from .orders import resume as run
 
-    raise typer.Exit(run(robot, every=all_))
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
+
+
+@app.command()
+def echo(
+    what: What,
+    mesh: Mesh = None,
+    json: Json = False,
+    count: Annotated[int | None, typer.Option(min=1, help="End after so many samples.")] = None,
+) -> None:
+    """Show what a robot publishes."""
+    from .listen import echo as run
+
+    run(what, mesh, as_json=json, count=count)
+
+
+@app.command()
+def hz(
+    what: What,
+    mesh: Mesh = None,
+    json: Json = False,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="Listen so long, then end.")] = None,
+) -> None:
+    """How often a robot publishes what."""
+    from .listen import hz as run
+
+    run(what, mesh, as_json=json, seconds=seconds)
+
+
+@app.command()
+def send(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
+    targets: Annotated[list[str], typer.Argument(metavar="JOINT=NUMBER...", help="In the robot's units.")],
+    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Then the robot holds.")] = 2.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Move a robot whose lease nobody holds."""
+    from .send import send as run
+
+    raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
+
+
+meshes = typer.Typer(name="mesh", help="Who is on the mesh, and who may be.", add_completion=False)
+app.add_typer(meshes)
+
+
+@meshes.command()
+def status(mesh: Mesh = None, json: Json = False) -> None:
+    """The robots on the mesh."""
+    from .mesh import status as run
+
+    run(mesh, as_json=json)
+
+
+@meshes.command()
+def keys(
+    directory: Annotated[Path, typer.Argument(help="Where they go.")],
+    host: Annotated[list[str] | None, typer.Option(help="Under which a robot is connected to.")] = None,
+    name: Annotated[list[str] | None, typer.Option(help="Of one more certificate.")] = None,
+    days: Annotated[int, typer.Option(min=1, help="For which they are valid.")] = 365,
+    json: Json = False,
+) -> None:
+    """Make a certificate authority, and certificates for robot, operator and viewer."""
+    from .mesh import keys as run
+
+    run(directory, host or [], name or [], days, as_json=json)
 
 
 @app.command()
@@ -141,6 +211,8 @@ def run(arguments: Sequence[str]) -> int:
         code = app(list(arguments) or ["--help"], prog_name="strands-actors", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
+    except BaseExceptionGroup as group:
+        return _ended(group)
     except (Problem, OSError) as problem:
         return _complain(str(problem))
     except Exception as error:
@@ -149,6 +221,22 @@ def run(arguments: Sequence[str]) -> int:
             raise
         return _complain(usage())
     return code if isinstance(code, int) else 0
+
+
+def _ended(error: BaseException) -> int:
+    """What happened in a task comes in groups: by the first in it."""
+    first = error
+    while isinstance(first, BaseExceptionGroup):
+        first = first.exceptions[0]
+    match first:
+        case KeyboardInterrupt():
+            return INTERRUPTED
+        case BrokenPipeError():  # who read our output has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        case Problem() | OSError():
+            return _complain(str(first))
+    raise error
 
 
 def _complain(text: str) -> int:

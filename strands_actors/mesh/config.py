@@ -1,0 +1,144 @@
+"""How a robot's topics can be reached: by default on a unix socket of its user, and from nowhere else.
+
+    MeshConfig(
+        listen="tls/0.0.0.0:7447",
+        tls=TLS("keys/ca.pem", "keys/robot.pem", "keys/robot.key"),
+        access=Access(viewers=["viewer"], operators=["operator"]),
+    )
+
+or the same as TOML, in a file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. What leaves this host needs TLS
+with certificates on both ends; the name in a certificate decides what its holder may do.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from .access import access_control
+
+ENVIRONMENT = "STRANDS_ACTORS_MESH"
+PROTOCOLS = ("tcp", "tls", "unixsock-stream")
+
+Names = str | list[str] | tuple[str, ...]
+
+
+class TLS(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Paths of PEM files: who is trusted, who we are, and the key to that."""
+
+    ca: str
+    certificate: str
+    key: str
+
+
+class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Common names of certificates. Viewers read telemetry; operators also command, stop and resume."""
+
+    viewers: Names = ("viewer",)
+    operators: Names = ("operator",)
+
+
+class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's own word."""
+
+    listen: Names = ()
+    connect: Names = ()
+    tls: TLS | None = None
+    access: Access = Access()
+    insecure: bool = False
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> MeshConfig:
+        """From TOML. Paths in it are relative to the file. Raise ``ValueError``."""
+        file = Path(path)
+        try:
+            config = msgspec.toml.decode(file.read_bytes(), type=cls)
+        except OSError as error:
+            raise ValueError(f"mesh: {path} cannot be read: {error.strerror}") from error
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise ValueError(f"mesh: {path}: {error}") from error
+        if config.tls is not None:
+            ours = {name: str(file.parent / value) for name, value in msgspec.structs.asdict(config.tls).items()}
+            config = msgspec.structs.replace(config, tls=TLS(**ours))
+        return config
+
+    @classmethod
+    def from_environment(cls) -> MeshConfig:
+        """What ``STRANDS_ACTORS_MESH`` names, or nothing beyond this user's own sockets."""
+        path = os.environ.get(ENVIRONMENT)
+        return cls.load(path) if path else cls()
+
+    @property
+    def listens(self) -> list[str]:
+        return _list(self.listen)
+
+    @property
+    def connects(self) -> list[str]:
+        return _list(self.connect)
+
+    def check(self) -> None:
+        """Raise ``ValueError`` with what would be accepted."""
+        for endpoint in (*self.listens, *self.connects):
+            self._check_endpoint(endpoint)
+        if self.tls is None:
+            return
+        for what, path in msgspec.structs.asdict(self.tls).items():
+            if not os.access(path, os.R_OK):
+                raise ValueError(
+                    f"mesh: the {what} {path} cannot be read. `strands-actors mesh keys DIR` makes a set of them"
+                )
+
+    def _check_endpoint(self, endpoint: str) -> None:
+        protocol, _, address = endpoint.partition("/")
+        if protocol not in PROTOCOLS or not address:
+            raise ValueError(
+                f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447 or tcp/127.0.0.1:7447"
+            )
+        if protocol == "tls" and self.tls is None:
+            raise ValueError(f"mesh: {endpoint} needs tls=TLS(ca, certificate, key)")
+        if protocol == "tcp" and self.tls is not None:
+            raise ValueError(f"mesh: {endpoint} beside tls= would be a way around it. use tls/ for all endpoints")
+        if protocol == "tcp" and not self.insecure and not _is_loopback(address):
+            raise ValueError(
+                f"mesh: {endpoint} leaves this host, and anybody there could move the robot. "
+                "use tls/ and tls=TLS(...), or say insecure=True"
+            )
+
+    def settings(self) -> dict[str, Any]:
+        """zenoh's own, by its paths."""
+        if self.tls is None:
+            return {}
+        ca, certificate, key = (os.path.abspath(path) for path in msgspec.structs.astuple(self.tls))
+        return {
+            "transport/link/tls/root_ca_certificate": ca,
+            "transport/link/tls/listen_certificate": certificate,
+            "transport/link/tls/listen_private_key": key,
+            "transport/link/tls/connect_certificate": certificate,
+            "transport/link/tls/connect_private_key": key,
+            "transport/link/tls/enable_mtls": True,
+            "transport/link/tls/close_link_on_expiration": True,
+        }
+
+    def robot_settings(self) -> dict[str, Any]:
+        """As ``settings``, with the rules that a robot puts others under."""
+        if self.tls is None:
+            return {}
+        rules = access_control(_list(self.access.viewers), _list(self.access.operators))
+        return {**self.settings(), "access_control": rules}
+
+
+def _list(names: str | Sequence[str]) -> list[str]:
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _is_loopback(address: str) -> bool:
+    host = address.rpartition(":")[0].strip("[]")
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,121 @@
+"""A certificate authority and its certificates, for a mesh of one's own or for tests. Needs the extra ``[mesh]``.
+
+``ca.key`` signs whoever is let in: keep it off the robots.
+"""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import os
+import socket
+from collections.abc import Sequence
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+NAMES = ("robot", "operator", "viewer")
+DAYS = 365
+LOCAL = ("localhost", "127.0.0.1")
+
+_Key = ec.EllipticCurvePrivateKey
+
+
+def make(directory: Path, names: Sequence[str] = NAMES, hosts: Sequence[str] = (), days: int = DAYS) -> list[Path]:
+    """Write ``ca.pem``, ``ca.key`` and a certificate and key for each name; the paths. ``hosts``: names and
+    addresses under which robots are connected to, beside this host's. Raise ``FileExistsError`` rather than replace
+    any."""
+    files = [directory / f"{name}.{ending}" for name in ("ca", *names) for ending in ("pem", "key")]
+    there = [str(file) for file in files if file.exists()]
+    if there:
+        raise FileExistsError(f"{', '.join(there)}: already there; name another directory")
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
+    ca_key = ec.generate_private_key(ec.SECP256R1())
+    ca = _authority(ca_key, end)
+    _write(directory, "ca", ca, ca_key)
+    alternatives = [_alternative(host) for host in dict.fromkeys((*LOCAL, socket.gethostname(), *hosts))]
+    for name in names:
+        key = ec.generate_private_key(ec.SECP256R1())
+        _write(directory, name, _leaf(name, key, ca, ca_key, alternatives, end), key)
+    return files
+
+
+def _authority(key: _Key, end: datetime.datetime) -> x509.Certificate:
+    name = _name("strands-actors mesh")
+    return (
+        _builder(name, name, key, end)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_usage(signs=True), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+
+
+def _leaf(
+    name: str,
+    key: _Key,
+    ca: x509.Certificate,
+    ca_key: _Key,
+    alternatives: Sequence[x509.GeneralName],
+    end: datetime.datetime,
+) -> x509.Certificate:
+    both = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    return (
+        _builder(_name(name), ca.subject, key, end)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_usage(signs=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(both), critical=False)
+        .add_extension(x509.SubjectAlternativeName(alternatives), critical=False)
+        .sign(ca_key, hashes.SHA256())
+    )
+
+
+def _builder(subject: x509.Name, issuer: x509.Name, key: _Key, end: datetime.datetime) -> x509.CertificateBuilder:
+    begin = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=1)  # other hosts' clocks may be behind
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begin)
+        .not_valid_after(end)
+    )
+
+
+def _usage(signs: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=True,
+        key_cert_sign=signs,
+        crl_sign=signs,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _alternative(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _write(directory: Path, name: str, certificate: x509.Certificate, key: _Key) -> None:
+    (directory / f"{name}.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    with open(os.open(directory / f"{name}.key", os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(
+            key.private_bytes(
+                serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+            )
+        )

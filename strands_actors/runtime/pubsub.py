@@ -1,0 +1,214 @@
+"""Plain topics over zenoh: what anybody may subscribe to, and what comes in from anybody.
+
+A session of its own, apart from the one that carries messages between actors: whoever joins this one reaches topics
+and nothing else. (A second session of a process costs 40 kB and no thread.) Nothing here ever holds the loop up: a
+subscriber that does not read loses samples, and a flood is thinned out before it enters Python.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import trio
+import zenoh
+
+from .zenoh_session import Waker, closed, config, opened
+
+JSON = "application/json"
+
+_WAKE_BATCH = 128
+_LIVELY: Mapping[str, Any] = {
+    # A queue that is full drops at once: nobody waits for a subscriber that does not read (zenoh: 1 ms each time).
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+}
+
+
+class Stamp(msgspec.Struct, frozen=True):
+    """The attachment of a sample, as JSON: its number on this topic, and the wall clock."""
+
+    seq: int
+    time_ns: int
+
+
+class Received(msgspec.Struct, frozen=True):
+    key: str
+    payload: bytes
+    encoding: str
+    attachment: bytes | None
+    alive: bool = True  # of a liveliness token: False when it is gone
+
+
+class Topic:
+    """A topic of ours. ``wanted``: somebody subscribes to it (0.6 us; what nobody reads is not encoded)."""
+
+    def __init__(self, publisher: zenoh.Publisher) -> None:
+        self._publisher = publisher
+        self._seq = 0
+
+    @property
+    def wanted(self) -> bool:
+        status: Any = self._publisher.matching_status  # the stubs say bool
+        return bool(status.matching)
+
+    def put(self, payload: bytes) -> None:
+        self._seq += 1
+        self._publisher.put(payload, attachment=_stamp(self._seq))
+
+
+class Poll:
+    """Samples that wait below the interpreter until they are taken; of a flood the newest ``keep`` remain."""
+
+    def __init__(self, subscriber: Any) -> None:
+        self._subscriber = subscriber
+
+    def take(self) -> Received | None:
+        sample = self._subscriber.try_recv()
+        return None if sample is None else _received(sample)
+
+
+class PubSub:
+    """One session. Run ``run`` as long as handlers are to be called, in its loop."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._waker = Waker()
+        self._closed = False
+        self._inboxes: dict[str, _Inbox] = {}
+        self._topics: dict[str, Topic] = {}
+        self._polls: dict[str, Poll] = {}
+        self._tokens: dict[str, Any] = {}
+        opened(self)
+
+    @classmethod
+    async def open(
+        cls,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        settings: Mapping[str, Any] | None = None,
+    ) -> PubSub:
+        """Raise ``zenoh.ZError`` when it cannot listen, or a certificate cannot be used."""
+        wanted = config(listen, connect, {**_LIVELY, **(settings or {})})
+        return cls(await trio.to_thread.run_sync(zenoh.open, wanted))
+
+    def close(self) -> None:
+        """Close the session. Blocks for a few milliseconds."""
+        closed(self)
+        self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
+        self._closed = True
+        self._waker.wake()
+
+    @property
+    def connections(self) -> int:
+        """How many others this session is connected to."""
+        info = self._session.info
+        return len(info.peers_zid()) + len(info.routers_zid())
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Until the session is closed."""
+        task_status.started()
+        while not self._closed:
+            await self._waker.wait()
+            for inbox in list(self._inboxes.values()):
+                samples = inbox.samples
+                for _ in range(min(len(samples), _WAKE_BATCH)):
+                    inbox.handler(_received(samples.popleft()))
+                if samples:
+                    self._waker.wake()
+        self._waker.close()
+
+    # -- out
+
+    def topic(self, key: str, schema: str) -> Topic:
+        """``schema``: named in the encoding, as ``application/json;<schema>``. One a key, whoever asks."""
+        if key not in self._topics:
+            publisher = self._session.declare_publisher(
+                key,
+                encoding=_encoding(schema),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.DATA_LOW,
+            )
+            self._topics[key] = Topic(publisher)
+        return self._topics[key]
+
+    def put(self, key: str, payload: bytes, schema: str) -> None:
+        """One urgent sample: a command, an answer. Never kept for those who come later."""
+        self._session.put(
+            key,
+            payload,
+            encoding=_encoding(schema),
+            attachment=_stamp(1),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+
+    def declare_token(self, key: str) -> None:
+        """There for as long as this session is."""
+        if key not in self._tokens:
+            self._tokens[key] = self._session.liveliness().declare_token(key)
+
+    # -- in
+
+    def subscribe(self, key: str, handler: Callable[[Received], None], keep: int = 256) -> None:
+        """Call ``handler`` in the loop, instead of the one that had this key before. At most ``keep`` samples wait,
+        the newest; keys are looked at in the order in which they were subscribed to."""
+        self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into))
+
+    def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
+        """Call ``handler`` for each token that is there, comes or goes."""
+        liveliness = self._session.liveliness()
+        self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
+
+    def poll(self, key: str, keep: int) -> Poll:
+        if key not in self._polls:
+            self._polls[key] = Poll(self._session.declare_subscriber(key, zenoh.handlers.RingChannel(keep)))
+        return self._polls[key]
+
+    def _listen(
+        self, key: str, handler: Callable[[Received], None], keep: int, declare: Callable[[Any], Any]
+    ) -> None:
+        known = self._inboxes.get(key)
+        if known is not None:
+            known.handler = handler
+            return
+        inbox = self._inboxes[key] = _Inbox(handler, keep)
+
+        def arrived(sample: zenoh.Sample) -> None:  # on zenoh's thread
+            inbox.samples.append(sample)
+            self._waker.wake()
+
+        # Not indirect: that would be a Python thread, which outlives a script that has crashed.
+        inbox.subscriber = declare(zenoh.handlers.Callback(arrived, indirect=False))
+
+
+class _Inbox:
+    def __init__(self, handler: Callable[[Received], None], keep: int) -> None:
+        self.handler = handler
+        self.samples: deque[zenoh.Sample] = deque(maxlen=keep)
+        self.subscriber: Any = None  # what nobody refers to is undeclared
+
+
+_encode = msgspec.json.Encoder().encode
+
+
+def _stamp(seq: int) -> bytes:
+    return _encode(Stamp(seq, time.time_ns()))
+
+
+def _encoding(schema: str) -> zenoh.Encoding:
+    return zenoh.Encoding.APPLICATION_JSON.with_schema(schema)
+
+
+def _received(sample: zenoh.Sample) -> Received:
+    attachment = sample.attachment
+    return Received(
+        str(sample.key_expr),
+        sample.payload.to_bytes(),
+        str(sample.encoding),
+        None if attachment is None else attachment.to_bytes(),
+        sample.kind == zenoh.SampleKind.PUT,
+    )

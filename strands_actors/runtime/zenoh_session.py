@@ -1,0 +1,113 @@
+"""What every zenoh session of ours has in common: a closed configuration, a wake-up for the loop, an orderly end.
+
+Loopback only: unless told otherwise a session listens on unix sockets in a directory of the user's own. No
+multicast, no gossip: nobody is found who was not named.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import trio
+import zenoh
+
+LEASE_MS = 1000
+"""Of the transport: a frozen peer is dropped after this long (zenoh's default is 10 s)."""
+
+
+def config(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), more: Mapping[str, Any] | None = None
+) -> zenoh.Config:
+    """A closed peer: only these endpoints, retried quickly when they go away. ``more``: settings by zenoh's own
+    path, over these."""
+    result = zenoh.Config()
+    settings = {
+        "mode": "peer",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
+        # Opening does not wait for those it connects to: a frozen one would hold it up (0.5 s).
+        "open/return_conditions/connect_scouted": False,
+        # A frozen peer takes the connection and says nothing; close() would wait for it (zenoh: 10 s).
+        "transport/unicast/open_timeout": LEASE_MS,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/keep_alive": 4,
+        # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut off.
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
+        "transport/shared_memory/enabled": False,
+    }
+    for key, value in {**settings, **(more or {})}.items():
+        result.insert_json5(key, json.dumps(value))
+    return result
+
+
+def unix_endpoint(path: str) -> str:
+    return f"unixsock-stream/{path}"
+
+
+def short(error: zenoh.ZError) -> str:
+    """What it says, without where in zenoh's source it says so."""
+    return str(error).partition(" at /")[0]
+
+
+class Waker:
+    """From zenoh's threads into the loop: an eventfd, or a pipe where there is none (macOS)."""
+
+    def __init__(self) -> None:
+        self._pending = False
+        if hasattr(os, "eventfd"):
+            self._read_fd = self._write_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        else:
+            self._read_fd, self._write_fd = os.pipe()
+            os.set_blocking(self._read_fd, False)
+            os.set_blocking(self._write_fd, False)
+
+    def wake(self) -> None:
+        """From any thread."""
+        if not self._pending:
+            self._pending = True
+            os.write(self._write_fd, b"\1\0\0\0\0\0\0\0")
+
+    async def wait(self) -> None:
+        await trio.lowlevel.wait_readable(self._read_fd)
+        # Read, then clear the flag, and only then may the caller drain: in any other order a wake-up can be lost.
+        os.read(self._read_fd, 8)
+        self._pending = False
+
+    def close(self) -> None:
+        """Nobody may wake it any more."""
+        for fd in {self._read_fd, self._write_fd}:
+            os.close(fd)
+
+
+class Closes(Protocol):
+    def close(self) -> None: ...
+
+
+_open: dict[Closes, int] = {}
+
+
+def opened(session: Closes) -> None:
+    """Have it closed at the end of the script, unless it is before."""
+    _open[session] = os.getpid()
+
+
+def closed(session: Closes) -> None:
+    _open.pop(session, None)
+
+
+@atexit.register
+def _close_all() -> None:
+    """A thread of zenoh's that enters Python while the interpreter goes aborts the process: at the end of a
+    script every session is closed before that. Not in a forked child, where they have no threads."""
+    for session, pid in list(_open.items()):
+        if pid == os.getpid():
+            session.close()

@@ -1,0 +1,80 @@
+"""The robot's place on the mesh: telemetry, commands and safety orders, in the root process.
+
+They are supervised by themselves: what breaks here is started again, and if that does not help the robot goes on
+without, under its local caller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import trio
+import zenoh
+
+from strands_actors.runtime.actor import describe
+from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.pubsub import PubSub
+from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from strands_actors.runtime.zenoh_session import short
+
+from . import addresses
+from .command_rules import Shared
+from .commands import Commands
+from .mesh_answers import Answers
+from .mesh_json import MAX_MESSAGE_BYTES
+from .messages import StateIs, TaskStatus
+from .safety import Safety
+from .telemetry import Telemetry
+
+BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
+
+
+class MeshPlace:
+    """``problem``: why the robot is not on the mesh; known once ``settled``."""
+
+    def __init__(self, node: Node, robot: str, driver: Driver, task: Callable[[], TaskStatus]) -> None:
+        self._node = node
+        self._robot = robot
+        self._driver = driver
+        self._task = task
+        self._at = addresses.of(robot)
+        self.problem = ""
+        self.settled = trio.Event()
+
+    def tell_state(self, state: StateIs) -> None:
+        """For the audit."""
+        if self._at.safety in self._node.cells:
+            self._node.ref(self._at.safety, Safety).tell(state)
+
+    async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
+        limits = {"transport/link/rx/max_message_size": MAX_MESSAGE_BYTES}
+        try:
+            pubsub = await PubSub.open(listen, connect, {**limits, **settings})
+        except zenoh.ZError as error:
+            self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
+            self.settled.set()
+            return
+        try:
+            async with trio.open_nursery() as nursery:
+                await nursery.start(pubsub.run)
+                await nursery.start(self._supervisor(pubsub).run)
+                self.settled.set()
+        except* BudgetSpent as spent:
+            self.problem = f"mesh: {describe(spent)}"
+            pubsub.close()
+
+    def _supervisor(self, pubsub: PubSub) -> Supervisor:
+        robot, driver, at, node = self._robot, self._driver, self._at, self._node
+        answers, shared = Answers(pubsub, robot), Shared()
+
+        def counts() -> dict[str, int]:
+            return {"commands": shared.taken, "commands_refused": answers.refused}
+
+        cells = [
+            node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
+        ]
+        return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)
