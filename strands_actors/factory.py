@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from .drill.certificate import parse_age_s
 from .drivers import canonical_name, get_native_driver_class, list_driver_coverage, list_native_drivers
 from .runtime.contract import Driver
 
@@ -24,6 +25,8 @@ class Plan:
     port: str
     transport: str | None
     options: dict[str, Any]
+    drill_age_s: float | None = None
+    """No motion without a stop drill that is younger."""
 
 
 def plan(
@@ -33,6 +36,7 @@ def plan(
     port: str | None = None,
     transport: str | None = None,
     tool_name: str | None = None,
+    require_drill: str | None = None,
     **options: Any,
 ) -> Plan:
     """Raise ``ValueError`` for names, values and unknown keywords."""
@@ -53,7 +57,8 @@ def plan(
     if transport is None and port is None:
         raise ValueError(_missing_port(robot, driver_class))
     resolved = driver_class.resolve(robot, {**options, "tool_name": chosen})
-    return Plan(robot, chosen, driver_class, port or "", transport, resolved)
+    drill_age_s = None if require_drill is None else parse_age_s(require_drill)
+    return Plan(robot, chosen, driver_class, port or "", transport, resolved, drill_age_s)
 
 
 def _driver_class(name: str, robot: str) -> type[Driver]:
@@ -75,7 +80,7 @@ def _driver_class(name: str, robot: str) -> type[Driver]:
 
 
 def _check_keywords(driver_class: type[Driver], options: dict[str, Any]) -> None:
-    accepted = sorted({"port", "transport", "tool_name", *driver_class.OPTIONS})
+    accepted = sorted({"port", "transport", "tool_name", "require_drill", *driver_class.OPTIONS})
     for keyword in options:
         if keyword not in accepted:
             close = difflib.get_close_matches(keyword, accepted, n=1)

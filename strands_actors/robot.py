@@ -109,6 +109,7 @@ class RealRobot:
                 plan.options,
                 plan.transport,
                 self._liveness.look,
+                plan.drill_age_s,
             )
         return await self._tree.connect()
 
@@ -372,6 +373,7 @@ async def open_robot(name: str, mode: str = "sim", **keywords: Any) -> AsyncIter
             wanted.port,
             wanted.options,
             wanted.transport,
+            drill_age_s=wanted.drill_age_s,
         )
         try:
             problem = await tree.connect()

@@ -15,6 +15,7 @@ from typing import Any
 
 import trio
 
+from .drill.certificate import TWIN, clause
 from .rundir import Name, Note
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
@@ -86,6 +87,7 @@ class RobotTree:
         options: dict[str, Any],
         transport: str | None,
         liveness: Callable[[], tuple[bool, bool]] = lambda: (True, True),
+        drill_age_s: float | None = None,
     ) -> None:
         self.driver: Driver = driver_class(kind, port, options)
         self.kind = kind
@@ -99,6 +101,7 @@ class RobotTree:
         self._options = options
         self._transport = transport
         self._liveness = liveness
+        self._drill_age_s = drill_age_s
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._twin: ChildProcess | None = None
@@ -162,7 +165,7 @@ class RobotTree:
         listen, wire_listen = (unix_endpoint(name.socket(role)) for role in ("root", "wire"))
         args = {
             "robot": self.robot,
-            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options),
+            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options) | self._drill(),
             "caller_pid": os.getpid(),
             "twin_pid": self._twin.pid if self._twin else 0,
             "listen": listen,
@@ -178,6 +181,13 @@ class RobotTree:
         self._tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
         self._nursery.start_soon(self._attend, self._root_process, self._scope)
+
+    def _drill(self) -> dict[str, Any]:
+        """For the gate: whether a stop drill is required, and was passed."""
+        if self._drill_age_s is None:
+            return {}
+        port = TWIN if self._transport == "twin" else self._port
+        return {"drill": clause(self._driver_class, self.kind, port, self._options, self._drill_age_s)}
 
     async def _start_twin(self) -> str:
         log = os.environ.get("STRANDS_ACTORS_TWIN_LOG")

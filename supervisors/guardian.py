@@ -197,9 +197,10 @@ class Guardian(Actor):
             self._second.close()  # it would keep the next wire from the port, which is locked while it is open
             self._second = None
         # Without a second path the wire had not come so far as to energise anything: all is as it was.
-        took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
+        now_ns = self.context.clock.now_ns()
+        took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
-        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms)
+        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms, now_ns)
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
         if self._on_state is not None:
             self._on_state(self.state)

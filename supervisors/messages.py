@@ -89,6 +89,7 @@ class StopReport(Message, frozen=True):
     motors: tuple[MotorReport, ...]
     path: str = "wire"  # or "second": the root's own way
     took_ms: float = 0.0
+    at_ns: int = 0  # when it was made: all motors had been asked
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -394,3 +395,4 @@ class TreeReport(Message, frozen=True):
     epoch: int
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
+    last_stop: StopReport | None = None  # by the root's own path

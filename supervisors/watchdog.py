@@ -38,10 +38,10 @@ class Tick(Message, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe (or could not be)."""
+    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has."""
 
     def __init__(
-        self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[], None]
+        self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[bool], None]
     ) -> None:
         self._addresses = gate, transport, guardian
         self._cycle_ns = round(NS / timing.control_hz)
@@ -124,7 +124,9 @@ class Watchdog(Actor):
 
     async def _leave(self, why: str) -> None:
         """Nobody is left who could fence us: make safe, then end."""
+        confirmed = False
         try:
-            await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
+            report = await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
+            confirmed = isinstance(report, StopReport) and report.confirmed
         finally:
-            self._orphaned()
+            self._orphaned(confirmed)

@@ -31,13 +31,16 @@ from .messages import RootGone
 from .transport import Transport
 from .watchdog import Watchdog
 
+UNCONFIRMED = 4
+"""Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+
 
 async def run_group(
     node: Node,
     driver: Driver,
     robot: str,
     start_state: State,
-    orphaned: Callable[[], None],
+    orphaned: Callable[[bool], None],
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails."""
@@ -88,7 +91,7 @@ class InlinePlace:
     async def _run(self, node: Node, driver: Driver, robot: str, state: State) -> None:
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, self._scope.cancel)
+                await run_group(node, driver, robot, state, lambda _: self._scope.cancel())
         except Exception as error:
             self._why = describe(error)
         finally:
@@ -117,8 +120,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
 
-    def end() -> None:
-        os._exit(0)
+    def end(confirmed: bool) -> None:
+        os._exit(0 if confirmed else UNCONFIRMED)
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])

@@ -50,6 +50,9 @@ async def _resume(joined: Directory, note: Note) -> tuple[bool, str]:
     return False, answer.text
 
 
+VERBS: dict[str, Verb] = {"stop": _stop, "e-stop": _estop, "resume": _resume}
+
+
 async def _each(robot: str | None, every: bool, verb: Verb) -> int:
     if (robot is None) != every:
         raise Problem("name a robot, or --all")
