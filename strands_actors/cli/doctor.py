@@ -16,7 +16,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 from ..rundir import MAX_SOCKET_PATH, notes, run_dir
@@ -53,19 +52,19 @@ def run(as_json: bool) -> int:
 def examine() -> Iterator[Check]:
     """Each part of the machine in turn. One that raises is itself a finding."""
     parts: tuple[Callable[[], Iterator[Check]], ...] = (
-        _python,
-        _kernel,
-        _scheduling,
-        _directory,
-        _zenoh,
-        _serial,
-        _gl,
-        _drivers,
-        _extras,
-        _robots,
+        check_python,
+        check_kernel,
+        check_scheduling,
+        check_directory,
+        check_zenoh,
+        check_serial,
+        check_gl,
+        check_drivers,
+        check_extras,
+        check_robots,
     )
     for part in parts:
-        name = part.__name__.strip("_")
+        name = part.__name__.removeprefix("check_")
         try:
             yield from part()
         except Exception as error:  # whatever a machine can be missing
@@ -74,7 +73,7 @@ def examine() -> Iterator[Check]:
             )
 
 
-def _python() -> Iterator[Check]:
+def check_python() -> Iterator[Check]:
     version, (oldest, newest) = sys.version_info[:2], PYTHONS
     here = f"{sys.version.split()[0]} at {sys.executable}"
     supported = f"{oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}"
@@ -84,7 +83,7 @@ def _python() -> Iterator[Check]:
         yield Check("python", BROKEN, here, f"use Python {supported}: python3.11 -m venv .venv")
 
 
-def _kernel() -> Iterator[Check]:
+def check_kernel() -> Iterator[Check]:
     from ..runtime.clock import has_timerfd
 
     if has_timerfd():
@@ -99,7 +98,7 @@ def _kernel() -> Iterator[Check]:
         yield Check("pidfd", OK, "a death is seen at once")
 
 
-def _scheduling() -> Iterator[Check]:
+def check_scheduling() -> Iterator[Check]:
     if not hasattr(os, "sched_setscheduler"):
         yield Check("scheduling", WEAK, "no SCHED_FIFO on this system", "keep other load away from the robot")
         return
@@ -121,7 +120,7 @@ def _scheduling() -> Iterator[Check]:
     )
 
 
-def _directory() -> Iterator[Check]:
+def check_directory() -> Iterator[Check]:
     try:
         path = run_dir()
         with tempfile.NamedTemporaryFile(dir=path):
@@ -141,25 +140,24 @@ def _directory() -> Iterator[Check]:
         yield Check("directory", OK, f"{path}, yours alone")
 
 
-def _zenoh() -> Iterator[Check]:
+def check_zenoh() -> Iterator[Check]:
     import zenoh
 
     from ..runtime.zenoh_mesh import config, unix_endpoint
 
-    path = f"{run_dir()}/doctor-{os.getpid()}.sock"
-    try:
-        session: Any = zenoh.open(config([unix_endpoint(path)]))
-        session.close()
-    except Exception as error:  # zenoh raises its own kind, which has no better name
-        yield Check("zenoh", BROKEN, f"no session opens: {error}", "pip install --force-reinstall eclipse-zenoh")
-    else:
-        yield Check("zenoh", OK, f"{metadata.version('eclipse-zenoh')}, a session opens; loopback only")
-    finally:
-        for leftover in (path, f"{path}.lock"):
-            Path(leftover).unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory:
+        try:
+            session: Any = zenoh.open(config([unix_endpoint(f"{directory}/doctor.sock")]))
+            session.close()
+        except Exception as error:  # zenoh raises its own kind, which has no better name
+            yield Check(
+                "zenoh", BROKEN, f"no session opens: {error}", "pip install --force-reinstall eclipse-zenoh"
+            )
+            return
+    yield Check("zenoh", OK, f"{metadata.version('eclipse-zenoh')}, a session opens; loopback only")
 
 
-def _serial() -> Iterator[Check]:
+def check_serial() -> Iterator[Check]:
     from serial.tools import list_ports
 
     known = (port for port in list_ports.comports() if port.hwid != "n/a")  # not the sockets nothing is behind
@@ -201,7 +199,7 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 """
 
 
-def _gl() -> Iterator[Check]:
+def check_gl() -> Iterator[Check]:
     """In processes of their own: a GL library that is loaded once cannot be exchanged, and may crash."""
     wanted = os.environ.get("MUJOCO_GL")
     why = []
@@ -230,7 +228,7 @@ def _gl() -> Iterator[Check]:
     )
 
 
-def _drivers() -> Iterator[Check]:
+def check_drivers() -> Iterator[Check]:
     import warnings
 
     from .. import drivers
@@ -250,7 +248,7 @@ def _drivers() -> Iterator[Check]:
     yield Check("drivers", OK, f"{len(robots)} robots, {len(set(robots.values()))} drivers")
 
 
-def _extras() -> Iterator[Check]:
+def check_extras() -> Iterator[Check]:
     """What ``pip install 'strands-actors[...]'`` would add, and what of the rest is missing."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
@@ -295,8 +293,11 @@ def _is_for_this_python(marker: str) -> bool:
     return True
 
 
-def _robots() -> Iterator[Check]:
-    running = [f"{note.robot} (root {note.pid})" for note in notes()]
+def check_robots() -> Iterator[Check]:
+    try:
+        running = [f"{note.robot} (root {note.pid})" for note in notes()]
+    except PermissionError:  # told above
+        return
     yield Check("robots", OK, f"running: {', '.join(running)}" if running else "none of yours is running")
 
 

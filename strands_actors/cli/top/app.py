@@ -39,13 +39,15 @@ class Confirm(ModalScreen[bool]):
         Binding("n,escape,q", "answer(False)", "leave it"),
     ]
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, locked_by: str) -> None:
         super().__init__()
         self._robot = robot
+        self._locked_by = locked_by
 
     def compose(self) -> ComposeResult:
+        lift = f"Lift the e-stop by {self._locked_by}, and energise " if self._locked_by else "Energise "
         question = Text.assemble(
-            "Energise ",
+            lift,
             (self._robot, "bold"),
             " at its measured position? It starts no motion.\n\n",
             ("y", "bold"),
@@ -202,10 +204,10 @@ class Top(App[None]):
     def action_resume(self) -> None:
         if self.selected is None:
             return
-        robot = self.selected.note.robot
+        robot, status = self.selected.note.robot, self.selected.status
 
         def go_on(yes: bool | None) -> None:
             if yes:
                 self._feed.ask("resume", robot)
 
-        self.push_screen(Confirm(robot), go_on)
+        self.push_screen(Confirm(robot, status.locked_by if status else ""), go_on)

@@ -134,7 +134,8 @@ def _stop(report: StopReport | None) -> Text:
         return NOTHING
     if not report.confirmed:
         return Text(f"NOT CONFIRMED by {', '.join(report.unconfirmed) or 'the robot'}", "bold red")
-    return Text(f"{report.rung}, {len(report.motors)} motors confirmed in {report.took_ms:.1f} ms")
+    count = len(report.motors)
+    return Text(f"{report.rung}, {count} motor{'' if count == 1 else 's'} confirmed in {report.took_ms:.1f} ms")
 
 
 def _set(cell: Text, title: str, width: int) -> Text:
