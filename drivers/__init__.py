@@ -61,7 +61,7 @@ MEMBERS: Mapping[str, tuple[str, ...]] = {
 OTHER_SPELLINGS = {"policy": "policy_object"}
 """Parameters that go by another name, too."""
 
-OWN_KEYWORDS = ("data_config", "mesh", "port", "sim", "tool_name", "transport")
+OWN_KEYWORDS = ("data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
 """Keywords of every driver that is run as a tree."""
 
 

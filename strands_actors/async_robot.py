@@ -179,6 +179,7 @@ async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
             engine=wanted.engine,
             owns_engine=wanted.owns_engine,
             mesh=wanted.mesh,
+            drill_age_s=wanted.drill_age_s,
         )
         try:
             problem = await tree.connect(arm)

@@ -25,7 +25,18 @@ from .runtime.zenoh_mesh import ZenohMesh
 from .supervisors import addresses
 from .supervisors.gate import Gate
 from .supervisors.guardian import Guardian
-from .supervisors.messages import Describe, Fence, ProcessInfo, Resume, Resumed, Stop, StopReport, TreeReport
+from .supervisors.messages import (
+    Describe,
+    Fence,
+    GetStatus,
+    ProcessInfo,
+    Resume,
+    Resumed,
+    Status,
+    Stop,
+    StopReport,
+    TreeReport,
+)
 from .supervisors.root import Root
 
 UNREACHABLE = "unreachable"
@@ -55,6 +66,14 @@ class Directory:
         if isinstance(answer, TreeReport):
             return answer
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
+
+    async def status(self, note: Note) -> Status | None:
+        """What the gate says; None when it does not answer."""
+        try:
+            answer = await self._ask(addresses.of(note.robot).gate, Gate, GetStatus(), ANSWER_S)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, Status) else None
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
         """Make a robot safe: by its gate, or when that does not answer by the root's own path."""

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .drill.certificate import parse_age_s
 from .drivers import (
     SIMULATION,
     canonical_name,
@@ -40,6 +41,8 @@ class Plan:
     owns_engine: bool = True
     data_config: Any = None
     mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
+    drill_age_s: float | None = None
+    """No motion without a stop drill that is younger."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,13 @@ class Wanted:
     cameras: Any
     data_config: Any
     mesh: MeshConfig
+    drill_age_s: float | None
     options: dict[str, Any]
 
     def given(self) -> dict[str, Any]:
         """What only hardware has a use for."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim, "cameras": self.cameras}
+        own["require_drill"] = self.drill_age_s
         return {key: value for key, value in own.items() if value is not None} | self.options
 
 
@@ -103,6 +108,7 @@ def _read(
     cameras: Any = None,
     data_config: Any = None,
     mesh: MeshConfig | None = None,
+    require_drill: str | None = None,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
     chosen_mode = str(mode).lower()
@@ -117,10 +123,13 @@ def _read(
     if mesh is None:
         mesh = MeshConfig.from_environment()
     mesh.check()
+    drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport)
     return (
-        Wanted(name, robot, chosen_mode, chosen, port, transport, sim, cameras, data_config, mesh, options),
+        Wanted(
+            name, robot, chosen_mode, chosen, port, transport, sim, cameras, data_config, mesh, drill_age_s, options
+        ),
         driver_class,
     )
 
@@ -219,6 +228,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         owns_engine,
         wanted.data_config,
         wanted.mesh,
+        wanted.drill_age_s,
     )
 
 

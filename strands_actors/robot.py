@@ -170,6 +170,7 @@ class RealRobot(RobotTool):
                 plan.engine,
                 plan.owns_engine,
                 plan.mesh,
+                plan.drill_age_s,
             )
         return await self._tree.connect()
 

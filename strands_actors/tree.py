@@ -12,6 +12,7 @@ from typing import Any
 
 import trio
 
+from .drill.certificate import TWIN, clause
 from .engine import SIM, Engine, EngineDown
 from .mesh.config import MeshConfig
 from .rundir import Name, Note
@@ -91,6 +92,7 @@ class RobotTree:
         engine: Engine | None = None,
         owns_engine: bool = True,
         mesh: MeshConfig = MeshConfig(),  # noqa: B008  # frozen
+        drill_age_s: float | None = None,
     ) -> None:
         """``engine``: the twin's process behind ``transport``. It ends with the robot that owns it."""
         self.driver: Driver = driver_class(kind, port, options)
@@ -106,6 +108,7 @@ class RobotTree:
         self.transport = transport
         self._liveness = liveness
         self._mesh = mesh
+        self._drill_age_s = drill_age_s
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self.engine = engine
@@ -186,7 +189,7 @@ class RobotTree:
         listen, wire_listen, mesh = (unix_endpoint(name.socket(role)) for role in ("root", "wire", "mesh"))
         args = {
             "robot": self.robot,
-            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options),
+            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options) | self._drill(),
             "caller_pid": os.getpid(),
             "twin_pid": 0 if self.engine is None else self.engine.pid,
             "listen": listen,
@@ -207,6 +210,13 @@ class RobotTree:
         self._tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
         self._nursery.start_soon(self._attend, self._root_process, self._scope)
+
+    def _drill(self) -> dict[str, Any]:
+        """For the gate: whether a stop drill is required, and was passed."""
+        if self._drill_age_s is None:
+            return {}
+        port = TWIN if self.transport == "twin" else self._port
+        return {"drill": clause(self._driver_class, self.kind, port, self._options, self._drill_age_s)}
 
     async def _attend(self, process: ChildProcess, scope: trio.CancelScope) -> None:
         with scope:

@@ -239,9 +239,10 @@ class Guardian(Actor):
             self._confirmed = all(motor.safe for motor in motors)
             self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
         # Without a second path the wire had not come so far as to energise anything: all is as it was.
-        took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
+        now_ns = self.context.clock.now_ns()
+        took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
-        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms)
+        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms, now_ns)
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
         self.context.note(self.last_report)
         self.context.note(self.state)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.contract import Candidate, Driver, GateCheck, GateState
+from strands_actors.runtime.messages import Refused
 
 
 def describe_driver(driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]) -> dict[str, Any]:
@@ -30,5 +31,16 @@ def load_driver(description: dict[str, Any]) -> Driver:
     """For a process that is going to use it: with what it needs imported."""
     driver_class = load(description["class"])
     driver: Driver = driver_class(description["robot"], description["port"], description["options"])
+    if "drill" in description:
+        driver.gates = (requires_drill(**description["drill"]), *driver.gates)
     driver.preload()
     return driver
+
+
+def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
+    """Refuses every setpoint from ``until_ns`` on: there is no certificate of a stop drill, or it is too old."""
+
+    def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
+        return None if state.now_ns < until_ns else Refused("no_drill", reason, remedy)
+
+    return requires_drill

@@ -90,6 +90,7 @@ class StopReport(Message, frozen=True):
     motors: tuple[MotorReport, ...]
     path: str = "wire"  # or "second": the root's own way
     took_ms: float = 0.0
+    at_ns: int = 0  # when it was made: all motors had been asked
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -434,6 +435,7 @@ class TreeReport(Message, frozen=True):
     epoch: int
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
+    last_stop: StopReport | None = None  # by the root's own path
 
 
 # -- for who records

@@ -219,7 +219,7 @@ class Tree:
                 continue
             if isinstance(census, Census):
                 actors.extend(census.actors)
-        return TreeReport(self.robot, mode, state.epoch, tuple(report), tuple(actors))
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), tuple(actors), self.guardian.last_report)
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:

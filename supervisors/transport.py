@@ -165,9 +165,12 @@ class Transport(Actor):
                 motors = _not_reached(self._driver)
             else:
                 motors = await self._wire.make_safe(message.rung)
-        took_ms = (self.context.clock.now_ns() - began_ns) / 1e6
+        now_ns = self.context.clock.now_ns()
+        took_ms = (now_ns - began_ns) / 1e6
         confirmed = bool(motors) and all(motor.safe for motor in motors)
-        report = StopReport(message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms)
+        report = StopReport(
+            message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms, at_ns=now_ns
+        )
         self._gate.tell(SafeDone(report))
 
     async def _arm(self, epoch: int) -> None:

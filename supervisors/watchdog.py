@@ -62,7 +62,7 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe (or could not be). ``root``
+    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has. ``root``
     tells how the root process stands with the processor."""
 
     def __init__(
@@ -71,7 +71,7 @@ class Watchdog(Actor):
         gate: str,
         transport: str,
         guardian: str,
-        orphaned: Callable[[], None],
+        orphaned: Callable[[bool], None],
         root: Callable[[], Standing | None] = lambda: None,
     ) -> None:
         self._addresses = gate, transport, guardian
@@ -161,10 +161,12 @@ class Watchdog(Actor):
 
     async def _leave(self, why: str) -> None:
         """Nobody is left who could fence us: make safe, then end."""
+        confirmed = False
         try:
-            await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
+            report = await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
+            confirmed = isinstance(report, StopReport) and report.confirmed
         finally:
-            self._orphaned()
+            self._orphaned(confirmed)
 
     # -- for a recorder
 

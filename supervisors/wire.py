@@ -34,6 +34,9 @@ from .tap import Attached, TapKeeper, name_of
 from .transport import Transport
 from .watchdog import Watchdog
 
+UNCONFIRMED = 4
+"""Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+
 
 async def run_group(
     node: Node,
@@ -41,7 +44,7 @@ async def run_group(
     robot: str,
     start_state: State,
     cause: str,
-    orphaned: Callable[[], None],
+    orphaned: Callable[[bool], None],
     root: Callable[[], Standing | None] = lambda: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
@@ -114,7 +117,7 @@ class InlinePlace:
     async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str) -> None:
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, cause, self._scope.cancel)
+                await run_group(node, driver, robot, state, cause, lambda _: self._scope.cancel())
         except Exception as error:
             self._why = describe(error)
         finally:
@@ -150,8 +153,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     root = os.getppid()
 
-    def end() -> None:
-        os._exit(0)
+    def end(confirmed: bool) -> None:
+        os._exit(0 if confirmed else UNCONFIRMED)
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])

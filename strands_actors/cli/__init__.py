@@ -18,13 +18,31 @@ INTERRUPTED = 130
 app = typer.Typer(
     name="strands-actors",
     help="Robots as supervised trees of actors.",
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
-Which = Annotated[str | None, typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.")]
+
+
+def _running() -> list[str]:
+    """For the shell to complete."""
+    from ..rundir import notes
+
+    return [note.robot for note in notes()]
+
+
+def _known() -> list[str]:
+    from ..drivers import list_native_drivers
+
+    return list(list_native_drivers())
+
+
+Which = Annotated[
+    str | None,
+    typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.", autocompletion=_running),
+]
+Kind = Annotated[str, typer.Argument(metavar="ROBOT", help="As `list` names it.", autocompletion=_known)]
 What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
 Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
 All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]
@@ -57,6 +75,22 @@ def tree(json: Json = False) -> None:
     from .trees import show_trees
 
     show_trees(as_json=json)
+
+
+@app.command()
+def top() -> None:
+    """The same, live; stop, e-stop and resume by a key."""
+    from .top import run as show
+
+    raise typer.Exit(show())
+
+
+@app.command()
+def doctor(json: Json = False) -> None:
+    """What this machine lacks to run robots, and the remedies."""
+    from .doctor import run as examine
+
+    raise typer.Exit(examine(as_json=json))
 
 
 @app.command()
@@ -176,7 +210,7 @@ def replay(
 
 @app.command()
 def twin(
-    robot: Annotated[str, typer.Argument(help="As `list` names it.")],
+    robot: Kind,
     port_file: Annotated[Path, typer.Option(help="Is written with the twin's port (or address).")],
     log: Annotated[Path | None, typer.Option(help="One JSON line for each frame on the wire.")] = None,
     fault: Annotated[str | None, typer.Option(metavar="WORD[:servo]", help="A fault it begins with.")] = None,
@@ -198,6 +232,34 @@ def mcp(
     from .mcp import serve_mcp
 
     serve_mcp(robot, port, transport, allow_motion)
+
+
+@app.command()
+def drill(
+    robot: Kind,
+    port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Drill its twin.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Consent was given elsewhere.")] = False,
+    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="A keyword of Robot().")] = None,
+    json: Json = False,
+) -> None:
+    """Prove that the robot in front of you can be stopped; keeps a certificate."""
+    from .drill import run as drill_robot
+
+    raise typer.Exit(drill_robot(robot, port, twin, yes, option or [], as_json=json))
+
+
+@app.command()
+def matrix(
+    drivers: Annotated[str | None, typer.Option(help="Robots, with commas. Default: one of each driver.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Trials a cell.")] = 1,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the page there.")] = None,
+    json: Json = False,
+) -> None:
+    """Break everything there is to break on the twins, and measure."""
+    from .matrix import run as measure
+
+    raise typer.Exit(measure(drivers, repeats, out, json))
 
 
 def main() -> None:

@@ -43,7 +43,11 @@ def _told(report: StopReport | Refused) -> tuple[bool, str]:
     if not report.motors:
         return True, f"{report.rung}, it was already"
     how = " by the root's own path" if report.path == "second" else ""
-    return True, f"{report.rung}, {len(report.motors)} motors confirmed in {report.took_ms:.1f} ms{how}"
+    return True, f"{report.rung}, {_motors(len(report.motors))} confirmed in {report.took_ms:.1f} ms{how}"
+
+
+def _motors(count: int) -> str:
+    return "1 motor" if count == 1 else f"{count} motors"
 
 
 def by() -> str:

@@ -179,7 +179,7 @@ class Replay:
                 self._at.gate,
                 self._at.transport,
                 self._at.guardian,
-                lambda: None,
+                lambda _: None,
                 lambda: _standing(world),
             )
         actor.context = context

@@ -107,3 +107,11 @@ def _timerfd(period_s: float) -> int | None:
         os.close(fd)
         raise OSError(error, "timerfd_settime")
     return fd
+
+
+def has_timerfd() -> bool:
+    """Whether periodic tasks tick on one here."""
+    fd = _timerfd(1.0)
+    if fd is not None:
+        os.close(fd)
+    return fd is not None

@@ -1,8 +1,10 @@
-"""The script of a caller that drives a twin, and then ends the way it is told on standard input.
+"""The script of a caller that moves a robot, and obeys on standard input.
 
-``python -m strands_actors.testing.caller ROBOT loop FAR`` moves the robot's first joint itself at 50 Hz, up to
-``FAR`` units away; ``ROBOT task FAR TRIGGER`` has a policy process do so. It prints one JSON line when the robot
-moves, then obeys: exception, exit or spin.
+``python -m strands_actors.testing.caller JSON`` with ``robot``, ``port``, ``driver`` (``module:Class``),
+``motion`` (``loop``: it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a policy
+of this process), ``far`` (how far, in the driver's units) and ``trigger`` (see ``testing.policies``). It prints one JSON line, the robot's tree, when
+the robot moves. Lines it obeys: ``exception``, ``exit``, ``spin``; ``stop`` (prints the report); ``again MOTION``
+(resumes, moves, prints the tree).
 """
 
 from __future__ import annotations
@@ -12,45 +14,107 @@ import math
 import select
 import sys
 import time
+from typing import Any
 
 from strands_actors import Robot
 
+from .registering import register
 
-def main(robot: str, motion: str, far: str, trigger: str = "") -> None:
-    arm = Robot(robot, mode="real", transport="twin")
-    problem = arm.connect_eagerly()
-    if problem is not None:
-        raise SystemExit(problem)
-    if motion == "task":
-        arm.start_task(
+STEPS = 10
+"""Of a task before it counts as moving."""
+MOVED_S = 0.2
+
+
+class Caller:
+    def __init__(self, wanted: dict[str, Any]) -> None:
+        if wanted["driver"]:
+            register(wanted["driver"], wanted["robot"])
+        self._far = float(wanted["far"])
+        self._trigger: str = wanted["trigger"]
+        self.robot: Any = Robot(wanted["robot"], mode="real", port=wanted["port"])
+        problem: str | None = "never tried"
+        for _ in range(3):  # a robot that a busy machine lets wait counts as silent
+            problem = self.robot.connect_eagerly()
+            if problem is None:
+                break
+        if problem is not None:
+            raise SystemExit(problem)
+
+    def begin(self, motion: str) -> None:
+        """Move; print the tree once the robot is on its way."""
+        self._loops = motion == "loop"
+        self._joint, self._here = next(iter(self.robot.get_observation().items()))
+        self._began_s = time.monotonic()
+        if motion == "task":
+            self._start_task()
+        if motion == "rollout":
+            self.robot.run_policy(lambda _: self._swing(), duration=60.0)
+        while time.monotonic() < self._began_s + MOVED_S:
+            self.step()
+            time.sleep(0.02)
+        print(json.dumps(self.robot.tree()), flush=True)
+
+    def _start_task(self) -> None:
+        started = self.robot.start_task(
             "wave",
             policy_provider="strands_actors.testing.policies:Faulty",
             control_frequency=50,
-            trigger=trigger,
-            amplitude=float(far),
+            trigger=self._trigger,
+            amplitude=self._far,
         )
-        while (task := arm.get_task_status()["content"][0]["json"])["steps"] < 10:
+        if started["status"] != "success":
+            raise SystemExit(f"no task: {started}")
+        while (task := self.robot.get_task_status()["content"][0]["json"])["steps"] < STEPS:
             if not task["running"]:
                 raise SystemExit(f"the policy does not run: {task}")
             time.sleep(0.01)
-    joint, here = next(iter(arm.get_observation().items()))
-    began_s, told = time.monotonic(), False
+
+    def step(self) -> None:
+        if self._loops:
+            self.robot.send_action(self._swing())
+
+    def _swing(self) -> dict[str, float]:
+        swing = (1.0 - math.cos(time.monotonic() - self._began_s)) / 2
+        return {self._joint: self._here + self._far * swing}
+
+    def again(self, motion: str) -> None:
+        deadline_s = time.monotonic() + 10.0
+        while (answer := self.robot.resume())["status"] != "success":
+            if time.monotonic() > deadline_s:
+                raise SystemExit(f"no resume: {answer}")
+            time.sleep(0.05)
+        self.begin(motion)
+
+    def obey(self, line: str) -> None:
+        match line.split():
+            case ["again", motion]:
+                self.again(motion)
+            case ["stop"]:
+                at_ns = time.monotonic_ns()
+                answer = self.robot.stop()
+                print(json.dumps({"at_ns": at_ns, "confirmed": answer["status"] == "success"}), flush=True)
+            case [how]:
+                print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
+                if how == "exception":
+                    raise RuntimeError("a fault was asked for")
+                if how == "exit":
+                    sys.exit(3)
+                while how == "spin":
+                    pass
+
+
+def main(text: str) -> None:
+    wanted = json.loads(text)
+    caller = Caller(wanted)
+    caller.begin(wanted["motion"])
     while True:
-        if motion == "loop":
-            arm.send_action({joint: here + float(far) * (1.0 - math.cos(time.monotonic() - began_s)) / 2})
-        if not told and time.monotonic() - began_s > 0.2:
-            told = True
-            print(json.dumps(arm.tree()), flush=True)
+        caller.step()
         if select.select([sys.stdin], [], [], 0.02)[0]:
-            how = sys.stdin.readline().strip()
-            print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
-            if how == "exception":
-                raise RuntimeError("a fault was asked for")
-            if how == "exit":
-                sys.exit(3)
-            while how == "spin":
-                pass
+            line = sys.stdin.readline()
+            if not line:
+                return
+            caller.obey(line)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(sys.argv[1])

@@ -19,24 +19,34 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
+from strands_actors.runtime.contract import Driver
+
+from .registering import where_is
 from .wirelog import WireLog
 
 PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
 
 _PROGRAM = "from strands_actors.cli import main; main()"
+_REGISTER = "from strands_actors.testing.registering import register; register({where!r}, {robot!r}); "
 
 
 class Twin:
-    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line."""
+    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line. ``driver``: its
+    class, when that is no part of this package."""
 
-    def __init__(self, robot: str, directory: Path, fault: str | None = None) -> None:
+    def __init__(
+        self, robot: str, directory: Path, fault: str | None = None, driver: type[Driver] | None = None
+    ) -> None:
         self.robot = robot
         self.log = WireLog(directory / "wire.ndjson")
         self.port = ""
         self._port_file = directory / "port"
         self._errors = directory / "twin.err"
         self._fault = fault
+        self._program = _PROGRAM
+        if driver is not None:
+            self._program = _REGISTER.format(where=where_is(driver), robot=robot) + _PROGRAM
 
     def __enter__(self) -> Twin:
         arguments = ["twin", self.robot, "--port-file", str(self._port_file), "--log", str(self.log.path)]
@@ -44,7 +54,7 @@ class Twin:
             arguments += ["--fault", self._fault]
         with self._errors.open("w") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", _PROGRAM, *arguments],
+                [sys.executable, "-c", self._program, *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,

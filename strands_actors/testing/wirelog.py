@@ -60,3 +60,15 @@ class WireLog:
             count += seen_safe and entry.kind == "setpoint"
         assert seen_safe, "no safe frame on the wire"
         return count
+
+    def no_setpoint_after_safe(self, since_ns: int, until_ns: int | None = None) -> None:
+        """Raise ``AssertionError`` when a setpoint follows the first safe frame, or there is none."""
+        count = self.setpoints_after_safe(since_ns, until_ns)
+        assert count == 0, f"{count} setpoints after the safe frame"
+
+    def silent_after(self, t_ns: int, *kinds: str) -> None:
+        """Raise ``AssertionError`` when the host wrote anything from then on; of these kinds, if any are given."""
+        for entry in self.entries(t_ns):
+            if entry.sender == "host" and (not kinds or entry.kind in kinds):
+                late_ms = (entry.t_ns - t_ns) / 1e6
+                raise AssertionError(f"a {entry.kind} frame {late_ms:.1f} ms later: {entry.data.hex(' ')}")

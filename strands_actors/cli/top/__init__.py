@@ -1,0 +1,17 @@
+"""``top``: the robots that run now, live; stop, e-stop and resume by a key."""
+
+from __future__ import annotations
+
+import sys
+
+from ..errors import Problem
+
+
+def run() -> int:
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise Problem("top: this is no terminal. `strands-actors tree` prints the same once")
+    from .app import Top
+
+    app = Top()
+    app.run()
+    return app.return_code or 0

@@ -1,0 +1,285 @@
+"""The five steps of a drill. Each has setpoints on the wire that move nothing, breaks one thing, waits for proof.
+
+Proof is what the motors say: every one read back on the rung that the driver declares. On a twin there is the
+wire's log, too: when the first safe frame was on it, and that no setpoint followed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from time import monotonic_ns
+
+import trio
+from msgspec.structs import replace
+
+from ..runtime.contract import Reason
+from ..runtime.messages import Refused
+from ..runtime.process import wait_for_end_of
+from ..supervisors.failsafe import Mode
+from ..supervisors.messages import Resumed, StopReport
+from ..supervisors.transport import BACKOFF_S, SAFE_DEADLINE_S
+from ..testing.twin import Twin
+from ..testing.wirelog import WireLog
+from ..tree import RobotTree
+from .certificate import Figure
+
+PROVIDER = "strands_actors.drill.policy:Still"
+STEPS_BEFORE = 5
+"""Setpoints on the wire before something is broken."""
+PATIENCE_S = 10.0
+SETTLE_S = 0.4
+"""How long the wire is watched for setpoints afterwards."""
+AWAY_S = 1.0
+"""How long a twin's cable is out."""
+HAND_S = 90.0
+"""How long a person may take to pull a cable, and to put it back."""
+RETURN_S = BACKOFF_S[-1] + 1.0
+
+Ask = Callable[[str], Awaitable[None]]
+"""Tells the operator what to do."""
+
+
+class Failed(Exception):
+    """The step did not show what it has to."""
+
+
+class Drill:
+    """On a connected robot. ``twin``: the process behind its wire, if it is one."""
+
+    def __init__(self, tree: RobotTree, twin: Twin | None, tell: Ask) -> None:
+        self._tree = tree
+        self._twin = twin
+        self._tell = tell
+        self._driver = tree.driver
+
+    @property
+    def steps(self) -> dict[str, Callable[[], Awaitable[Figure]]]:
+        """By name, in their order. A robot that runs no policies has no policy to kill."""
+        steps: dict[str, Callable[[], Awaitable[Figure]]] = {
+            "stop": self.stop,
+            "policy kill": self.policy_kill,
+            "wire kill": self.wire_kill,
+            "root freeze": self.root_freeze,
+            "link loss": self.link_loss,
+        }
+        if self._driver.ROLLOUTS:
+            del steps["policy kill"]
+        return steps
+
+    # -- the steps
+
+    async def stop(self) -> Figure:
+        async with self._writing():
+            began_ns = monotonic_ns()
+            report = await self._tree.stop()
+        bound_s = self._driver.bound_s
+        return await self._judge("stop", Reason.STOP, began_ns, bound_s, report, ("SAF-002", "SAF-005"))
+
+    async def policy_kill(self) -> Figure:
+        async with self._writing():
+            began_ns = self._signal("policy", await self._pid("policy"), signal.SIGKILL)
+            report = await self._report_of(Reason.POLICY, began_ns)
+        proves = ("SAF-002", "SAF-003", "SAF-006")
+        return await self._judge("policy kill", Reason.POLICY, began_ns, self._driver.bound_s, report, proves)
+
+    async def wire_kill(self) -> Figure:
+        async with self._writing():
+            began_ns = self._signal("wire", await self._pid("wire"), signal.SIGKILL)
+            report = await self._report_of(Reason.WIRE, began_ns)
+        proves = ("SAF-002", "SAF-003", "SAF-008")
+        return await self._judge("wire kill", Reason.WIRE, began_ns, self._driver.bound_s, report, proves)
+
+    async def root_freeze(self) -> Figure:
+        """The wire process makes safe by itself and ends; its exit code says whether every motor confirmed."""
+        async with self._writing():
+            root, wire = await self._pid("root"), await self._pid("wire")
+            began_ns = self._signal("root", root, signal.SIGSTOP)
+            try:
+                with trio.move_on_after(PATIENCE_S) as waiting:
+                    await wait_for_end_of(wire)
+                ended_ns, code = monotonic_ns(), exit_code(wire)
+            finally:
+                os.kill(root, signal.SIGKILL)  # nobody else may: its wire is gone, and it knows nothing of it
+        bound_s = self._driver.timing.beat_ttl_s + self._driver.bound_s
+        if waiting.cancelled_caught:
+            problem = "the wire process did not notice that its root is frozen"
+            return self._failed("root freeze", Reason.ROOT, bound_s, problem)
+        report = StopReport(Reason.ROOT, self._driver.ladder[Reason.ROOT], 0, code == 0, (), at_ns=ended_ns)
+        return await self._judge(
+            "root freeze", Reason.ROOT, began_ns, bound_s, report, ("SAF-002", "SAF-003", "SAF-004")
+        )
+
+    async def link_loss(self) -> Figure:
+        async with self._writing():
+            if self._twin is not None:
+                await trio.to_thread.run_sync(self._twin.unplug)
+                await self._until_mode(AWAY_S + PATIENCE_S, Mode.LOST, Mode.DOWN)
+                began_ns = monotonic_ns()
+                await trio.to_thread.run_sync(self._twin.plug)
+            else:
+                await self._tell("Pull the robot's cable now.")
+                await self._until_mode(HAND_S, Mode.LOST, Mode.DOWN)
+                await self._tell("It is noticed. Put the cable back.")
+                await self._until_linked(HAND_S)
+                began_ns = monotonic_ns()
+            report = await self._report_of(Reason.LINK, began_ns - round(RETURN_S * 1e9))
+        proves = ("SAF-002", "SAF-008", "SAF-012")
+        return await self._judge("link loss", Reason.LINK, began_ns, RETURN_S, report, proves)
+
+    # -- before and after
+
+    @contextlib.asynccontextmanager
+    async def _writing(self) -> AsyncIterator[None]:
+        """Setpoints on the wire that keep the robot where it is. Raise ``Failed`` when there are none."""
+        tree = self._tree
+        status = await tree.status()
+        if status is None or status.mode != Mode.ARMED:
+            answer = await self._resume()
+            if not isinstance(answer, Resumed):
+                raise Failed(f"it cannot be energised: {answer.text}")
+        if self._driver.ROLLOUTS:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._send_still)
+                await trio.sleep(10 / self._driver.timing.control_hz)
+                yield
+                nursery.cancel_scope.cancel()
+            return
+        started = await tree.start_task(PROVIDER, {"axes": list(self._driver.axes)}, "drill", 3600.0, None)
+        if isinstance(started, Refused):
+            raise Failed(f"no policy starts: {started.text}")
+        with trio.move_on_after(PATIENCE_S):
+            while (task := await tree.task()).running and task.steps < STEPS_BEFORE:  # noqa: ASYNC110  # remote
+                await trio.sleep(0.02)
+        if task.steps < STEPS_BEFORE:
+            raise Failed(f"the policy writes nothing: {task.exit_reason} {task.refusal or task.exit_detail}")
+        yield
+
+    async def _resume(self) -> Resumed | Refused:
+        """A wire that was just started again may need a moment."""
+        answer: Resumed | Refused = Refused("no_answer", "no answer")
+        with trio.move_on_after(PATIENCE_S):
+            while not isinstance(answer := await self._tree.resume(), Resumed):  # noqa: ASYNC110  # remote
+                await trio.sleep(0.1)
+        return answer
+
+    async def _send_still(self) -> None:
+        observation = await self._tree.observe()
+        if isinstance(observation, Refused):
+            raise Failed(observation.text)
+        here = self._driver.as_json(observation.position)
+        while True:
+            await self._tree.send_action(here)
+            await trio.sleep(1 / self._driver.timing.control_hz)
+
+    async def _judge(
+        self,
+        step: str,
+        reason: Reason,
+        began_ns: int,
+        bound_s: float,
+        report: StopReport | Refused | None,
+        proves: tuple[str, ...],
+    ) -> Figure:
+        """What the motors said, then what the wire's log says, then that no command passes before a resume."""
+        if report is None:
+            return self._failed(step, reason, bound_s, f"nobody reported a safe state within {PATIENCE_S:g} s")
+        if isinstance(report, Refused):
+            return self._failed(step, reason, bound_s, report.text)
+        confirmed_ms = (report.at_ns - began_ns) / 1e6
+        if not report.confirmed:
+            named = ", ".join(report.unconfirmed) or "a motor"
+            return self._failed(step, reason, bound_s, f"not confirmed by {named}", confirmed_ms)
+        if confirmed_ms > (limit_ms := (bound_s + SAFE_DEADLINE_S) * 1e3):
+            problem = f"confirmed after {confirmed_ms:.0f} ms, later than {limit_ms:.0f} ms"
+            return self._failed(step, reason, bound_s, problem, confirmed_ms)
+        rung = self._driver.ladder[reason]
+        await trio.sleep(SETTLE_S)
+        if not self._driver.energised(rung) and (problem := await self._moves()):
+            return self._failed(step, reason, bound_s, problem, confirmed_ms)
+        motors = f"{len(report.motors)} motors read back" if report.motors else "read back by the wire process"
+        by = " by the root's own path" if report.path == "second" else ""
+        figure = Figure(step, True, rung, None, confirmed_ms, bound_s * 1e3, None, motors + by, proves)
+        return figure if self._twin is None else self._with_log(figure, self._twin.log, began_ns)
+
+    def _with_log(self, figure: Figure, log: WireLog, began_ns: int) -> Figure:
+        safe = next((entry for entry in log.host("safe", began_ns) if entry.rung in (None, figure.rung)), None)
+        if safe is None:
+            return replace(figure, passed=False, detail=f"no frame on the wire brings all motors to {figure.rung}")
+        safe_ms, after = (safe.t_ns - began_ns) / 1e6, log.setpoints_after_safe(began_ns)
+        figure = replace(figure, safe_ms=round(safe_ms, 1), setpoints_after=after)
+        if after:
+            return replace(figure, passed=False, detail=f"{after} setpoints after the safe frame")
+        if safe_ms > figure.bound_ms:
+            return replace(figure, passed=False, detail=f"safe after {safe_ms:.0f} ms, past the bound")
+        return figure
+
+    def _failed(
+        self, step: str, reason: Reason, bound_s: float, problem: str, confirmed_ms: float | None = None
+    ) -> Figure:
+        return Figure(step, False, self._driver.ladder[reason], None, confirmed_ms, bound_s * 1e3, None, problem)
+
+    async def _moves(self) -> str:
+        """Whether a command passes although nobody has resumed."""
+        status = await self._tree.status()
+        if status is not None and status.mode in (Mode.ARMED, Mode.ARMING):
+            return "it was armed again by itself"
+        return ""
+
+    # -- seen from outside
+
+    async def _pid(self, role: str) -> int:
+        report = await self._tree.describe()
+        for process in report.processes if report is not None else ():
+            if process.role == role:
+                return process.pid
+        raise Failed(f"there is no {role} process")
+
+    def _signal(self, role: str, pid: int, number: signal.Signals) -> int:
+        began_ns = monotonic_ns()
+        try:
+            os.kill(pid, number)
+        except ProcessLookupError:
+            raise Failed(f"the {role} process has ended by itself") from None
+        return began_ns
+
+    async def _report_of(self, reason: Reason, since_ns: int) -> StopReport | None:
+        """The report of a stop for that reason: of the gate, or of the root's own path."""
+        with trio.move_on_after(PATIENCE_S):
+            while True:
+                status, tree = await self._tree.status(), await self._tree.describe()
+                for report in (status and status.last_stop, tree and tree.last_stop):
+                    if report and report.reason is reason and report.at_ns >= since_ns:
+                        return report
+                await trio.sleep(0.02)
+        return None
+
+    async def _until_mode(self, within_s: float, *modes: Mode) -> None:
+        with trio.move_on_after(within_s):
+            while True:
+                status = await self._tree.status()
+                if status is not None and status.mode in modes:
+                    return
+                await trio.sleep(0.02)
+        raise Failed(f"the robot's link was not lost within {within_s:g} s")
+
+    async def _until_linked(self, within_s: float) -> None:
+        with trio.move_on_after(within_s):
+            while True:
+                status = await self._tree.status()
+                if status is not None and status.connected:
+                    return
+                await trio.sleep(0.02)
+        raise Failed(f"the robot did not come back within {within_s:g} s")
+
+
+def exit_code(pid: int) -> int | None:
+    """Of a process that nobody has waited for yet; None when it is not told. Last field of /proc/PID/stat."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return os.waitstatus_to_exitcode(int(fields[-1]))

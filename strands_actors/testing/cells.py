@@ -1,0 +1,237 @@
+"""One cell of the kill matrix: break one process of a moving robot in one way, and read the wire."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic_ns
+from typing import TypeVar
+
+import trio
+import trio.lowlevel
+
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.frames import TELL
+from strands_actors.runtime.node import PREFIX, Node
+from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.zenoh_mesh import ZenohMesh, unix_endpoint
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.census import Break
+
+from .bench import Bench, Caller, NotMoving
+from .faults import (
+    CONFIRMED,
+    LIVING,
+    SIGNALS,
+    Cell,
+    Faults,
+    Victims,
+    bound_s,
+    expected_rung,
+)
+from .wirelog import Entry, WireLog
+
+T = TypeVar("T")
+
+SETTLE_S = 0.4
+"""How long the wire is watched after the safe frame."""
+STARTS = 3
+"""A machine that pauses may stop the robot before anything was broken: then begin again."""
+PATIENCE_S = 5.0
+"""For the safe frame; on any wire it is a failure long before."""
+AWAY_S = 1.0
+"""How long a robot is frozen or its cable out: longer than any wire takes to notice."""
+SICK_S = 0.15
+"""How long a robot has its fault before it is stopped: many replies are affected, the link is not given up yet."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the wire showed. Times in milliseconds, from the fault (the death it led to, its end, or the stop)."""
+
+    victim: str
+    fault: str
+    rung: str
+    safe_ms: float
+    bound_ms: float
+    setpoints_after: int
+    all_motors: bool  # a frame for the whole robot, and confirmed where it must be
+    gone_ms: float = 0.0  # a caller that ends by itself: from its last statement to its end
+
+    @property
+    def safe(self) -> bool:
+        return self.all_motors and self.setpoints_after == 0
+
+
+def _motion(cell: Cell, driver: Driver) -> str:
+    if driver.TASKS:
+        return "rollout"
+    return "loop" if cell.victim in (Victims.CALLER, Victims.TWIN) or driver.ROLLOUTS else "task"
+
+
+def run_cell(cell: Cell, bench: Bench) -> Outcome:
+    """Move the robot, break the victim, read the log. Raise ``NotMoving`` when it cannot be made to move."""
+    motion = _motion(cell, bench.driver)
+    for attempt in range(STARTS):
+        try:
+            caller = bench.moving(motion)
+        except NotMoving:
+            if attempt == STARTS - 1:
+                raise
+            continue
+        break
+    try:
+        if cell.victim is Victims.TWIN:
+            return trio.run(_break_robot, bench, caller, cell)
+        return trio.run(_break_process, bench, caller, cell)
+    finally:
+        if cell.victim is Victims.CALLER:
+            bench.drop()
+
+
+# -- a process of the tree
+
+
+async def _break_process(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
+    pid = caller.pid(cell.victim)
+    died_ns: list[int] = []
+
+    async def watch() -> None:
+        await wait_for_end_of(pid)
+        died_ns.append(monotonic_ns())
+
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(watch)
+        await trio.lowlevel.checkpoint()
+        began_ns = await _inflict(caller, cell, pid)
+        await _until_safe(bench.log, began_ns)
+        await trio.sleep(SETTLE_S)
+        if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
+            # A frozen process that is let go again must not write: it was fenced, or has no way to.
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+            await trio.sleep(SETTLE_S)
+        nursery.cancel_scope.cancel()
+    ended_by_itself = cell.victim is Victims.CALLER and cell.fault not in LIVING and died_ns
+    since_ns = died_ns[0] if ended_by_itself else began_ns
+    gone_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
+    return _read(bench.log, bench.driver, cell, began_ns, since_ns, gone_ms)
+
+
+async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
+    """Break the victim; the time at which it broke."""
+    if cell.fault in SIGNALS:
+        began_ns = monotonic_ns()
+        os.kill(pid, SIGNALS[cell.fault])
+        return began_ns
+    if cell.victim is Victims.CALLER:
+        caller.tell(cell.fault)
+        began: int = (await trio.to_thread.run_sync(caller.line))["at_ns"]
+        return began
+    if cell.victim is Victims.POLICY:
+        caller.trigger.write_text(cell.fault)
+        return await _until(caller.policy_broke_ns)
+    return await _ask_to_break(caller, cell)
+
+
+async def _ask_to_break(caller: Caller, cell: Cell) -> int:
+    robot = caller.tree["robot"]
+    node = Node(f"kill.{os.getpid()}", MonotonicClock())
+    mesh = await ZenohMesh.open(connect=[unix_endpoint(str(caller.run_dir / f"{robot}.{cell.victim}.sock"))])
+    try:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            mesh.attach(node)
+            await nursery.start(mesh.run)
+            address = f"{PREFIX}/{addresses.of(robot).census(cell.victim)}"
+
+            def tell() -> int | None:
+                # the time before: what it causes may be on the wire before we run again
+                began_ns = monotonic_ns()
+                return began_ns if node.send_frame(address, TELL, 0, node.address, Break(cell.fault)) else None
+
+            began_ns = await _until(tell)
+            nursery.cancel_scope.cancel()
+    finally:
+        await trio.to_thread.run_sync(mesh.close)
+    return began_ns
+
+
+# -- the robot's end of the wire
+
+
+async def _break_robot(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
+    if cell.returns:
+        since_ns = await trio.to_thread.run_sync(_go_away, bench, cell.fault)
+        confirmed = True
+    else:
+        await trio.to_thread.run_sync(_fall_ill, bench, cell.fault)
+        caller.tell("stop")
+        told = await trio.to_thread.run_sync(caller.line)
+        since_ns, confirmed = told["at_ns"], told["confirmed"] or cell.fault not in CONFIRMED
+    await _until_safe(bench.log, since_ns)
+    await trio.sleep(SETTLE_S)
+    bench.twin.fault("ok")
+    outcome = _read(bench.log, bench.driver, cell, since_ns, since_ns)
+    if not confirmed:
+        return Outcome(**{**vars(outcome), "all_motors": False})
+    return outcome
+
+
+def _go_away(bench: Bench, fault: Faults) -> int:
+    """Freeze the robot, or pull its cable, for a while; when it was back."""
+    leave, come_back = (
+        (bench.twin.pause, bench.twin.go_on) if fault is Faults.FREEZE else (bench.twin.unplug, bench.twin.plug)
+    )
+    leave()
+    time.sleep(AWAY_S)
+    since_ns = monotonic_ns()
+    come_back()
+    return since_ns
+
+
+def _fall_ill(bench: Bench, fault: Faults) -> None:
+    bench.twin.fault("delayed" if fault is Faults.LATE_REPLY else fault)
+    time.sleep(SICK_S)
+    if fault is Faults.LATE_REPLY:
+        bench.twin.fault("ok")
+        time.sleep(SICK_S)
+
+
+# -- the log
+
+
+def _read(log: WireLog, driver: Driver, cell: Cell, began_ns: int, since_ns: int, gone_ms: float = 0.0) -> Outcome:
+    """``began_ns``: from when on frames count. ``since_ns``: from when on time counts."""
+    rung = expected_rung(driver, cell.victim, cell.fault)
+    bound_ms = bound_s(driver, cell.victim, cell.fault) * 1e3
+    safe = next((entry for entry in log.host("safe", began_ns) if is_rung(entry, rung)), None)
+    if safe is None:
+        return Outcome(cell.victim, cell.fault, rung, float("inf"), bound_ms, -1, False)
+    safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
+    return Outcome(
+        cell.victim, cell.fault, rung, safe_ms, bound_ms, log.setpoints_after_safe(began_ns), True, gone_ms
+    )
+
+
+async def _until_safe(log: WireLog, since_ns: int) -> None:
+    with contextlib.suppress(trio.TooSlowError):
+        await _until(lambda: log.first_safe(since_ns))
+
+
+async def _until(look: Callable[[], T | None]) -> T:
+    """Look until there is something to see. Raise ``TooSlowError`` after ``PATIENCE_S``."""
+    with trio.fail_after(PATIENCE_S):
+        while not (seen := look()):  # noqa: ASYNC110  # another process's doing: there is no event
+            await trio.sleep(0.002)
+    return seen
+
+
+def is_rung(entry: Entry, rung: str) -> bool:
+    """Whether a safe frame brings the whole robot to ``rung``; on a wire that does not say, each does."""
+    return entry.rung is None or entry.rung == rung

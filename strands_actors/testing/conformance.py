@@ -1,0 +1,316 @@
+"""``check_driver``: what every driver must keep, as a list of named checks.
+
+A package with a driver of its own gets its column in ten lines:
+
+    import pytest
+    from strands_actors.testing import conformance
+    from my_package import MyDriver
+
+    @pytest.mark.parametrize("check", conformance(MyDriver), ids=str)
+    def test_my_driver(check):
+        check()
+
+The pure checks take no time. Those with a twin start processes, a second or two each.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.loading import describe_driver, load, load_driver
+from strands_actors.supervisors.messages import MAX_LIFETIME_S
+
+from .bench import Bench, driver_of
+from .cells import run_cell
+from .faults import Cell, Faults, Victims, cells_of
+from .registering import where_is
+from .twin import Twin
+
+SLACK_MS = 400.0
+"""A check is no measurement: it leaves room for a busy machine. ``strands-actors matrix`` measures."""
+
+CELLS = (
+    (Victims.CALLER, Faults.KILL),
+    (Victims.POLICY, Faults.KILL),
+    (Victims.WIRE, Faults.KILL),  # the second path is what acts then
+    (Victims.WIRE, Faults.FREEZE),
+    (Victims.ROOT, Faults.KILL),
+    (Victims.ROOT, Faults.FREEZE),
+    (Victims.TWIN, Faults.LINK_LOSS),
+)
+"""The kill cells that a check runs: the hardest ones."""
+
+MAX_HZ = 1000.0
+MAX_BOUND_S = 1.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of one check."""
+
+    name: str
+    passed: bool
+    detail: str
+    proves: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Check:
+    """Call it: it raises ``AssertionError`` with what is wrong. ``proves``: ids of requirements."""
+
+    name: str
+    run: Callable[[], str | None] = field(compare=False)
+    proves: tuple[str, ...] = ()
+
+    def __call__(self) -> None:
+        self.run()
+
+    def __str__(self) -> str:
+        return self.name
+
+    def result(self) -> Result:
+        try:
+            detail = self.run() or ""
+        except Exception as error:  # a third party's code may raise anything
+            kind = "" if isinstance(error, AssertionError) else f"{type(error).__name__}: "
+            return Result(self.name, False, f"{kind}{error}", self.proves)
+        return Result(self.name, True, detail, self.proves)
+
+
+def check_driver(
+    cls: type[Driver],
+    robot: str | None = None,
+    *,
+    good: Mapping[str, float] | None = None,
+    twin: bool = True,
+    far: float | None = None,
+) -> list[Result]:
+    """Run every check of ``conformance``; each with its verdict."""
+    return [check.result() for check in conformance(cls, robot, good=good, twin=twin, far=far)]
+
+
+def conformance(
+    cls: type[Driver],
+    robot: str | None = None,
+    *,
+    good: Mapping[str, float] | None = None,
+    twin: bool = True,
+    far: float | None = None,
+) -> list[Check]:
+    """The checks of one driver class on one of its robots (default: the first).
+
+    ``good``: an action it accepts when everything is well (default: the first axis at 0). ``twin``: whether to run
+    those that start processes. ``far``: how far its first axis may be moved there, in its units.
+    """
+    subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good)
+    checks = [
+        Check("declares itself", subject.declares),
+        Check("travels between processes", subject.travels),
+        Check("the ladder has a rung for every reason", subject.ladder, ("SAF-003",)),
+        Check("timing is sane", subject.timing, ("SAF-001", "SAF-004")),
+        Check("says what its firmware does alone", subject.firmware, ("SAF-013",)),
+        Check("refuses unknown options", subject.options),
+        Check("accepts a good action, the same each time", subject.accepts, ("SAF-014",)),
+        Check("refuses unknown names", subject.unknown, ("SAF-014",)),
+        Check("refuses what is no finite number", subject.not_finite, ("SAF-014",)),
+        Check("refuses what is far out of range", subject.out_of_range, ("SAF-014",)),
+        Check("refuses one axis under two spellings", subject.both_spellings, ("SAF-014",)),
+        Check("refuses an empty action", subject.empty, ("SAF-014",)),
+        Check("refuses when nothing was read for long", subject.stale, ("SAF-012", "SAF-014")),
+    ]
+    if twin:
+        checks.append(
+            Check("the twin serves, the robot moves, stops and resumes", subject.lives, ("SAF-005", "SAF-011"))
+        )
+        checks += [
+            Check(f"kill cell {cell}", _cell(subject, cell, far), cell.proves)
+            for cell in cells_of(subject.driver)
+            if (cell.victim, cell.fault) in CELLS and not cell.why_not
+        ]
+    return checks
+
+
+def _cell(subject: _Subject, cell: Cell, far: float | None) -> Callable[[], str]:
+    def run() -> str:
+        with Bench(subject.robot, subject.cls, far) as bench:
+            outcome = run_cell(cell, bench)
+        assert outcome.all_motors, f"no frame that brings all motors to {outcome.rung}"
+        assert outcome.setpoints_after == 0, f"{outcome.setpoints_after} setpoints after the safe frame"
+        limit_ms = outcome.bound_ms + SLACK_MS
+        assert outcome.safe_ms <= limit_ms, f"safe after {outcome.safe_ms:.0f} ms, bound {outcome.bound_ms:.0f} ms"
+        return f"{outcome.rung} after {outcome.safe_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms), 0 setpoints after"
+
+    return run
+
+
+class _Subject:
+    """One robot of the class under test, and what is asked of it."""
+
+    def __init__(self, cls: type[Driver], robot: str, good: Mapping[str, float] | None) -> None:
+        self.cls = cls
+        self.robot = robot
+        self.driver = driver_of(robot, cls)
+        self.good = dict(good) if good is not None else {self.driver.axes[0]: 0.0}
+
+    # -- declarations
+
+    def declares(self) -> None:
+        cls, driver = self.cls, self.driver
+        assert self.robot in cls.SUPPORTED_ROBOTS, f"SUPPORTED_ROBOTS lacks {self.robot}"
+        assert cls.PORT_KIND in ("serial", "address"), f"PORT_KIND is {cls.PORT_KIND!r}"
+        strangers = [name for name, target in cls.ALIASES.items() if target not in cls.SUPPORTED_ROBOTS]
+        assert not strangers, f"ALIASES of robots that are not served: {', '.join(strangers)}"
+        assert driver.axes, "axes is empty"
+        assert len(set(driver.axes)) == len(driver.axes), "axes has a name twice"
+        assert len(driver.ids) == len(driver.axes), f"{len(driver.axes)} axes, {len(driver.ids)} ids"
+        assert driver.unit, "unit is empty"
+        assert driver.gates, "there is no gate at all"
+        assert all(text for text in cls.OPTIONS.values()), "an option of OPTIONS has no text"
+        assert callable(load(cls.TWIN)), f"TWIN is {cls.TWIN!r}, not module:function"
+
+    def travels(self) -> None:
+        """A driver is built anew in each process from its class's name and plain options."""
+        options = self.cls.resolve(self.robot, {})
+        text = json.dumps(describe_driver(self.cls, self.robot, "", options))
+        again = load_driver(json.loads(text))
+        assert type(again) is self.cls, "its class cannot be imported by name: define it at the top of a module"
+        assert (again.axes, again.ids) == (self.driver.axes, self.driver.ids), "built anew it has other axes"
+
+    def ladder(self) -> str:
+        missing = [str(reason) for reason in Reason if not self.driver.ladder.get(reason)]
+        assert not missing, f"no rung for {', '.join(missing)}"
+        return ", ".join(dict.fromkeys(self.driver.ladder.values()))
+
+    def timing(self) -> None:
+        timing, period_s = self.driver.timing, 1.0 / self.driver.timing.control_hz
+        assert 0 < timing.control_hz <= MAX_HZ, f"control_hz is {timing.control_hz}"
+        assert timing.keepalive_s > 0, f"keepalive_s is {timing.keepalive_s}"
+        ttl_s = timing.stream_ttl_s
+        assert period_s <= ttl_s <= MAX_LIFETIME_S, f"stream_ttl_s is {ttl_s}, a period is {period_s:.4f}"
+        assert period_s <= timing.state_ttl_s, f"state_ttl_s is {timing.state_ttl_s}, a period is {period_s:.4f}"
+        oneshot_s = timing.oneshot_ttl_s
+        assert oneshot_s is None or 0 < oneshot_s <= MAX_LIFETIME_S, f"oneshot_ttl_s is {oneshot_s}"
+        assert timing.arm_s > 0, f"arm_s is {timing.arm_s}"
+        assert timing.silent_s >= 0, f"silent_s is {timing.silent_s}"
+        assert 0 < self.driver.bound_s <= MAX_BOUND_S, f"bound_s is {self.driver.bound_s}"
+
+    def firmware(self) -> str:
+        assert self.driver.firmware_watchdog, "firmware_watchdog is empty: say `none: ...`, and what happens then"
+        return self.driver.firmware_watchdog
+
+    def options(self) -> None:
+        try:
+            self.cls.resolve(self.robot, {"no_such_option": 1})
+        except (TypeError, ValueError) as refusal:
+            assert "no_such_option" in str(refusal), f"the refusal does not name it: {refusal}"
+            return
+        # What is not in OPTIONS never reaches resolve(): Robot() refuses it first.
+        assert "no_such_option" not in self.cls.OPTIONS
+
+    # -- parse and gates
+
+    def answer(self, action: Mapping[str, Any], state: GateState | None = None) -> Candidate | Refused:
+        """As the gate asks: parse, then every gate until one refuses."""
+        state = state or self.state()
+        candidate = self.driver.parse(action, state)
+        if isinstance(candidate, Refused):
+            return candidate
+        for gate in self.driver.gates:
+            refusal = gate(candidate, state)
+            if refusal is not None:
+                return refusal
+        return candidate
+
+    def state(self, age_ns: int = 0) -> GateState:
+        now_ns = 10**12
+        count = len(self.driver.axes)
+        t_ns = now_ns - age_ns
+        observation = Observation(t_ns, (0.0,) * count, (t_ns,) * count)
+        return GateState(now_ns, observation, (0.0,) * count, t_ns, False)
+
+    def refuses(self, action: Mapping[str, Any], state: GateState | None = None) -> Refused:
+        shown = ", ".join(f"{key}: {value!r}" for key, value in action.items())
+        answer = self.answer(action, state)
+        assert isinstance(answer, Refused), f"{{{shown}}} is accepted"
+        assert answer.code, f"{{{shown}}}: the refusal has no code"
+        assert answer.reason, f"{{{shown}}}: the refusal has no reason"
+        return answer
+
+    def accepts(self) -> None:
+        candidate = self.driver.parse(self.good, self.state())
+        assert isinstance(candidate, Candidate), f"{self.good} is refused: {candidate.text}. Give good=..."
+        assert candidate.named, f"{self.good} names no axis"
+        assert len(candidate.values) >= len(self.driver.axes), "the candidate is no whole target"
+        assert self.driver.parse(self.good, self.state()) == candidate, "parse is not pure: it answers differently"
+
+    def unknown(self) -> None:
+        refusal = self.refuses({"no_such_axis": 0.0})
+        assert refusal.remedy, "the refusal does not say what would be accepted"
+        self.refuses({**self.good, "no_such_axis": 0.0})
+        self.refuses({"": 0.0})
+
+    def not_finite(self) -> None:
+        for key in self.good:
+            for value in (math.nan, math.inf, -math.inf, "fast", None, [1.0], True):
+                self.refuses({**self.good, key: value})
+
+    def out_of_range(self) -> None:
+        for key in self.good:
+            self.refuses({**self.good, key: 1e9})
+            self.refuses({**self.good, key: -1e9})
+
+    def both_spellings(self) -> None:
+        for key, value in self.good.items():
+            self.refuses({**self.good, key: value, f"{key}.pos": value})
+
+    def empty(self) -> None:
+        self.refuses({})
+
+    def stale(self) -> None:
+        age_s = 10 * self.driver.timing.state_ttl_s
+        self.refuses(self.good, self.state(round(age_s * 1e9)))
+
+    # -- with the twin
+
+    def lives(self) -> str:
+        with (
+            tempfile.TemporaryDirectory(prefix="sa-") as directory,
+            Twin(self.robot, Path(directory), driver=self.cls) as twin,
+        ):
+            wanted = {"robot": self.robot, "port": twin.port, "driver": where_is(self.cls)}
+            done = subprocess.run(
+                [sys.executable, "-m", "strands_actors.testing.life", json.dumps(wanted)],
+                capture_output=True,
+                text=True,
+                timeout=60.0,
+                check=False,
+                env=_environment(Path(directory)),
+            )
+            assert done.returncode == 0, (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
+            entries = list(twin.log.entries())
+        assert any(entry.kind == "safe" for entry in entries), "the twin's log has no frame of kind safe"
+        assert any(entry.kind == "setpoint" for entry in entries), "the twin's log has no frame of kind setpoint"
+        return done.stdout.strip()
+
+
+def _environment(directory: Path) -> dict[str, str]:
+    path = os.pathsep.join(path for path in sys.path if path)
+    return {**os.environ, "STRANDS_ACTORS_RUN": str(directory / "run"), "PYTHONPATH": path}
+
+
+def report(results: Sequence[Result]) -> Iterator[str]:
+    """For people: a line each."""
+    for result in results:
+        mark = "ok  " if result.passed else "FAIL"
+        yield f"{mark}  {result.name}{f': {result.detail}' if result.detail else ''}"

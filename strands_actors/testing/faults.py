@@ -1,0 +1,159 @@
+"""What can break, who can break, what the wire must show then, which requirements that proves. Tables only.
+
+A cell is one victim with one fault. Each of ``Victims`` x ``Faults`` exists; one that makes no sense says why.
+"""
+
+from __future__ import annotations
+
+import enum
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from strands_actors.runtime.contract import Driver, Reason
+from strands_actors.supervisors.messages import LEASE_TTL_S
+from strands_actors.supervisors.transport import BACKOFF_S
+
+
+class Victims(enum.StrEnum):
+    CALLER = "caller"  # the user's script
+    POLICY = "policy"
+    WIRE = "wire"
+    ROOT = "root"
+    TWIN = "twin"  # the robot, and the cable to it
+
+
+class Faults(enum.StrEnum):
+    KILL = "kill"  # SIGKILL
+    FREEZE = "freeze"  # SIGSTOP; later SIGCONT
+    SPIN = "spin"  # computes for ever
+    EXCEPTION = "exception"
+    EXIT = "exit"  # sys.exit
+    SIGNAL = "signal"  # SIGTERM
+    INTERRUPT = "interrupt"  # SIGINT
+    LINK_LOSS = "link loss"  # the cable is pulled, and put back
+    GARBAGE = "garbage"  # damaged replies
+    SLOW = "slow"  # later replies, within timeouts
+    STUCK = "stuck"  # old readings, no motion
+    DELAYED = "delayed"  # every reply after its timeout
+    INTERMITTENT = "intermittent"  # every third reply is missing
+    LATE_REPLY = "late reply"  # some replies after their timeout, then all is well
+
+
+SIGNALS = {
+    Faults.KILL: signal.SIGKILL,
+    Faults.FREEZE: signal.SIGSTOP,
+    Faults.SIGNAL: signal.SIGTERM,
+    Faults.INTERRUPT: signal.SIGINT,
+}
+
+PROCESSES = (Victims.CALLER, Victims.POLICY, Victims.WIRE, Victims.ROOT)
+PROCESS_FAULTS = (*SIGNALS, Faults.SPIN, Faults.EXCEPTION, Faults.EXIT)
+ROBOT_FAULTS = (
+    Faults.FREEZE,
+    Faults.LINK_LOSS,
+    Faults.GARBAGE,
+    Faults.SLOW,
+    Faults.STUCK,
+    Faults.DELAYED,
+    Faults.INTERMITTENT,
+    Faults.LATE_REPLY,
+)
+LIVING = (Faults.FREEZE, Faults.SPIN)
+"""Faults that leave the process there."""
+RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
+"""Faults of the robot during which nothing can be written: measured from their end. The others: from a stop."""
+CONFIRMED = (Faults.SLOW, Faults.LATE_REPLY)
+"""Faults of the robot in which a stop must be confirmed by every motor all the same."""
+
+RETURN_S = BACKOFF_S[-1] + 1.0
+"""Published: from a link that is back to the safe frame. The longest pause between two attempts, and one attempt,
+with room."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """``why_not``: why it is not applicable; empty: it is. ``proves``: ids of requirements."""
+
+    victim: Victims
+    fault: Faults
+    why_not: str = ""
+    proves: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.victim}-{self.fault}".replace(" ", "-")
+
+    @property
+    def returns(self) -> bool:
+        """Measured from the fault's end."""
+        return self.victim is Victims.TWIN and self.fault in RETURNING
+
+    @property
+    def stops(self) -> bool:
+        """Measured from a stop while the fault lasts, or just after it."""
+        return self.victim is Victims.TWIN and self.fault not in RETURNING
+
+
+def cells_of(driver: Driver) -> Iterator[Cell]:
+    """Every victim with every fault."""
+    for victim in Victims:
+        for fault in Faults:
+            why_not = _why_not(driver, victim, fault)
+            yield Cell(victim, fault, why_not, () if why_not else proves(victim, fault))
+
+
+def _why_not(driver: Driver, victim: Victims, fault: Faults) -> str:
+    if victim is Victims.TWIN:
+        if fault is Faults.KILL:
+            return "no robot is left to read a safe frame"
+        return "" if fault in ROBOT_FAULTS else "the robot is no process of ours: freeze stands for it"
+    if fault not in PROCESS_FAULTS:
+        return "a fault of the robot's end of the wire"
+    if victim is Victims.POLICY and (driver.ROLLOUTS or driver.TASKS):
+        return driver.ROLLOUTS or driver.TASKS
+    return ""
+
+
+def proves(victim: Victims, fault: Faults) -> tuple[str, ...]:
+    """The requirements (docs/safety.md) that a safe outcome of this cell shows."""
+    if victim is Victims.TWIN:
+        if fault in RETURNING:
+            return ("SAF-002", "SAF-008", "SAF-012")
+        return ("SAF-002", "SAF-005", "SAF-010") if fault is Faults.LATE_REPLY else ("SAF-002", "SAF-005")
+    ids = ["SAF-002", "SAF-003"]
+    if fault in LIVING:
+        ids.append("SAF-004")
+    if victim is Victims.POLICY:
+        ids += ["SAF-001"] if fault in LIVING else []
+    if victim is Victims.WIRE:
+        ids.append("SAF-008")
+    if victim is Victims.CALLER and fault not in LIVING:
+        ids.append("SAF-015")
+    return tuple(sorted(ids))
+
+
+def bound_s(driver: Driver, victim: str, fault: str) -> float:
+    """Published: the driver's after a death or a stop; after a freeze or a spin what has to lapse before it too."""
+    if victim == Victims.TWIN:
+        return RETURN_S if fault in RETURNING else driver.bound_s
+    if fault not in LIVING:
+        # An exception in a policy's own code is caught: the rollout ends, the process with it.
+        return driver.bound_s
+    timing = driver.timing
+    beat_ttl_s = timing.beat_ttl_s
+    caller_s = timing.oneshot_ttl_s or LEASE_TTL_S  # what it latched stands as long as its lease
+    lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
+    return lapses_s[victim] + driver.bound_s
+
+
+def expected_rung(driver: Driver, victim: str, fault: str) -> str:
+    """The driver's, for the reason that the fault becomes."""
+    living = fault in LIVING
+    reasons = {
+        "caller": Reason.LEASE if living else Reason.CALLER,
+        "policy": Reason.EXPIRED if living else Reason.POLICY,
+        "wire": Reason.WIRE,
+        "root": Reason.ROOT,
+        "twin": Reason.LINK if fault in RETURNING else Reason.STOP,
+    }
+    return driver.ladder[reasons[victim]]

@@ -1,0 +1,47 @@
+"""One short life of a robot, for ``check_driver``: ``python -m strands_actors.testing.life JSON`` with ``robot``,
+``port`` and ``driver``. Ends with code 0 and a line on what was seen, or with what went wrong."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from typing import Any
+
+from strands_actors import Robot
+
+from .registering import register
+
+
+def main(text: str) -> None:
+    wanted = json.loads(text)
+    register(wanted["driver"], wanted["robot"])
+    robot: Any = Robot(wanted["robot"], mode="real", port=wanted["port"])
+    problem = robot.connect_eagerly()
+    _must(problem is None, f"connect: {problem}")
+    try:
+        seen = robot.get_observation()
+        _must(bool(seen), "an armed robot shows no observation")
+        axis, here = next(iter(seen.items()))
+        _must(math.isfinite(here), f"{axis} was not measured")
+        _must_do(robot.send_action({axis: here}), "the measured position is refused as a target")
+        _must_do(robot.stop(), "stop")
+        _must(robot.send_action({axis: here})["status"] == "error", "after a stop a command is accepted")
+        _must_do(robot.resume(), "resume")
+        _must_do(robot.send_action({axis: here}), "after a resume")
+    finally:
+        robot.cleanup()
+    print(f"{len(seen)} axes, stopped, resumed")
+
+
+def _must(fact: bool, otherwise: str) -> None:
+    if not fact:
+        raise SystemExit(otherwise)
+
+
+def _must_do(answer: dict[str, Any], what: str) -> None:
+    _must(answer["status"] == "success", f"{what}: {answer['content'][0].get('text')}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,19 @@
+"""A driver that is no part of this package, made known to a process that starts afresh."""
+
+from __future__ import annotations
+
+from strands_actors.drivers import get_native_driver_class, register_native_driver
+from strands_actors.runtime.contract import Driver
+from strands_actors.supervisors.loading import load
+
+
+def where_is(driver_class: type[Driver]) -> str:
+    """``module:Class``, from which another process can load it."""
+    return f"{driver_class.__module__}:{driver_class.__qualname__}"
+
+
+def register(where: str, robot: str) -> None:
+    """Serve ``robot`` by the class at ``module:Class``, unless it is so already."""
+    driver_class = load(where)
+    if get_native_driver_class(robot) is not driver_class:
+        register_native_driver(robot, driver_class, overwrite=True)

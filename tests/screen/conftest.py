@@ -1,0 +1,5 @@
+from __future__ import annotations
+
+from tests.cli.conftest import cli, robot
+
+__all__ = ["cli", "robot"]

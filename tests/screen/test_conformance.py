@@ -1,0 +1,111 @@
+"""The conformance suite finds what is wrong with a driver, and finds nothing where nothing is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from strands_actors.drivers import get_native_driver_class, list_native_drivers
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.runtime.messages import Refused
+from strands_actors.testing import check_driver
+from strands_actors.testing.conformance import report
+
+from .blinky import Blinky
+
+GOOD = {"joint": 5.0}
+
+
+class NoRung(Blinky):
+    ladder: Mapping[Reason, str] = {reason: "limp" for reason in Reason if reason is not Reason.LINK}
+
+
+class Hasty(Blinky):
+    timing = Timing(control_hz=50.0, keepalive_s=0.1, stream_ttl_s=0.001)
+
+
+class TakesNan(Blinky):
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        value = action.get("joint")
+        if isinstance(value, float) and math.isnan(value):
+            return Candidate((value,), (0,))
+        return super().parse(action, state)
+
+
+class TakesBoth(Blinky):
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return super().parse({key: value for key, value in action.items() if key != "joint.pos"}, state)
+
+
+class TakesAnything(Blinky):
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return Candidate((0.0,), (0,))
+
+
+class NeverStale(Blinky):
+    gates = (lambda candidate, state: None,)
+
+
+class SaysNothing(Blinky):
+    firmware_watchdog = ""
+
+
+class OneIdTooMany(Blinky):
+    ids = (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("cls", "failing"),
+    [
+        (NoRung, {"the ladder has a rung for every reason"}),
+        (Hasty, {"timing is sane"}),
+        (TakesNan, {"refuses what is no finite number"}),
+        (TakesBoth, {"refuses one axis under two spellings"}),
+        (
+            TakesAnything,
+            {
+                "refuses unknown names",
+                "refuses what is no finite number",
+                "refuses what is far out of range",
+                "refuses one axis under two spellings",
+                "refuses an empty action",
+            },
+        ),
+        (NeverStale, {"refuses when nothing was read for long"}),
+        (SaysNothing, {"says what its firmware does alone"}),
+        (OneIdTooMany, {"declares itself"}),
+        (Blinky, set()),
+    ],
+)
+def test_saf_014_each_defect_is_found_by_its_name(cls: type[Driver], failing: set[str]) -> None:
+    results = check_driver(cls, good=GOOD, twin=False)
+    assert {result.name for result in results if not result.passed} == failing
+    assert all(result.detail for result in results if not result.passed)
+    assert len(list(report(results))) == len(results)
+
+
+def test_a_class_that_no_other_process_can_import_is_found() -> None:
+    class Local(Blinky):
+        pass
+
+    failed = [result.name for result in check_driver(Local, good=GOOD, twin=False) if not result.passed]
+    assert failed == ["travels between processes"]
+
+
+@pytest.mark.parametrize("robot", list_native_drivers())
+def test_saf_014_our_own_drivers_keep_it(robot: str) -> None:
+    cls: Any = get_native_driver_class(robot)
+    failed = [result for result in check_driver(cls, robot, twin=False) if not result.passed]
+    assert failed == []
+
+
+def test_what_fails_at_run_time_is_a_result_too() -> None:
+    class Broken(Blinky):
+        def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+            raise KeyError("joint")
+
+    results = {result.name: result for result in check_driver(Broken, good=GOOD, twin=False)}
+    assert results["refuses unknown names"].detail == "KeyError: 'joint'"

@@ -1,0 +1,108 @@
+"""``doctor``: it finds what is broken, says the remedy, and only what every robot needs makes it fail."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from strands_actors.cli.doctor import (
+    BROKEN,
+    OK,
+    WEAK,
+    Check,
+    check_directory,
+    check_drivers,
+    check_python,
+    examine,
+    missing_requirements,
+)
+from tests.cli.command import Command
+
+
+def found(checks: list[Check], name: str) -> list[Check]:
+    return [check for check in checks if check.name == name]
+
+
+def test_a_machine_on_which_the_tests_run_is_healthy(cli: Command) -> None:
+    done = cli.json("doctor")
+    assert done["ok"] is True
+    names = {check["name"] for check in done["checks"]}
+    assert {"python", "timerfd", "pidfd", "scheduling", "directory", "zenoh", "gl", "drivers", "robots"} <= names
+    for check in done["checks"]:
+        assert list(check) == ["name", "state", "found", "remedy"]
+        assert check["state"] in (OK, WEAK), check
+        assert bool(check["remedy"]) == (check["state"] != OK), check
+    printed = cli.run("doctor")
+    assert printed.returncode == 0
+    assert "everything a robot needs is here" in printed.stdout
+
+
+def test_a_directory_open_to_others_is_broken_and_the_exit_code_says_so(cli: Command, tmp_path: Path) -> None:
+    os.chmod(tmp_path, 0o777)
+    cli.environment["STRANDS_ACTORS_RUN"] = str(tmp_path)
+    done = cli.run("doctor")
+    assert done.returncode == 1
+    (line,) = [line for line in done.stdout.splitlines() if "directory" in line and "broken" in line]
+    assert "open to others" in line
+    assert "remedy: set STRANDS_ACTORS_RUN" in done.stdout
+    os.chmod(tmp_path, 0o700)
+    cli.environment["STRANDS_ACTORS_RUN"] = str(tmp_path)
+    cli.wait_until_gone()
+
+
+def test_a_directory_with_a_long_name_is_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STRANDS_ACTORS_RUN", str(tmp_path / ("x" * 80)))
+    (check,) = check_directory()
+    assert check.state == BROKEN
+    assert "shorter place" in check.remedy
+
+
+def test_a_python_that_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.version_info", (3, 9, 1))
+    (check,) = check_python()
+    assert (check.state, "3.11 to 3.13" in check.remedy) == (BROKEN, True)
+
+
+def test_a_third_party_driver_that_breaks_is_weak_and_one_of_ours_is_broken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from strands_actors import drivers
+
+    drivers.list_native_drivers()
+    why = {"theirs": "ImportError: no sdk", "feetech": "ImportError: no pyserial"}
+    if hasattr(drivers, "broken_drivers"):
+        monkeypatch.setattr(drivers, "broken_drivers", lambda: why)
+    else:
+        monkeypatch.setattr(drivers, "broken", why)
+    ours, theirs = found(list(check_drivers()), "driver")
+    assert (ours.state, theirs.state) == (BROKEN, WEAK)
+    assert "feetech" in ours.found
+    assert "no sdk" in theirs.found
+
+
+def test_a_part_that_cannot_be_examined_is_a_finding_not_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+    def explode() -> None:
+        raise OSError("no such bus")
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", explode)
+    (check,) = found(list(examine()), "serial")
+    assert (check.state, check.found) == (BROKEN, "OSError: no such bus")
+
+
+def test_extras_are_told_from_what_everybody_needs() -> None:
+    requirements = [
+        "trio>=0.30",
+        "no-such-package-1",
+        "no-such-package-2; extra == 'spot'",
+        "msgspec; extra == 'agent'",
+        "no-such-package-3; python_version < '3.0'",
+        "no-such-package-4; python_version < '3.0' and extra == 'agent'",
+        "no-such-package-5; extra == 'test'",
+    ]
+    assert missing_requirements(requirements) == {
+        "": ["no-such-package-1"],
+        "spot": ["no-such-package-2"],
+        "agent": [],
+    }

@@ -1,0 +1,14 @@
+"""What somebody with a driver of his own writes to get his column: ten lines, of which these are all."""
+
+from __future__ import annotations
+
+import pytest
+
+from strands_actors.testing import Check, conformance
+
+from .blinky import Blinky
+
+
+@pytest.mark.parametrize("check", conformance(Blinky, good={"joint": 5.0}), ids=str)
+def test_my_driver(check: Check) -> None:
+    check()

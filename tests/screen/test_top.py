@@ -1,0 +1,190 @@
+"""``top``: what it says of robots that run, and that its keys reach them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import pty
+import signal
+import struct
+import termios
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from fcntl import ioctl
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from strands_actors.cli.top.app import Confirm, Top
+from strands_actors.cli.top.rows import COLUMNS
+from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code, wait_until
+
+MOVE = {"shoulder_pan": 3.0}
+SIZE = (120, 36)
+ALT_SCREEN_OFF = b"\x1b[?1049l"
+CTRL_C = b"\x03"
+
+Script = Callable[[Top, Pilot[None]], Awaitable[None]]
+
+
+def on_screen(cli: Command, monkeypatch: pytest.MonkeyPatch, script: Script) -> None:
+    """Run a script against the app, in the world of ``cli``."""
+    monkeypatch.setenv("STRANDS_ACTORS_RUN", cli.environment["STRANDS_ACTORS_RUN"])
+
+    async def run() -> None:
+        app = Top()
+        async with app.run_test(size=SIZE) as pilot:
+            await script(app, pilot)
+
+    asyncio.run(run())
+
+
+async def until(pilot: Pilot[None], look: Callable[[], bool], what: str) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not look():
+        assert time.monotonic() < deadline_s, f"not on the screen: {what}"
+        await pilot.pause(0.02)
+
+
+def rows(app: Top) -> dict[str, dict[str, str]]:
+    """By robot, then by column."""
+    table: Any = app.query_one("#robots")
+    found = {}
+    for at in range(table.row_count):
+        cells = dict(
+            zip((title for title, _ in COLUMNS), (cell.plain.strip() for cell in table.get_row_at(at)), strict=True)
+        )
+        found[cells["robot"]] = cells
+    return found
+
+
+def state(app: Top, robot: str = "so101") -> str:
+    return rows(app).get(robot, {}).get("state", "")
+
+
+def test_nobody_is_there_and_it_quits(cli: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(app: Top, pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: app.query_one("#empty").display, "that nobody is there")
+        for key in ("s", "e", "r", "down", "up"):
+            await pilot.press(key)
+        assert not isinstance(app.screen, Confirm)
+        await pilot.press("q")
+
+    on_screen(cli, monkeypatch, script)
+
+
+def test_a_robot_appears_is_stopped_locked_resumed_and_leaves(
+    cli: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def script(app: Top, pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: app.query_one("#empty").display, "that nobody is there")
+        with contextlib.ExitStack() as stack:
+            robot = await asyncio.to_thread(stack.enter_context, RobotProcess(cli))
+            assert robot.call("send_action", {"shoulder_pan": 999.0})["status"] == "error"
+            await until(pilot, lambda: state(app) == "armed", "an armed robot")
+            await until(pilot, lambda: rows(app)["so101"]["reads/s"] not in ("–", "0"), "its rate")
+            cells = rows(app)["so101"]
+            assert cells["lease"] == f"so101 ({robot.process.pid})"
+            assert cells["refused"] == "1"
+            assert cells["restarts"] == "0"
+            assert cells["age"].endswith("ms")
+            assert app.selected is not None
+            assert app.selected.status is not None
+            assert "999" in app.selected.status.last_refusal
+
+            await pilot.press("s")
+            await until(pilot, lambda: state(app) == "disarmed", "the stop")
+            assert refusal_code(robot.call("send_action", MOVE)) == "disarmed"
+
+            await pilot.press("e")
+            await until(pilot, lambda: state(app) == "e-stopped", "the e-stop")
+            assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
+
+            await pilot.press("r")
+            await until(pilot, lambda: isinstance(app.screen, Confirm), "the question")
+            await pilot.press("n")
+            assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
+            await pilot.press("r")
+            await until(pilot, lambda: isinstance(app.screen, Confirm), "the question")
+            await pilot.press("y")
+            await until(pilot, lambda: state(app) == "armed", "the resume")
+            assert robot.call("send_action", MOVE)["status"] == "success"
+
+            for process in app.selected.tree.processes:
+                if process.role == "root":
+                    os.kill(process.pid, signal.SIGSTOP)
+            await until(pilot, lambda: state(app) in ("unreachable", "disarmed"), "that its root is frozen")
+            await until(
+                pilot, lambda: "frozen" in app.selected.processes.values() if app.selected else False, "why"
+            )
+            assert robot.call("resume")["status"] == "success"
+        await until(pilot, lambda: not rows(app), "that it has left")
+
+    on_screen(cli, monkeypatch, script)
+
+
+def test_keys_act_on_the_selected_robot_only(
+    cli: Command, robot: RobotProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with RobotProcess(cli):
+
+        async def script(app: Top, pilot: Pilot[None]) -> None:
+            await until(pilot, lambda: [state(app, name) for name in rows(app)] == ["armed"] * 2, "two robots")
+            await pilot.press("down", "s")
+            await until(pilot, lambda: state(app, "so101-2") == "disarmed", "the stop")
+            assert state(app, "so101") == "armed"
+            await pilot.press("up")
+            assert app.selected is not None
+            assert app.selected.note.robot == "so101"
+
+        on_screen(cli, monkeypatch, script)
+
+
+@pytest.mark.parametrize(("how", "code"), [("key", 0), (signal.SIGTERM, 143)])
+def test_in_a_terminal_it_stops_a_robot_and_leaves_the_terminal_as_it_was(
+    cli: Command, robot: RobotProcess, how: signal.Signals | str, code: int
+) -> None:
+    screen, terminal = pty.openpty()
+    ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 36, 120, 0, 0))
+    before = termios.tcgetattr(terminal)
+    cli.environment["TERM"] = "xterm-256color"
+    streams = {"stdin": terminal, "stdout": terminal, "stderr": terminal}
+    top = cli.start("top", start_new_session=True, **streams)
+    shown = bytearray()
+
+    def read() -> None:
+        try:
+            while data := os.read(screen, 65536):
+                shown.extend(data)
+        except OSError:  # the last one has closed its end
+            pass
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    try:
+        wait_until(lambda: b"so101" in shown and b"armed" in shown, "the robot is shown")
+        os.write(screen, b"s")
+        wait_until(lambda: b"motors confirmed" in shown, "the stop is reported")
+        assert refusal_code(robot.call("send_action", MOVE)) == "disarmed"
+        if isinstance(how, str):
+            os.write(screen, CTRL_C)
+        else:
+            top.send_signal(how)
+        assert top.wait(PATIENCE_S) == code
+        assert termios.tcgetattr(terminal) == before
+    finally:
+        top.kill()
+        os.close(terminal)
+        reader.join(PATIENCE_S)
+        os.close(screen)
+    assert ALT_SCREEN_OFF in shown
+    assert b"Traceback" not in shown
+
+
+def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:
+    done = cli.run("top")
+    assert done.returncode == 2
+    assert done.stderr == "strands-actors: top: this is no terminal. `strands-actors tree` prints the same once\n"
