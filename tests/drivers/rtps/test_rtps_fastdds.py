@@ -1,4 +1,4 @@
-"""Fast DDS at the other end: Booster's client, unchanged, finds our participant, reads it, calls it, writes to it."""
+"""Fast DDS at the other end: Booster's client, unchanged, finds our participant, reads, calls, writes."""
 
 from __future__ import annotations
 
