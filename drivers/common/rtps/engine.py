@@ -70,7 +70,7 @@ class Engine:
         data: ParticipantData,
         announce_to: Sequence[Address],
         send: Send,
-        on_match: Callable[[], None] = lambda: None,
+        on_match: Callable[[], object] = lambda: None,
     ) -> None:
         """``announce_to``: where strangers may be: the multicast group, the ports of configured peers.
         ``on_match``: what is matched may have changed. Called often."""

@@ -1,7 +1,7 @@
 """CycloneDDS's C library, as it is in the package that Unitree's users install: cyclonedds 0.10.2.
 
-That package has wheels up to Python 3.10 only, but the library in it needs no Python. It is fetched once by pip, checked
-against a hash, and kept beside the interpreter. ``STRANDS_ACTORS_LIBDDSC`` names another to use instead.
+That package has wheels up to Python 3.10 only, but the library in it needs no Python. It is fetched once by pip,
+checked against a hash, and kept beside the interpreter. ``STRANDS_ACTORS_LIBDDSC`` names another to use instead.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _fetch(directory: Path) -> bytes:
     if done.returncode or not wheels:
         raise RuntimeError(
             f"cannot fetch {RELEASE}, the other end of the RTPS tests, from the package index: "
-            f"{done.stderr.strip()}\nGive a libddsc of CycloneDDS 0.10 yourself: STRANDS_ACTORS_LIBDDSC=/usr/lib/..."
+            f"{done.stderr.strip()}\nOr give a libddsc of CycloneDDS 0.10: STRANDS_ACTORS_LIBDDSC=/usr/lib/..."
         )
     with zipfile.ZipFile(wheels[0]) as wheel:
         return wheel.read(MEMBER)

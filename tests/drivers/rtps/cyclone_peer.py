@@ -1,20 +1,22 @@
 """Unitree's own kind of DDS at the other end: CycloneDDS 0.10, a process of its own, driven by lines of JSON.
 
-    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "transient_local": false, ...}'
+    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "reads": [...], ...}'
 
-It reads and writes the four topics; a sample is the C struct, as hexadecimal digits, or the fields of a request or a
-response. A request that begins with "echo" is answered. The C library is called directly: its Python package has
-no wheel for our interpreters. What the types look like stands in ``cyclone_types.json``, made by CycloneDDS's idlc
-0.10.2 from Unitree's definitions, type information included: a robot sends it, too.
+A sample is the C struct, as hexadecimal digits, or the fields of a request or a response; a request is answered
+with its text in capitals. The C library is called directly: its Python package has no wheel for our interpreters.
+What the types look like stands in ``cyclone_types.json``, made by CycloneDDS's idlc 0.10.2 from Unitree's
+definitions, type information included: a robot sends it, too.
 """
 
 from __future__ import annotations
 
 import ctypes as c
 import json
+import os
 import select
 import struct
 import sys
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,13 +29,12 @@ TOPICS = {
     "rt/api/test/request": f"{API}Request_",
     "rt/api/test/response": f"{API}Response_",
 }
-REQUEST = struct.Struct(
-    "<qqqi?3xQIIQ?7x"
-)  # id, api id, lease, priority, noreply, text, binary (max, length, bytes, own)
-RESPONSE = struct.Struct("<qqi4xQIIQ?7x")  # id, api id, code, text, binary
+REQUEST = struct.Struct("<qqqi?3xQIIQ?7x")  # id, api id, lease, priority, noreply, text, then a sequence of bytes
+RESPONSE = struct.Struct("<qqi4xQIIQ?7x")  # id, api id, code, text, then a sequence of bytes
 _BEST_EFFORT, _RELIABLE = 0, 1
 _VOLATILE, _TRANSIENT_LOCAL = 0, 1
 _KEEP_LAST = 0
+_DEPTH = 64
 _BATCH = 32
 
 
@@ -97,11 +98,11 @@ class Peer:
         self.dds.dds_create_qos.restype = c.c_void_p
         domain = options["domain"]
         self._check(self.dds.dds_create_domain(domain, options["config"].encode()))
-        participant = self._check(self.dds.dds_create_participant(domain, None, None))
+        participant = self.participant = self._check(self.dds.dds_create_participant(domain, None, None))
         qos = c.c_void_p(self.dds.dds_create_qos())
         self.dds.dds_qset_reliability(qos, _RELIABLE if options["reliable"] else _BEST_EFFORT, c.c_int64(10**8))
         self.dds.dds_qset_durability(qos, _TRANSIENT_LOCAL if options["transient_local"] else _VOLATILE)
-        self.dds.dds_qset_history(qos, _KEEP_LAST, options["depth"])
+        self.dds.dds_qset_history(qos, _KEEP_LAST, _DEPTH)
         self.readers, self.writers, self.descriptors = {}, {}, []
         for topic, type_name in TOPICS.items():
             made = descriptor(type_name)
@@ -116,6 +117,9 @@ class Peer:
         if value < 0:
             raise RuntimeError(f"CycloneDDS answers {value}")
         return value
+
+    def close(self) -> None:
+        self._check(self.dds.dds_delete(self.participant))
 
     def matched(self, topic: str) -> int:
         status = (c.c_uint32 * 8)()
@@ -157,13 +161,18 @@ def serve(peer: Peer) -> None:
     def say(**fields: object) -> None:
         print(json.dumps(fields), flush=True)
 
+    orders: deque[dict[str, Any]] = deque()
+    rest = b""
     while True:
-        readable, _, _ = select.select([sys.stdin], [], [], 0.001)
+        readable, _, _ = select.select([0], [], [], 0.001)
         if readable:
-            line = sys.stdin.readline()
-            if not line:
+            read = os.read(0, 1 << 16)
+            if not read:
                 return
-            order = json.loads(line)
+            *lines, rest = (rest + read).split(b"\n")
+            orders.extend(json.loads(line) for line in lines)
+        while orders:
+            order = orders.popleft()
             match order["do"]:
                 case "write":
                     peer.write(order["topic"], bytes.fromhex(order["image"]))
@@ -182,8 +191,7 @@ def serve(peer: Peer) -> None:
                     said = text_at(text)
                     say(topic=topic, id=number, api=api, text=said)
                     answer, held = response(number, api, 7, said.upper())
-                    if topic.replace("request", "response") in peer.writers:
-                        peer.write(topic.replace("request", "response"), answer)
+                    peer.write("rt/api/test/response", answer)
                     del held
                 else:
                     number, api, code, text, *_ = RESPONSE.unpack(image)
@@ -194,3 +202,4 @@ if __name__ == "__main__":
     served = Peer(sys.argv[1], json.loads(sys.argv[2]))
     print(json.dumps({"ready": True}), flush=True)
     serve(served)
+    served.close()
