@@ -90,6 +90,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     connect_error: str
     facts: dict[str, Any]
     last_stop: StopReport | None
+    last_stop_ns: int
     writes: int
     reads: int
     refusals: int
@@ -364,7 +365,7 @@ class Gate(Actor):
 
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
-        self._last_stop_ns = self.context.clock.now_ns()
+        self._last_stop_ns = self.context.received_ns
         for epoch, stop in self._stops:
             if epoch <= report.epoch:
                 stop.send(report)
