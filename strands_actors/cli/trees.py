@@ -77,7 +77,7 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, census: bo
         (report.robot, "bold"), "  ", styled(report.state), f"  epoch {report.epoch}" if report.epoch else ""
     )
     tree = Tree(head, guide_style="dim")
-    actors = [actor for actor in report.actors if census or actor.role != "census"]
+    actors = [actor for actor in report.actors if census or actor.role not in ("census", "tap")]
     width = max((len(_path(actor.address)) for actor in actors), default=0)
     for process in report.processes:
         state = (states or {}).get(process.pid, "running")

@@ -25,7 +25,8 @@ from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema
 from .views import Row, View
 
 METADATA = "strands-actors"
-CHUNK_BYTES = 256 * 1024
+CHUNK_BYTES = 64 * 1024
+"""About a second: what a recorder that is killed has not written yet."""
 END = b"\x89MCAP0\r\n"
 
 encode_json = msgspec.json.Encoder().encode
@@ -69,6 +70,7 @@ class RecordingFile:
         self._writer.add_metadata(METADATA, {"info": msgspec.json.encode(info).decode()})
         self._channels = {name: self._channel(name, row) for name, row in CHANNELS.items()}
         self._views = {name: View(name, info.attached.axes, info.wall_ns) for name in ("wire", "root")}
+        self.flush()
 
     def _channel(self, name: str, row: type[msgspec.Struct]) -> int:
         full_name = SCHEMA_NAMES.get(name, f"strands_actors.{row.__name__}")

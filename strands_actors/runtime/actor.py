@@ -197,13 +197,12 @@ class Cell:
             if reply is not None:
                 reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
             raise
-        later = type(answer) is Deferred
         if tap is not None:
-            if later:
+            if type(answer) is Deferred:
                 tap.deferred(self.address, answer.number)
             else:
                 tap.answered(self.address, answer)
-        if reply is not None and not later:
+        if reply is not None and type(answer) is not Deferred:
             reply.send(answer)
 
 
