@@ -9,10 +9,14 @@ import trio
 
 from strands_actors.drivers.common.door import protocol as p
 from strands_actors.drivers.common.door.client import DoorClient
+from strands_actors.drivers.common.door.scene import View, look
 from strands_actors.drivers.common.without_gl import mujoco
 from strands_actors.runtime.contract import WireDown
 
 FRAME_S = 1 / 60
+SHAPE = (4, 3)
+"""Of the window, about."""
+
 ANSWER_S = 10.0
 
 
@@ -29,6 +33,8 @@ async def _mirror(door: str, sock: socket.socket) -> None:
     model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": file})
     data = mujoco.MjData(model)
     window = viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    with window.lock():
+        look(window.cam, model, View(tuple(model.stat.center), model.stat.extent), *SHAPE)
     sock.sendall(b"\x01")  # it is open
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_end_with, sock, nursery.cancel_scope)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -14,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.drivers.common.door import protocol as p
+from strands_actors.drivers.common.door import studio
 from strands_actors.drivers.common.door.body import Body, Hand
 from strands_actors.drivers.common.door.client import DoorClient, Refusal
 from strands_actors.drivers.common.door.server import Door
@@ -289,3 +293,42 @@ def test_a_picture_that_cannot_be_is_refused(tmp_path: Path, request_: p.Request
             client.close()
 
     trio.run(main)
+
+
+# -- OpenGL
+
+
+@pytest.mark.parametrize(
+    ("word", "text"),
+    [
+        ("", r"no OpenGL .*install libegl1 \(egl\) or libosmesa6 \(osmesa\): apt install libegl1"),
+        ("glfw", r"no OpenGL .*install libegl1 \(egl\) or libosmesa6 \(osmesa\)"),
+        ("EGL", r"no OpenGL .*install libegl1 \(egl\): apt install libegl1"),
+        ("osmesa", r"no OpenGL .*install libosmesa6 \(osmesa\): apt install libosmesa6"),
+        (
+            "mesa",
+            r"MUJOCO_GL is 'mesa'\. unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or MUJOCO_GL=osmesa",
+        ),
+    ],
+)
+def test_on_a_machine_that_cannot_draw_the_package_is_named(
+    monkeypatch: pytest.MonkeyPatch, word: str, text: str
+) -> None:
+    missing = {name: (("libNoSuchThing.so.1",), package) for name, (_, package) in studio.LIBRARIES.items()}
+    monkeypatch.setattr(studio, "LIBRARIES", missing)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("MUJOCO_GL", word)
+    with pytest.raises(studio.CannotRender, match=text):
+        studio.open_gl(64, 48)
+    assert os.environ["MUJOCO_GL"] == word
+
+
+def test_mujoco_is_there_whatever_is_said_of_opengl() -> None:
+    script = "from strands_actors.drivers.common import physics; import os; print(os.environ['MUJOCO_GL'])"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "MUJOCO_GL": "impossible", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert (done.stdout, done.returncode) == ("impossible\n", 0), done.stderr

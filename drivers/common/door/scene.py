@@ -39,7 +39,7 @@ def decorate(spec: Any, view: View) -> Any:
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
     scene.visual.quality.offsamples = 4
     scene.visual.quality.shadowsize = 4096
-    scene.visual.map.shadowclip = 3  # extents: else the edge of the shadow map speckles the ground
+    scene.visual.map.shadowclip = 4  # extents: else the edge of the shadow map speckles the ground
     scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
     scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
     scene.visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -73,7 +73,16 @@ def widened(view: View, model: Any, data: Any) -> View:
     return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
 
 
-def distance_m(model: Any, view: View, width: int, height: int) -> float:
+def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str = "") -> None:
+    """Point an ``MjvCamera`` at the whole of ``view``, from the side that ``camera`` names, for a picture of that
+    shape."""
+    eye.type = mujoco.mjtCamera.mjCAMERA_FREE
+    eye.lookat[:] = view.middle
+    eye.distance = _distance_m(model, view, width, height)
+    eye.azimuth, eye.elevation = CAMERAS[camera]
+
+
+def _distance_m(model: Any, view: View, width: int, height: int) -> float:
     """From where the whole of ``view`` is inside a picture of that shape."""
     half = math.radians(float(model.vis.global_.fovy)) / 2
     narrow = min(half, math.atan(math.tan(half) * width / height))

@@ -14,7 +14,7 @@ import trio
 
 from strands_actors.drivers.common.without_gl import mujoco
 
-from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, distance_m, view_of, widened
+from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
 
 LIBRARIES = {
     "egl": (("libEGL.so.1",), "libegl1"),
@@ -112,10 +112,7 @@ class _Room:
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        eye.type = mujoco.mjtCamera.mjCAMERA_FREE
-        eye.lookat[:] = self._view.middle
-        eye.distance = distance_m(model, self._view, width, height)
-        eye.azimuth, eye.elevation = CAMERAS[camera]
+        look(eye, model, self._view, width, height, camera)
         mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         rectangle = mujoco.MjrRect(0, 0, width, height)
         rows = np.empty((height, width, 3), np.uint8)
