@@ -19,7 +19,7 @@ def test_estop_locks_until_resume(cli: Command, robot: RobotProcess) -> None:
     assert done.stdout.count("\n") == 1
 
     assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
-    assert robot.call("start_task")["status"] == "error"
+    assert "disarmed" in robot.call("start_task", "wave", None, "localhost", "mock")["content"][0]["text"]
 
     done = cli.run("resume", "so101")
     assert done.returncode == 0, done.stderr

@@ -49,7 +49,7 @@ def test_a_running_robot(cli: Command, robot: RobotProcess) -> None:
 
 
 def test_it_follows_a_task_and_a_stop(cli: Command, robot: RobotProcess) -> None:
-    assert robot.call("start_task")["status"] == "success"
+    assert robot.call("start_task", "wave", None, "localhost", "mock")["status"] == "success"
     policy = pids(only(cli.json("tree")))["policy"]
     os.kill(policy, 0)
     assert robot.call("stop")["status"] == "success"

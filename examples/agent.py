@@ -1,0 +1,66 @@
+"""An agent moves an arm's twin. Its model is a script, so it needs no network and no key: put yours in its place.
+
+pip install 'strands-actors[agent]'
+python examples/agent.py
+"""
+
+import json
+
+from strands import Agent
+from strands.models import Model
+
+from strands_actors import Robot
+
+SCRIPT = [
+    {"action": "move_to", "targets": {"shoulder_pan": 400.0}},  # refused: past the joint's travel
+    {"action": "move_to", "targets": {"shoulder_pan": 20.0}},
+    {"action": "set_torque", "enabled": True},  # guarded below: the operator says no
+    {"action": "stop"},  # nobody is asked
+]
+
+
+class Scripted(Model):
+    """Uses the tool with each line of the script, and hears what came of it."""
+
+    def __init__(self, script):
+        self.script = iter(enumerate(script))
+
+    def update_config(self, **config):
+        pass
+
+    def get_config(self):
+        return {}
+
+    def structured_output(self, *_, **__):
+        raise NotImplementedError
+
+    async def stream(self, messages, tool_specs=None, system_prompt=None, **_):
+        for block in messages[-1]["content"]:
+            if "toolResult" in block:
+                content = block["toolResult"]["content"][0]
+                print(f"   {block['toolResult']['status']}: {content.get('text') or summary(content['json'])}")
+        yield {"messageStart": {"role": "assistant"}}
+        number, line = next(self.script, (0, None))
+        if line is None:
+            yield {"contentBlockDelta": {"delta": {"text": "done"}}}
+            yield {"contentBlockStop": {}}
+            yield {"messageStop": {"stopReason": "end_turn"}}
+            return
+        print("so101", json.dumps(line))
+        yield {"contentBlockStart": {"start": {"toolUse": {"name": "so101", "toolUseId": f"use-{number}"}}}}
+        yield {"contentBlockDelta": {"delta": {"toolUse": {"input": json.dumps(line)}}}}
+        yield {"contentBlockStop": {}}
+        yield {"messageStop": {"stopReason": "tool_use"}}
+
+
+def summary(answer):
+    return {key: answer[key] for key in ("commanded", "stopped", "rung", "unconfirmed") if key in answer}
+
+
+def approve(request):
+    print(f"   operator: {request}? no")
+    return False
+
+
+with Robot("so101", mode="real", transport="twin", guarded=("set_torque",), approve=approve) as arm:
+    Agent(model=Scripted(SCRIPT), tools=[arm], callback_handler=None)("wave at me")

@@ -1,0 +1,52 @@
+"""Two policies drive an arm, one in this process and one in a process of its own. The arm ends released.
+
+python examples/policy.py                  its twin: no robot needed
+python examples/policy.py /dev/ttyACM0     a real SO-101
+"""
+
+import math
+import sys
+import time
+
+from strands_actors import Robot
+
+
+class Wave:
+    """A chunk of ten actions at a time, 50 a second: two degrees to either side of where the arm was."""
+
+    def __init__(self, joint: str) -> None:
+        self.joint = joint
+        self.steps = 0
+        self.center: float | None = None
+
+    def get_actions_sync(self, observation: dict[str, float], instruction: str) -> list[dict[str, float]]:
+        if self.center is None:
+            self.center = observation[self.joint]
+        chunk = []
+        for _ in range(10):
+            self.steps += 1
+            chunk.append({self.joint: self.center + 2.0 * math.sin(2.0 * math.pi * 0.5 * self.steps / 50)})
+        return chunk
+
+
+def wait(arm) -> dict:
+    while (task := arm.get_task_status()["content"][0]["json"])["running"]:
+        time.sleep(0.05)
+    return task
+
+
+where = {"port": sys.argv[1]} if len(sys.argv) > 1 else {"transport": "twin"}
+with Robot("so101", mode="real", **where) as arm:
+    arm.run_policy(Wave("shoulder_pan"), "wave", duration=2.0, control_frequency=50)
+    task = wait(arm)
+    print(f"in this process: {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")
+
+    arm.start_task("wave", policy_provider="mock", duration=1.0)
+    task = wait(arm)
+    print(f"in its own:      {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")
+
+    arm.run_policy(lambda observation: {"shoulder_pan": observation["shoulder_pan"] + 90.0})
+    print("too fast:       ", wait(arm)["exit_detail"])
+
+    stopped = arm.stop()["content"][0]["json"]
+    print(f"stopped:         {stopped['rung']}, {len(stopped['motors'])} motors confirmed")

@@ -1,0 +1,45 @@
+"""The examples run as they stand, and end safe."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from strands_actors.testing import WireLog
+
+from ..cli.command import ROOT
+from ..robot.helpers import torque_now
+
+SAID = {
+    "policy": (
+        "in this process: ",
+        "in its own: ",
+        "too fast: ",
+        "step at most",
+        "stopped:         limp, 6 motors confirmed",
+    ),
+    "agent": (
+        "error: move: shoulder_pan 400.0 deg is past 180.0. stay within -180.0..180.0",
+        "success: {'commanded': {'shoulder_pan': 20.0}}",
+        "operator: agent asks so101: set_torque enabled=True? no",
+        "error: set_torque: set_torque needs an operator's approval: it was not given",
+        "success: {'stopped': True, 'rung': 'limp', 'unconfirmed': []}",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_an_example_runs_and_ends_safe(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "wire.ndjson"
+    monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    command = [sys.executable, str(ROOT / "examples" / f"{name}.py")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=100)
+    print(done.stdout)
+    assert done.returncode == 0, done.stderr
+    assert [said for said in SAID[name] if said not in done.stdout] == [], done.stdout
+    assert WireLog(log).host("setpoint")
+    assert set(torque_now(WireLog(log)).values()) == {0}
