@@ -15,7 +15,7 @@ import zenoh
 from strands_actors.runtime.actor import describe
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.node import Node
-from strands_actors.runtime.pubsub import PubSub
+from strands_actors.runtime.pubsub import LIVELY, PubSub
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_session import short
 
@@ -42,6 +42,7 @@ class MeshPlace:
         self._at = addresses.of(robot)
         self.problem = ""
         self.settled = trio.Event()
+        self._pubsub: PubSub | None = None
 
     def tell_state(self, state: StateIs) -> None:
         """For the audit."""
@@ -51,11 +52,12 @@ class MeshPlace:
     async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
         limits = {"transport/link/rx/max_message_size": MAX_MESSAGE_BYTES}
         try:
-            pubsub = await PubSub.open(listen, connect, {**limits, **settings})
+            pubsub = await PubSub.open(listen, connect, {**LIVELY, **limits, **settings})
         except zenoh.ZError as error:
             self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
             self.settled.set()
             return
+        self._pubsub = pubsub
         try:
             async with trio.open_nursery() as nursery:
                 await nursery.start(pubsub.run)
@@ -63,7 +65,13 @@ class MeshPlace:
                 self.settled.set()
         except* BudgetSpent as spent:
             self.problem = f"mesh: {describe(spent)}"
-            pubsub.close()
+            self.close()
+
+    def close(self) -> None:
+        """Leave the mesh. Blocks for a few milliseconds: a root process simply ends."""
+        if self._pubsub is not None:
+            self._pubsub.close()
+            self._pubsub = None
 
     def _supervisor(self, pubsub: PubSub) -> Supervisor:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
