@@ -14,7 +14,7 @@ from strands_actors.rundir import Name, Note
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.zenoh_session import unix_endpoint
 from strands_actors.supervisors import mesh_json
-from strands_actors.supervisors.messages import Acquire, Lease, Setpoint
+from strands_actors.supervisors.messages import Acquire, Lease, Release, Setpoint
 from strands_actors.testing import FakeHardware, InlineTree
 
 from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
@@ -26,6 +26,7 @@ async def local_move(tree: InlineTree) -> str:
     assert isinstance(lease, Lease)
     setpoint = Setpoint(lease.id, lease.epoch, time.monotonic_ns() + 10**9, {"a": 1.0}, 0.0, True)
     answer = await tree.gate.ask(setpoint, 1.0)
+    await tree.gate.ask(Release(lease.id), 1.0)
     return answer.code if isinstance(answer, Refused) else ""
 
 
