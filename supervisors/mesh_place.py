@@ -15,7 +15,7 @@ import zenoh
 from strands_actors.runtime.actor import describe
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.node import Node
-from strands_actors.runtime.pubsub import LIVELY, PubSub
+from strands_actors.runtime.pubsub import PubSub
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_session import short
 
@@ -52,7 +52,7 @@ class MeshPlace:
     async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
         limits = {"transport/link/rx/max_message_size": MAX_MESSAGE_BYTES}
         try:
-            pubsub = await PubSub.open(listen, connect, {**LIVELY, **limits, **settings})
+            pubsub = await PubSub.open(listen, connect, {**limits, **settings})
         except zenoh.ZError as error:
             self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
             self.settled.set()

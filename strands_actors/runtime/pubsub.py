@@ -22,9 +22,6 @@ JSON = "application/json"
 
 _WAKE_BATCH = 128
 
-LIVELY: Mapping[str, Any] = {"transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0}
-"""For a process that must not wait: a queue that is full drops at once (zenoh would try for 1 ms each time)."""
-
 
 class Stamp(msgspec.Struct, frozen=True):
     """The attachment of a sample, as JSON: its number on this topic, and the wall clock."""
