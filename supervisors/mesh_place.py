@@ -42,6 +42,7 @@ class MeshPlace:
         self._at = addresses.of(robot)
         self.problem = ""
         self.settled = trio.Event()
+        self._pubsub: PubSub | None = None
 
     def tell_state(self, state: StateIs) -> None:
         """For the audit."""
@@ -56,6 +57,7 @@ class MeshPlace:
             self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
             self.settled.set()
             return
+        self._pubsub = pubsub
         try:
             async with trio.open_nursery() as nursery:
                 await nursery.start(pubsub.run)
@@ -63,7 +65,13 @@ class MeshPlace:
                 self.settled.set()
         except* BudgetSpent as spent:
             self.problem = f"mesh: {describe(spent)}"
-            pubsub.close()
+            self.close()
+
+    def close(self) -> None:
+        """Leave the mesh. Blocks for a few milliseconds: a root process simply ends."""
+        if self._pubsub is not None:
+            self._pubsub.close()
+            self._pubsub = None
 
     def _supervisor(self, pubsub: PubSub) -> Supervisor:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node

@@ -25,7 +25,7 @@ from .access import access_control
 ENVIRONMENT = "STRANDS_ACTORS_MESH"
 PROTOCOLS = ("tcp", "tls", "unixsock-stream")
 
-Names = str | list[str] | tuple[str, ...]
+Names = str | Sequence[str]
 
 
 class TLS(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -31,7 +31,7 @@ def make(directory: Path, names: Sequence[str] = NAMES, hosts: Sequence[str] = (
     files = [directory / f"{name}.{ending}" for name in ("ca", *names) for ending in ("pem", "key")]
     there = [str(file) for file in files if file.exists()]
     if there:
-        raise FileExistsError(f"{', '.join(there)}: already there; name another directory")
+        raise FileExistsError(f"{there[0]} is already there: name another directory")
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
     ca_key = ec.generate_private_key(ec.SECP256R1())

@@ -21,10 +21,6 @@ from .zenoh_session import Waker, closed, config, opened
 JSON = "application/json"
 
 _WAKE_BATCH = 128
-_LIVELY: Mapping[str, Any] = {
-    # A queue that is full drops at once: nobody waits for a subscriber that does not read (zenoh: 1 ms each time).
-    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-}
 
 
 class Stamp(msgspec.Struct, frozen=True):
@@ -91,8 +87,7 @@ class PubSub:
         settings: Mapping[str, Any] | None = None,
     ) -> PubSub:
         """Raise ``zenoh.ZError`` when it cannot listen, or a certificate cannot be used."""
-        wanted = config(listen, connect, {**_LIVELY, **(settings or {})})
-        return cls(await trio.to_thread.run_sync(zenoh.open, wanted))
+        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect, settings)))
 
     def close(self) -> None:
         """Close the session. Blocks for a few milliseconds."""

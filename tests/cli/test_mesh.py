@@ -1,0 +1,119 @@
+"""``echo``, ``hz``, ``send`` and ``mesh``, as real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from .command import Command, RobotProcess, refusal_code, wait_until
+
+
+def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> None:
+    done = cli.run("echo", "so101", "--count", "3", "--json")
+    assert done.returncode == 0, done.stderr
+    samples = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(samples) == 3
+    state = next(sample for sample in samples if sample["key"] == "strands/so101/state")
+    assert state["encoding"] == "application/json;strands.state.v1"
+    assert state["seq"] >= 1 and "shoulder_pan" in state["value"]["joints"]
+
+    (line,) = cli.run("echo", "strands/*/presence", "--count", "1").stdout.splitlines()
+    assert line.startswith('strands/so101/presence  {"robot_id":"so101"')
+
+    rates = {topic["key"]: topic["hz"] for topic in cli.json("hz", "so101", "--seconds", "2")["topics"]}
+    assert 5 < rates["strands/so101/state"] < 15
+
+    (seen,) = cli.json("mesh", "status")["robots"]
+    assert (seen["robot"], seen["reachable"], seen["state"]) == ("so101", True, "armed")
+    assert "so101 in process" in seen["lease"]
+    assert cli.run("mesh", "status").stdout.startswith("so101 ")
+
+    for arguments in (["echo", "nobody"], ["hz", "nobody", "--seconds", "1"]):
+        done = cli.run(*arguments)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "nobody" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, robot: RobotProcess) -> None:
+    done = cli.run("send", "so101", "shoulder_pan=5")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "holds the lease" in done.stderr and done.stderr.count("\n") == 1
+
+    assert robot.call("release")["status"] == "success"
+    done = cli.run("send", "so101", "shoulder_pan=5", "--for", "1", "--resume")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("so101: shoulder_pan 5")
+    here = robot.call("get_observation")["shoulder_pan"]
+    assert abs(here - 5.0) < 2.0
+
+    done = cli.run("send", "so101", "shoulder_pan=500", "--resume")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "past 180" in done.stderr
+
+    done = cli.run("send", "so101", "shoulder_pan=far")
+    assert done.returncode == 2 and "joint=number" in done.stderr
+
+
+def test_an_interrupted_send_leaves_the_robot_holding(cli: Command, robot: RobotProcess) -> None:
+    assert robot.call("release")["status"] == "success"
+    with cli.start("send", "so101", "shoulder_pan=20", "--for", "60", "--resume") as sending:
+        assert sending.stdout is not None and sending.stderr is not None
+        assert sending.stdout.readline().startswith("so101: ")
+        sending.send_signal(signal.SIGINT)
+        assert sending.wait(30) == 130
+        assert sending.stderr.read() == ""
+    wait_until(lambda: state(robot) == "holding", "it holds")
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(cli: Command, robot: RobotProcess) -> None:
+    with cli.start("echo", "so101") as echo:
+        assert echo.stdout is not None and echo.stderr is not None
+        assert echo.stdout.readline().startswith("strands/so101/")
+        echo.stdout.close()
+        assert echo.wait(30) == 0
+        assert echo.stderr.read() == ""
+
+
+def test_estop_alone_is_for_every_robot(cli: Command, robot: RobotProcess) -> None:
+    (told,) = cli.json("estop")["robots"]
+    assert (told["robot"], told["outcome"], told["rung"], told["locked"]) == ("so101", "safe", "limp", True)
+    assert refusal_code(robot.call("send_action", {"shoulder_pan": 3.0})) == "locked_out"
+    (resumed,) = cli.json("resume", "--all")["robots"]
+    assert resumed["done"]
+
+
+def test_a_frozen_root_is_reported_and_its_wire_is_safe_by_itself(cli: Command, robot: RobotProcess) -> None:
+    (tree,) = cli.json("tree")["robots"]
+    (root,) = [process["pid"] for process in tree["processes"] if process["role"] == "root"]
+    os.kill(root, signal.SIGSTOP)
+    done = cli.run("estop")
+    os.kill(root, signal.SIGCONT)
+    assert done.returncode == 1
+    assert "so101: NOT CONFIRMED" in done.stderr
+
+
+def test_keys_are_made_once(cli: Command, tmp_path: Path) -> None:
+    done = cli.json("mesh", "keys", str(tmp_path / "keys"), "--name", "screen", "--host", "arm.example")
+    names = sorted(Path(file).name for file in done["files"])
+    assert names == sorted(
+        f"{name}.{ending}" for name in ("ca", "robot", "operator", "viewer", "screen") for ending in ("pem", "key")
+    )
+    again = cli.run("mesh", "keys", str(tmp_path / "keys"))
+    assert again.returncode == 2 and "already there" in again.stderr
+
+
+def test_a_mesh_file_that_would_open_the_robot_unasked_is_refused(cli: Command, tmp_path: Path) -> None:
+    file = tmp_path / "mesh.toml"
+    file.write_text('connect = "tcp/192.0.2.1:7447"\n')
+    done: subprocess.CompletedProcess[Any] = cli.run("estop", "--mesh", str(file))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "leaves this host" in done.stderr
+
+
+def state(robot: RobotProcess) -> str:
+    told: str = robot.call("get_status")["content"][0]["json"]["state"]
+    return told

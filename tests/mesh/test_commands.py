@@ -1,0 +1,204 @@
+"""Commands over the mesh reach the gate typed, leased and in time, or are refused by name."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.mesh import control
+from strands_actors.mesh.client import MeshClient, Reading
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors import mesh_json
+from strands_actors.supervisors.commands import COMMANDS_PER_S
+from strands_actors.testing import FakeHardware
+
+from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
+
+
+def test_a_leased_move_reaches_the_wire_and_is_answered() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, control(client, robot) as arm:
+            assert (arm.axes, arm.unit) == (("a", "b"), "units")
+            answer = await arm.send_action({"a": 5.0})
+            assert answer == {"commanded": {"a": 5.0}, "unit": "units"}
+            await until(lambda: hardware.of("setpoint"), "a setpoint")
+            assert hardware.of("setpoint")[0].values == (5.0, 0.0)
+            observed = await arm.observe()
+            assert not isinstance(observed, Refused) and set(observed["joints"]) == {"a", "b"}
+
+    run(test)
+
+
+def test_saf_014_the_drivers_refusals_come_back_typed() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, control(client, robot) as arm:
+            assert code(await arm.send_action({"nose": 1.0})) == "unknown_joint"
+            assert code(await arm.send_action({"a": 1e9})) == "range"
+            assert hardware.of("setpoint") == []
+
+    run(test)
+
+
+def test_saf_009_one_writer_at_a_time() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _), mesh() as one, mesh() as two, control(one, robot) as arm:
+            with pytest.raises(PermissionError, match="holds the lease"):
+                async with control(two, robot):
+                    pass
+            clock = await two.clock(robot)
+            assert isinstance(clock, Reading)
+            stolen = mesh_json.Move(
+                clock=clock.name,
+                deadline_ns=clock.deadline(time.monotonic_ns() + 10**8),
+                targets={"a": 1.0},
+                lease=arm._lease,
+                epoch=arm._epoch,
+            )
+            assert code(await two.request(robot, stolen)) == "lease"
+
+    run(test)
+
+
+async def _move(client: MeshClient, robot: str, arm: Any, clock: str, deadline_ns: int) -> str:
+    move = mesh_json.Move(
+        clock=clock, deadline_ns=deadline_ns, targets={"a": 1.0}, lease=arm._lease, epoch=arm._epoch
+    )
+    answer = await client.request(robot, move)
+    return answer.code if isinstance(answer, Refused) else ""
+
+
+def test_saf_001_a_stale_or_undated_move_is_refused() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, control(client, robot) as arm:
+            clock = await client.clock(robot)
+            assert isinstance(clock, Reading)
+            now_ns = clock.deadline(time.monotonic_ns())
+            assert await _move(client, robot, arm, "guess", now_ns + 10**8) == "clock"
+            assert await _move(client, robot, arm, clock.name, now_ns - 10**6) == "expired"
+            assert await _move(client, robot, arm, clock.name, now_ns + 60 * 10**9) == "too_distant"
+            assert hardware.of("setpoint") == []
+            assert await _move(client, robot, arm, clock.name, now_ns + 2 * 10**8) == ""
+
+    run(test)
+
+
+@pytest.mark.parametrize("skew_s", [-3600.0, 7.0, 1e6])
+def test_a_sender_on_another_clock_is_understood(skew_s: float) -> None:
+    """Between hosts: the deadline that counts is the robot's, and it is never later than was meant."""
+
+    async def test() -> None:
+        def theirs_ns() -> int:
+            return time.monotonic_ns() + round(skew_s * 1e9)
+
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh(now_ns=theirs_ns) as client:
+            reading = await client.clock(robot)
+            assert isinstance(reading, Reading)
+            true_ns = -round(skew_s * 1e9)
+            assert reading.lowest_ns <= true_ns <= reading.highest_ns
+            async with control(client, robot) as arm:
+                assert not isinstance(await arm.send_action({"a": 2.0}, ttl_s=0.5), Refused)
+                await until(lambda: hardware.of("setpoint"), "a setpoint")
+
+    run(test)
+
+
+def test_saf_001_a_streams_setpoint_expires_and_the_mesh_must_resume() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client, control(client, robot) as arm:
+            assert not isinstance(await arm.send_action({"a": 2.0}, ttl_s=0.2), Refused)
+            await tree.until("holding")
+            held_ns = hardware.of("safe")[-1].t_ns
+            assert code(await arm.send_action({"a": 3.0}, ttl_s=0.2)) == "stale_epoch"
+            refused = await arm.acquire()
+            assert refused is not None and code(refused) == "holding"
+            assert hardware.of("setpoint", held_ns) == []
+            assert await arm.resume() is None
+            assert not isinstance(await arm.send_action({"a": 3.0}, ttl_s=0.2), Refused)
+
+    run(test)
+
+
+def test_a_sender_that_stops_beating_loses_a_latched_target() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            async with control(client, robot) as arm:
+                await arm.send_action({"a": 2.0})
+                await trio.sleep(1.3)  # longer than a lease that nobody beats
+                assert (await tree.status()).mode == "armed"
+            await tree.until("holding")  # given up: held before the robot moves on
+            assert (await tree.status()).holder == ""
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("payload", "refused"),
+    [
+        (b'{"sender_id": "SENDER", "turn_id": "x", "command": {"action": "fly"}}', "unknown_action"),
+        (b'{"sender_id": "SENDER", "turn_id": "x", "command": {"action": "move"}}', "malformed"),
+        (b'{"sender_id": "SENDER", "turn_id": "x"}', "malformed"),
+        (
+            b'{"sender_id": "SENDER", "turn_id": "x", "command": {"action": "status"}, "p": "'
+            + b"x" * 20000
+            + b'"}',
+            "oversized",
+        ),
+    ],
+)
+def test_saf_014_what_cannot_be_obeyed_is_answered_and_counted(payload: bytes, refused: str) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _), mesh() as client:
+            answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
+            health = Samples(client, f"strands/{robot}/health")
+            await raw(client, robot, payload.replace(b"SENDER", client.sender.encode()))
+            (answer,) = await answers.wait()
+            assert (answer["type"], answer["responder_id"], answer["turn_id"]) == ("error", robot, "x")
+            assert answer["refused"]["code"] == refused
+            assert (await health.wait())[-1]["counts"] == {"commands": 1, "commands_refused": 1}
+
+    run(test)
+
+
+def test_saf_014_garbage_is_counted_and_harms_nobody() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            health = Samples(client, f"strands/{robot}/health")
+            for payload in (b"", b"\xff\x00", b"[[[[", b"null", json.dumps("x" * 100_000).encode(), b"[" * 50_000):
+                await raw(client, robot, payload)
+            await until(lambda: len(health.received), "health")
+            await until(lambda: b'"commands_refused":6' in health.received[-1].payload, "six refusals")
+            assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_more_than_a_few_commands_a_second_are_refused() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _), mesh() as client:
+            answers = [await client.request(robot, mesh_json.Status()) for _ in range(2 * COMMANDS_PER_S)]
+            codes = [answer.code for answer in answers if isinstance(answer, Refused)]
+            assert codes and set(codes) <= {"rate"}
+
+    run(test)
+
+
+def test_nothing_on_a_command_key_waits_for_a_robot_that_comes_later() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, tree, place), mesh() as client:
+            place.close()
+            answer = await client.request(robot, mesh_json.Stop())
+            assert isinstance(answer, Refused)
+            await trio.sleep(0.3)
+            assert (await tree.status()).mode == "armed"
+
+    run(test)

@@ -1,0 +1,120 @@
+"""What opens a robot to others, and what does not."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography import x509
+
+from strands_actors import Robot
+from strands_actors.mesh import TLS, MeshConfig
+from strands_actors.mesh.access import access_control
+from strands_actors.mesh.config import ENVIRONMENT
+from strands_actors.mesh.keys import make
+
+from .world import tls
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("keys") / "new"
+    make(directory, hosts=["arm.example", "192.0.2.7"])
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("config", "told"),
+    [
+        (MeshConfig(listen="tcp/0.0.0.0:7447"), "leaves this host"),
+        (MeshConfig(listen="tcp/192.0.2.1:7447"), "leaves this host"),
+        (MeshConfig(connect="tcp/robot.example:7447"), "leaves this host"),
+        (MeshConfig(listen="tcp/[::]:7447"), "leaves this host"),
+        (MeshConfig(listen="tls/0.0.0.0:7447"), "needs tls="),
+        (MeshConfig(listen="udp/127.0.0.1:7447"), "no endpoint"),
+        (MeshConfig(listen="7447"), "no endpoint"),
+        (MeshConfig(listen="tls/0.0.0.0:1", tls=TLS("no.pem", "no.pem", "no.key")), "cannot be read"),
+    ],
+)
+def test_what_would_open_a_robot_unasked_is_refused(config: MeshConfig, told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        config.check()
+    with pytest.raises(ValueError, match=told):
+        Robot("so101", mode="real", transport="twin", mesh=config)
+
+
+def test_tcp_beside_tls_is_a_way_around_it(keys: Path) -> None:
+    with pytest.raises(ValueError, match="way around"):
+        MeshConfig(listen=["tls/0.0.0.0:7447", "tcp/127.0.0.1:7448"], tls=tls(keys, "robot")).check()
+
+
+def test_loopback_and_the_users_own_word_are_accepted(keys: Path) -> None:
+    MeshConfig().check()
+    MeshConfig(listen=["tcp/127.0.0.1:7447", "tcp/localhost:0", "tcp/[::1]:0"]).check()
+    MeshConfig(listen="tcp/0.0.0.0:7447", insecure=True).check()
+    MeshConfig(listen="tls/0.0.0.0:7447", tls=tls(keys, "robot")).check()
+
+
+def test_by_default_nothing_listens_beyond_a_socket_of_the_user() -> None:
+    config = MeshConfig()
+    assert (config.listens, config.connects, config.robot_settings()) == ([], [], {})
+
+
+def test_a_file_says_the_same(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = keys / "robot.toml"
+    file.write_text(
+        'listen = "tls/0.0.0.0:7447"\n[tls]\nca = "ca.pem"\ncertificate = "robot.pem"\nkey = "robot.key"\n'
+        '[access]\nviewers = ["screen"]\n'
+    )
+    monkeypatch.setenv(ENVIRONMENT, str(file))
+    config = MeshConfig.from_environment()
+    config.check()
+    assert config.listens == ["tls/0.0.0.0:7447"]
+    assert config.tls == tls(keys, "robot")
+    assert config.access.viewers == ["screen"]
+    file.write_text('listne = "tls/0.0.0.0:7447"\n')
+    with pytest.raises(ValueError, match="listne"):
+        MeshConfig.from_environment()
+    with pytest.raises(ValueError, match=r"nothing\.toml cannot be read"):
+        MeshConfig.load(keys / "nothing.toml")
+
+
+def test_a_set_of_keys(keys: Path) -> None:
+    ca = x509.load_pem_x509_certificate((keys / "ca.pem").read_bytes())
+    for name in ("robot", "operator", "viewer"):
+        leaf = x509.load_pem_x509_certificate((keys / f"{name}.pem").read_bytes())
+        leaf.verify_directly_issued_by(ca)
+        assert leaf.subject.rfc4514_string() == f"CN={name}"
+        names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        assert "arm.example" in names.get_values_for_type(x509.DNSName)
+        assert "192.0.2.7" in map(str, names.get_values_for_type(x509.IPAddress))
+        assert stat.S_IMODE((keys / f"{name}.key").stat().st_mode) == 0o600
+    assert stat.S_IMODE(keys.stat().st_mode) == 0o700
+    with pytest.raises(FileExistsError):
+        make(keys)
+
+
+def granted(role: str) -> list[dict[str, Any]]:
+    control = access_control(["viewer"], ["operator"])
+    assert control["default_permission"] == "deny"
+    names = {subject["id"]: subject.get("cert_common_names") for subject in control["subjects"]}
+    rules: list[str] = next(
+        policy["rules"] for policy in control["policies"] if names[policy["subjects"][0]] == [role]
+    )
+    return [rule for rule in control["rules"] if rule["id"] in rules]
+
+
+def test_a_viewer_may_put_nothing() -> None:
+    assert not [rule for rule in granted("viewer") if "put" in rule["messages"] and "ingress" in rule["flows"]]
+
+
+def test_an_operator_may_put_orders_and_nothing_else() -> None:
+    (orders,) = [rule for rule in granted("operator") if "put" in rule["messages"] and "ingress" in rule["flows"]]
+    assert sorted(orders["key_exprs"]) == [
+        "strands/*/cmd",
+        "strands/broadcast",
+        "strands/safety/estop",
+        "strands/safety/resume",
+    ]

@@ -1,0 +1,87 @@
+"""One e-stop, four robots of four kinds on their real wires: read from what each twin heard."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from strands_actors import Robot, estop
+from strands_actors.mesh import resume
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+MOVES = {
+    "so101": ("shoulder_pan", 20.0),
+    "koch": ("shoulder_pan", 20.0),
+    "ur5e": ("shoulder_pan_joint", 0.01),
+    "robotiq_2f85": ("gripper", 0.5),
+}
+"""What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
+RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}
+BOUND_S = 1.0
+"""From the call to the safe frame of each; far above what is measured, for a busy machine."""
+
+
+class Member(NamedTuple):
+    twin: Twin
+    robot: RealRobot
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Iterator[dict[str, Member]]:
+    with contextlib.ExitStack() as stack, ThreadPoolExecutor() as at_once:
+        twins = []
+        for kind in MOVES:
+            (tmp_path / kind).mkdir()
+            twins.append(Twin(kind, tmp_path / kind))
+        for twin, _ in zip(twins, at_once.map(Twin.__enter__, twins), strict=True):
+            stack.push(twin.__exit__)
+        members = {twin.robot: Member(twin, Robot(twin.robot, mode="real", port=twin.port)) for twin in twins}
+        for member in members.values():
+            stack.callback(member.robot.cleanup)
+        problems = list(at_once.map(connect, (member.robot for member in members.values())))
+        assert problems == [None] * len(members)
+        yield members
+
+
+def connect(robot: RealRobot) -> str | None:
+    problem = None
+    for _ in range(3):  # a twin that a busy machine lets wait counts as silent
+        problem = robot.connect_eagerly()
+        if problem is None:
+            break
+    return problem
+
+
+def move(kind: str, robot: RealRobot) -> str:
+    joint, by = MOVES[kind]
+    start = 0.0 if kind == "robotiq_2f85" else robot.get_observation()[joint]
+    answer = robot.send_action({joint: start + by})
+    return str(answer["content"][0].get("text", "")) if answer["status"] == "error" else ""
+
+
+def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member]) -> None:
+    assert {kind: move(kind, member.robot) for kind, member in fleet.items()} == dict.fromkeys(fleet, "")
+
+    began_ns = time.monotonic_ns()
+    outcomes = {outcome.robot: outcome for outcome in estop(by="the fleet's button", within_s=3.0)}
+
+    assert {robot: outcome.outcome for robot, outcome in outcomes.items()} == dict.fromkeys(fleet, "safe")
+    for kind, member in fleet.items():
+        took_s = member.twin.log.safe_within(began_ns, BOUND_S)
+        print(f"{kind}: safe on the wire after {1e3 * took_s:.1f} ms, {outcomes[kind].rung}")
+        assert "e-stopped by the fleet's button" in move(kind, member.robot)
+    time.sleep(0.3)
+    for member in fleet.values():
+        assert member.twin.log.setpoints_after_safe(began_ns) == 0
+    assert {kind: outcomes[kind].rung for kind in RUNGS} == RUNGS
+
+    resume("so101")
+    assert move("so101", fleet["so101"].robot) == ""
+    assert "e-stopped" in move("koch", fleet["koch"].robot)  # each is resumed by itself

@@ -1,0 +1,179 @@
+"""E-stop, stop and resume over the mesh."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+import trio
+
+from strands_actors.mesh import control
+from strands_actors.mesh.client import Reading
+from strands_actors.rundir import Name, Note
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.zenoh_session import unix_endpoint
+from strands_actors.supervisors import mesh_json
+from strands_actors.supervisors.messages import Acquire, Lease, Release, Setpoint
+from strands_actors.testing import FakeHardware, InlineTree
+
+from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
+
+
+async def local_move(tree: InlineTree) -> str:
+    """What a writer in the robot's own program is told."""
+    lease = await tree.gate.ask(Acquire("local"), 1.0)
+    assert isinstance(lease, Lease)
+    setpoint = Setpoint(lease.id, lease.epoch, time.monotonic_ns() + 10**9, {"a": 1.0}, 0.0, True)
+    answer = await tree.gate.ask(setpoint, 1.0)
+    await tree.gate.ask(Release(lease.id), 1.0)
+    return answer.code if isinstance(answer, Refused) else ""
+
+
+def test_saf_007_an_estop_locks_mesh_and_local_writers_until_a_resume() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client:
+            events = Samples(client, mesh_json.EVENT_KEY)
+            await trio.sleep(0.05)
+            async with control(client, robot) as arm:
+                await arm.send_action({"a": 1.0})
+                (outcome,) = await client.estop("the red button", within_s=5.0)
+                assert (outcome.robot, outcome.outcome, outcome.rung) == (robot, "safe", "limp")
+                assert outcome.locked and all(motor["safe"] for motor in outcome.motors)
+                assert hardware.of("safe")[-1].rung == "limp"
+                stopped_ns = hardware.of("safe")[-1].t_ns
+                assert isinstance(await arm.send_action({"a": 2.0}), Refused)
+                refused = await arm.acquire()
+                assert refused is not None and code(refused) == "locked_out"
+                await arm.release()
+                assert await local_move(tree) == "locked_out"
+                assert hardware.of("setpoint", stopped_ns) == []
+                assert await arm.resume("the operator") is None
+                assert hardware.of("setpoint", stopped_ns) == []  # a resume restarts no motion
+                assert not isinstance(await arm.send_action({"a": 2.0}), Refused)
+            told = await events.wait(2)
+            assert {event["event"]: event["by"] for event in told} == {
+                "estop": "the red button",
+                "resume": "the operator",
+            }
+
+    run(test)
+
+
+@pytest.mark.parametrize("payload", [b"", b"stop!", b"{}", b"\xff" * 10_000, b'{"sender_id": "a/*", "turn_id": 1}'])
+def test_saf_007_any_sample_on_the_key_is_an_estop(payload: bytes) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await raw(client, robot, payload, mesh_json.ESTOP_KEY)
+            status = await tree.until("disarmed")
+            assert status.locked_by
+
+    run(test)
+
+
+def test_saf_005_what_is_not_confirmed_is_told_and_named() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client:
+            hardware.silent.add("b")
+            (outcome,) = await client.estop(within_s=5.0)
+            assert (outcome.robot, outcome.outcome) == (robot, "unconfirmed")
+            assert "b" in outcome.detail
+
+    run(test)
+
+
+def test_saf_005_a_robot_that_does_not_answer_is_unreachable() -> None:
+    async def test() -> None:
+        ghost = Name("ghost")
+        ghost.publish(Note("ghost", "fake", 0, [], [unix_endpoint(ghost.socket("mesh"))]))
+        async with robot_on_mesh() as (robot, _, _), mesh() as client:
+            began = time.monotonic()
+            outcomes = {outcome.robot: outcome.outcome for outcome in await client.estop()}
+            took_s = time.monotonic() - began
+        ghost.release()
+        assert outcomes["ghost"] == "unreachable"
+        assert outcomes[robot] == "safe"
+        assert 0.2 < took_s < 2.0  # it is waited for, and no longer than said
+
+    run(test)
+
+
+def test_an_estop_for_one_robot_leaves_the_others() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (one, tree, _), robot_on_mesh() as (_, other, _), mesh() as client:
+            (outcome,) = await client.estop(within_s=5.0, robot=one)
+            assert outcome.robot == one
+            await tree.until("disarmed")
+            assert (await other.status()).mode == "armed"
+
+    run(test)
+
+
+def test_saf_007_a_resume_names_one_robot_and_is_dated() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await client.estop(within_s=5.0)
+            clock = await client.clock(robot)
+            assert isinstance(clock, Reading)
+            answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
+            dated = {"clock": clock.name, "deadline_ns": clock.deadline(time.monotonic_ns() + 10**9)}
+            late = {"clock": clock.name, "deadline_ns": clock.deadline(time.monotonic_ns() - 10**6)}
+            for target, date in (("", dated), ("*", dated), (robot, late), (robot, {}), ("another", dated)):
+                order = {"sender_id": client.sender, "turn_id": "x", "target_id": target, **date}
+                await raw(client, robot, json.dumps(order).encode(), mesh_json.RESUME_KEY)
+            told = await answers.wait(4)
+            assert [answer["refused"]["code"] for answer in told] == ["no_target", "no_target", "expired", "clock"]
+            status = await tree.status()
+            assert (status.mode, bool(status.locked_by)) == ("disarmed", True)
+            assert not isinstance(await client.resume(robot), Refused)
+            assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_a_broadcast_can_stop_and_nothing_else() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
+            envelope = {"sender_id": client.sender, "turn_id": "x"}
+            resume = {**envelope, "command": {"action": "resume", "clock": "c", "deadline_ns": 1}}
+            await raw(client, robot, json.dumps(resume).encode(), mesh_json.BROADCAST_KEY)
+            (refused,) = await answers.wait()
+            assert refused["refused"]["code"] == "unknown_action"
+            stop = {**envelope, "command": {"action": "stop"}}
+            await raw(client, robot, json.dumps(stop).encode(), mesh_json.BROADCAST_KEY)
+            status = await tree.until("disarmed")
+            assert not status.locked_by
+            assert (await answers.wait(2))[-1]["result"]["outcome"] == "safe"
+
+    run(test)
+
+
+def test_a_flood_of_estops_leaves_a_robot_that_can_be_resumed() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            for _ in range(3000):
+                client._via[robot].put(mesh_json.ESTOP_KEY, b"", "x")
+            await tree.until("disarmed")
+            with trio.fail_after(5):  # no backlog
+                while (await tree.status()).mode != "armed":
+                    await client.resume(robot, within_s=1.0)
+
+    run(test)
+
+
+def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client:
+            gate = tree.node.cells[tree.gate.address].actor
+            gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # answers nobody
+            tree.node.cells[tree.gate.address].mailbox.capacity = 0
+            (outcome,) = await client.estop(within_s=5.0)
+            assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "second")
+            status = await until(lambda: tree.keeper.state.locked_by, "it is locked")
+            assert status
+
+    run(test)

@@ -1,0 +1,193 @@
+"""What a robot publishes, read by a plain zenoh session."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import pytest
+import trio
+import zenoh
+
+from strands_actors.rundir import notes
+from strands_actors.runtime.contract import Observation
+from strands_actors.supervisors.telemetry import RATES
+from strands_actors.testing.fake import FakeWire
+
+from .world import robot_on_mesh, run, until
+
+
+class Plain:
+    """A subscriber with no import of ours but the note that says where the robot is."""
+
+    def __init__(self) -> None:
+        (note,) = notes()
+        config = zenoh.Config()
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("connect/endpoints", json.dumps(note.mesh))
+        self.session = zenoh.open(config)
+        self._subscribers: dict[str, Any] = {}
+
+    def subscribe(self, key: str) -> None:
+        self._subscribers[key] = self.session.declare_subscriber(key, zenoh.handlers.FifoChannel(1000))
+
+    def take(self, key: str) -> list[zenoh.Sample]:
+        return list(iter(self._subscribers[key].try_recv, None))
+
+
+@pytest.fixture
+def plain() -> Iterator[list[Plain]]:
+    made: list[Plain] = []
+    yield made
+    for each in made:
+        each.session.close()
+
+
+def join(plain: list[Plain], *keys: str) -> Plain:
+    plain.append(Plain())
+    for key in keys:
+        plain[-1].subscribe(key)
+    return plain[-1]
+
+
+def more(seen: list[zenoh.Sample], samples: list[zenoh.Sample]) -> list[zenoh.Sample]:
+    """All that was seen so far."""
+    seen += samples
+    return seen
+
+
+def told(sample: zenoh.Sample) -> dict[str, Any]:
+    value: dict[str, Any] = json.loads(sample.payload.to_string())
+    return value
+
+
+def test_state_comes_ten_times_a_second_with_its_schema_number_and_time(plain: list[Plain]) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _):
+            key = f"strands/{robot}/state"
+            seen: list[zenoh.Sample] = []
+            subscriber = join(plain, key)
+            began = time.monotonic()
+            await until(lambda: len(more(seen, subscriber.take(key))) >= 8, "eight samples")
+            took_s = time.monotonic() - began
+        assert took_s > 0.6  # not more often
+        assert {str(sample.encoding) for sample in seen} == {"application/json;strands.state.v1"}
+        stamps = [json.loads(sample.attachment.to_bytes()) for sample in seen if sample.attachment]
+        numbers = [stamp["seq"] for stamp in stamps]
+        assert numbers == list(range(numbers[0], numbers[0] + len(seen)))
+        assert all(abs(stamp["time_ns"] - time.time_ns()) < 60e9 for stamp in stamps)
+        state = told(seen[-1])
+        assert state["peer_id"] == robot
+        assert (state["joints"], state["state"], state["degraded"]) == ({"a": 0.0, "b": 0.0}, "armed", False)
+        assert state["task"]["status"] == "idle"
+
+    run(test)
+
+
+def test_presence_and_health_have_the_fields_of_the_page(plain: list[Plain]) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _):
+            keys = [f"strands/{robot}/presence", f"strands/{robot}/health"]
+            subscriber = join(plain, *keys)
+            seen: dict[str, list[zenoh.Sample]] = {key: [] for key in keys}
+
+            def look() -> bool:
+                for key in keys:
+                    seen[key] += subscriber.take(key)
+                return all(seen.values())
+
+            await until(look, "presence and health")
+        presence, health = (told(seen[key][0]) for key in keys)
+        assert (presence["robot_id"], presence["robot_type"], presence["connected"]) == (robot, "robot", True)
+        assert presence["action_keys"] == ["a", "b"]
+        assert abs(presence["timestamp"] - time.time()) < 60
+        assert (health["peer_id"], health["ok"], health["faults"]) == (robot, True, {})
+
+    run(test)
+
+
+def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeypatch: pytest.MonkeyPatch) -> None:
+    read = FakeWire._observe
+
+    def with_imu(wire: FakeWire) -> Observation:
+        return msgspec.structs.replace(
+            read(wire), sensors={"imu_gyro_rad_s": (0.1, 0.2, float("nan")), "load_pct": (3.0,)}
+        )
+
+    monkeypatch.setattr(FakeWire, "_observe", with_imu)
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _):
+            sensors = [f"strands/{robot}/{rate.topic}" for rate in RATES if rate.sensors]
+            state, imu = f"strands/{robot}/state", f"strands/{robot}/imu"
+            subscriber = join(plain, state, *sensors)
+            seen: list[zenoh.Sample] = []
+            await until(lambda: len(more(seen, subscriber.take(imu))) >= 3, "three of the imu")
+            assert subscriber.take(state)
+            assert not any(subscriber.take(key) for key in sensors if key != imu)
+        assert {key: value for key, value in told(seen[0]).items() if key != "t"} == {
+            "peer_id": robot,
+            "gyro_rad_s": [0.1, 0.2, None],
+        }
+        assert str(seen[0].encoding) == "application/json;strands.imu.v1"
+
+    run(test)
+
+
+def test_a_robot_is_found_by_its_token_and_missed_without(plain: list[Plain]) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, place):
+            alive: dict[str, bool] = {}
+
+            def on_change(sample: zenoh.Sample) -> None:
+                alive[str(sample.key_expr)] = sample.kind == zenoh.SampleKind.PUT
+
+            subscriber = join(plain)
+            watch = subscriber.session.liveliness().declare_subscriber(
+                "strands/*/alive", zenoh.handlers.Callback(on_change, indirect=False), history=True
+            )
+            await until(lambda: alive == {f"strands/{robot}/alive": True}, "the token is there")
+            place.close()
+            await until(lambda: alive == {f"strands/{robot}/alive": False}, "the token is gone")
+            del watch
+
+    run(test)
+
+
+def test_nothing_is_asked_of_the_wire_for_nobody(plain: list[Plain]) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _):
+            asked = 0
+            gate = tree.node.cells[tree.gate.address].actor
+            status = gate._status  # type: ignore[attr-defined]
+
+            def counted() -> Any:
+                nonlocal asked
+                asked += 1
+                return status()
+
+            gate._status = counted  # type: ignore[attr-defined]
+            await trio.sleep(1.0)
+            assert asked <= 1  # every two seconds it is looked which sensors there are
+            join(plain, f"strands/{robot}/state")
+            await until(lambda: asked > 5, "now it is asked")
+
+    run(test)
+
+
+def test_who_subscribes_to_everything_sees_no_message_between_actors(plain: list[Plain]) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _):
+            subscriber = join(plain, "strands/**")
+            seen: list[zenoh.Sample] = []
+            await until(lambda: len(more(seen, subscriber.take("strands/**"))) > 15, "telemetry")
+            assert {str(sample.key_expr).removeprefix(f"strands/{robot}/") for sample in seen} <= {
+                "state",
+                "presence",
+                "health",
+            }
+
+    run(test)
