@@ -198,6 +198,10 @@ class Drill:
             problem = f"confirmed after {confirmed_ms:.0f} ms, later than {limit_ms:.0f} ms"
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
         rung = self._driver.ladder[reason]
+        if report.rung != rung:
+            return self._failed(
+                step, reason, bound_s, f"brought to {report.rung}, declared is {rung}", confirmed_ms
+            )
         await trio.sleep(SETTLE_S)
         if not self._driver.energised(rung) and (problem := await self._moves()):
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
