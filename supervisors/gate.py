@@ -48,6 +48,8 @@ from .messages import (
 
 _LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
+_STOP_AGAIN_NS = round(0.5 * NS)
+"""At least so long after a stop that could not be confirmed."""
 
 
 class _Held(msgspec.Struct):
@@ -63,16 +65,19 @@ class _Held(msgspec.Struct):
     def owner(self) -> _Held:
         return self.under or self
 
-    def beat(self, until_ns: int, answers: bool) -> None:
+    def beat(self, until_ns: int, answered_ago_s: float = 0.0) -> None:
         self.expires_ns = until_ns
-        if answers:
-            self.latches_until_ns = until_ns
+        if answered_ago_s >= 0.0:
+            self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
 
 
 class Gate(Actor):
-    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had."""
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
+    what led there."""
 
-    def __init__(self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State) -> None:
+    def __init__(
+        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State, cause: str = ""
+    ) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start
@@ -84,10 +89,11 @@ class Gate(Actor):
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
         self._resumes: list[Deferred] = []
-        self._cause = ""
+        self._cause = cause
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
+        self._last_stop_ns = 0
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -121,8 +127,7 @@ class Gate(Actor):
             case Probe():
                 self._probe(message)
             case Observed():
-                self._observation = message.observation
-                self._writes, self._reads = message.writes, message.reads
+                self._observed(message)
             case Stop():
                 return self._stop(message)
             case Resume():
@@ -178,7 +183,7 @@ class Gate(Actor):
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
         if self._lease is not None:
-            self._lease.beat(now_ns + _LEASE_TTL_NS, answers=True)
+            self._lease.beat(now_ns + _LEASE_TTL_NS)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -251,7 +256,7 @@ class Gate(Actor):
         held = self._lease
         while held is not None:
             if held.id == message.lease:
-                held.beat(until_ns, message.answers)
+                held.beat(until_ns, message.answered_ago_s)
             held = held.under
 
     def _release(self, lease: int) -> Deferred | None:
@@ -319,8 +324,22 @@ class Gate(Actor):
         self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
         return True
 
+    def _observed(self, message: Observed) -> None:
+        self._observation = message.observation
+        self._writes, self._reads = message.writes, message.reads
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+            self._stop_again(self._last_stop, message.observation)
+
+    def _stop_again(self, report: StopReport, observation: Observation) -> None:
+        """A motor that could not be confirmed safe is made so as soon as it is heard again."""
+        stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
+        heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
+            self._trip(report.reason, self._cause)
+
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
+        self._last_stop_ns = self.context.clock.now_ns()
         for epoch, stop in self._stops:
             if epoch <= report.epoch:
                 stop.send(report)
@@ -371,7 +390,7 @@ class Gate(Actor):
         self._facts = dict(message.facts)
         self._connect_error = ""
         self._observation = message.observation
-        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, "the link was lost")
+        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, self._cause or "the link was lost")
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why

@@ -18,6 +18,8 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Reason, Timing
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Ref
+from strands_actors.runtime.processor import Standing
+from strands_actors.runtime.silence import Silence
 
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
@@ -25,10 +27,7 @@ TICK_S = 0.01
 BEAT_EVERY = 2
 """Ticks per beat to the root."""
 BEAT_TTL_S = 0.1
-"""Without a beat for this long, the other process counts as frozen."""
-BEAT_TTL_TICKS = 6
-"""...but only after this many ticks of our own without one: when the whole machine paused, everybody was
-late, and nobody is frozen."""
+"""Without a beat for this long, the other process counts as frozen (see ``runtime/silence.py``)."""
 
 
 class Tick(Message, frozen=True):
@@ -38,10 +37,17 @@ class Tick(Message, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has."""
+    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has. ``root``
+    tells how the root process stands with the processor."""
 
     def __init__(
-        self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[bool], None]
+        self,
+        timing: Timing,
+        gate: str,
+        transport: str,
+        guardian: str,
+        orphaned: Callable[[bool], None],
+        root: Callable[[], Standing | None] = lambda: None,
     ) -> None:
         self._addresses = gate, transport, guardian
         self._cycle_ns = round(NS / timing.control_hz)
@@ -54,8 +60,7 @@ class Watchdog(Actor):
         self._answers_ns = [0, 0]  # when gate and transport were last heard
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
-        self._root_heard_ns = 0  # 0: no root has been heard yet, none can be lost
-        self._root_quiet_ticks = 0
+        self._root = Silence(BEAT_TTL_S, root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -77,8 +82,7 @@ class Watchdog(Actor):
                 self._busy_until_ns = message.busy_until_ns
                 self._answers_ns[1] = self.context.clock.now_ns()
             case RootBeat():
-                self._root_heard_ns = self.context.clock.now_ns()
-                self._root_quiet_ticks = 0
+                self._root.heard(self.context.clock.now_ns())
             case RootGone():
                 self._lose_root("the root process ended")
             case StopReport():
@@ -87,10 +91,8 @@ class Watchdog(Actor):
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
-        if self._root_heard_ns and not self._root_lost:
-            self._root_quiet_ticks += 1
-            if now_ns - self._root_heard_ns > BEAT_TTL_S * NS and self._root_quiet_ticks >= BEAT_TTL_TICKS:
-                self._lose_root("the root process stopped answering")
+        if not self._root_lost and self._root.tick(now_ns):
+            self._lose_root("the root process stopped answering")
 
     def _gate_alive(self, alive: Alive) -> None:
         now_ns = self.context.clock.now_ns()

@@ -17,8 +17,9 @@ from ..factory import Plan, plan
 from ..robot import open_robot
 from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
+from ..runtime.node import AskTimeout, Unreachable
 from ..testing.twin import Twin
-from ..tree import RobotTree
+from ..tree import NotConnected, RobotTree
 from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed
 
@@ -80,7 +81,7 @@ async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
     name = step.__name__.replace("_", " ")
     try:
         return await step()
-    except* Failed as failures:
+    except* (Failed, NotConnected, AskTimeout, Unreachable) as failures:
         why = "; ".join(str(failure) for failure in failures.exceptions)
     return Figure(name, False, driver.ladder[Reason.STOP], None, None, driver.bound_s * 1e3, None, why)
 

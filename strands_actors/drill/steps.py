@@ -25,7 +25,7 @@ from ..supervisors.transport import BACKOFF_S, SAFE_DEADLINE_S
 from ..supervisors.watchdog import BEAT_TTL_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
-from ..tree import RobotTree
+from ..tree import NotConnected, RobotTree
 from .certificate import Figure
 
 PROVIDER = "strands_actors.drill.policy:Still"
@@ -161,9 +161,15 @@ class Drill:
 
     async def _resume(self) -> Resumed | Refused:
         """A wire that was just started again may need a moment."""
-        answer: Resumed | Refused = Refused("no_answer", "no answer")
+        answer: Resumed | Refused = Refused("no_answer", f"no answer within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
-            while not isinstance(answer := await self._tree.resume(), Resumed):  # noqa: ASYNC110  # remote
+            while True:
+                try:
+                    answer = await self._tree.resume()
+                except NotConnected as why:
+                    answer = Refused("not_connected", str(why))
+                if isinstance(answer, Resumed):
+                    break
                 await trio.sleep(0.1)
         return answer
 
