@@ -51,6 +51,7 @@ async def run_drill(
     """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails takes the
     certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or ``Failed`` when there is
     nothing to drill."""
+    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
     with _behind(robot, port) as (twin, address):
         wanted = plan(robot, "real", port=address, **options)
         config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
