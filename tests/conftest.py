@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ["strands_actors.pytest_plugin"]  # as if the package were installed with its entry point
+
 # Whoever runs the tests in the background may have had these ignored, and the processes under test with them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -92,10 +92,9 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
 
     console = Console()
     table = Table(box=box.SIMPLE_HEAD)
-    for title in ("step", "rung", "safe", "bound", "confirmed", "setpoints after", "verdict"):
-        table.add_column(
-            title, justify="right" if title in ("safe", "bound", "confirmed", "setpoints after") else "left"
-        )
+    for title in ("step", "rung", "safe", "bound", "confirmed", "setpoints after"):
+        table.add_column(title, justify="left" if title in ("step", "rung") else "right", no_wrap=True)
+    table.add_column("verdict")
     for figure in outcome.figures:
         table.add_row(
             figure.step,

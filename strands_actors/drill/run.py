@@ -17,8 +17,9 @@ from ..async_robot import open_tree
 from ..factory import Plan, plan
 from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
+from ..runtime.node import AskTimeout, Unreachable
 from ..testing.twin import Twin
-from ..tree import RobotTree
+from ..tree import NotConnected, RobotTree
 from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed
 
@@ -50,6 +51,7 @@ async def run_drill(
     """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails takes the
     certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or ``Failed`` when there is
     nothing to drill."""
+    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
     with _behind(robot, port) as (twin, address):
         wanted = plan(robot, "real", port=address, **options)
         config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
@@ -80,7 +82,7 @@ async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
     name = step.__name__.replace("_", " ")
     try:
         return await step()
-    except* Failed as failures:
+    except* (Failed, NotConnected, AskTimeout, Unreachable) as failures:
         why = "; ".join(str(failure) for failure in failures.exceptions)
     return Figure(name, False, driver.ladder[Reason.STOP], None, None, driver.bound_s * 1e3, None, why)
 

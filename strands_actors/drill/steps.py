@@ -24,7 +24,7 @@ from ..supervisors.messages import Resumed, StopReport
 from ..supervisors.transport import BACKOFF_S, SAFE_DEADLINE_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
-from ..tree import RobotTree
+from ..tree import NotConnected, RobotTree
 from .certificate import Figure
 
 PROVIDER = "strands_actors.drill.policy:Still"
@@ -160,9 +160,15 @@ class Drill:
 
     async def _resume(self) -> Resumed | Refused:
         """A wire that was just started again may need a moment."""
-        answer: Resumed | Refused = Refused("no_answer", "no answer")
+        answer: Resumed | Refused = Refused("no_answer", f"no answer within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
-            while not isinstance(answer := await self._tree.resume(), Resumed):  # noqa: ASYNC110  # remote
+            while True:
+                try:
+                    answer = await self._tree.resume()
+                except NotConnected as why:
+                    answer = Refused("not_connected", str(why))
+                if isinstance(answer, Resumed):
+                    break
                 await trio.sleep(0.1)
         return answer
 
@@ -197,6 +203,10 @@ class Drill:
             problem = f"confirmed after {confirmed_ms:.0f} ms, later than {limit_ms:.0f} ms"
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
         rung = self._driver.ladder[reason]
+        if report.rung != rung:
+            return self._failed(
+                step, reason, bound_s, f"brought to {report.rung}, declared is {rung}", confirmed_ms
+            )
         await trio.sleep(SETTLE_S)
         if not self._driver.energised(rung) and (problem := await self._moves()):
             return self._failed(step, reason, bound_s, problem, confirmed_ms)

@@ -74,8 +74,9 @@ def _motion(cell: Cell, driver: Driver) -> str:
     return "loop" if cell.victim in (Victims.CALLER, Victims.TWIN) or driver.ROLLOUTS else "task"
 
 
-def run_cell(cell: Cell, bench: Bench) -> Outcome:
-    """Move the robot, break the victim, read the log. Raise ``NotMoving`` when it cannot be made to move."""
+def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
+    """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise ``NotMoving``
+    when it cannot be made to move."""
     motion = _motion(cell, bench.driver)
     for attempt in range(STARTS):
         try:
@@ -87,8 +88,8 @@ def run_cell(cell: Cell, bench: Bench) -> Outcome:
         break
     try:
         if cell.victim is Victims.TWIN:
-            return trio.run(_break_robot, bench, caller, cell)
-        return trio.run(_break_process, bench, caller, cell)
+            return trio.run(_break_robot, bench, caller, cell, settle_s)
+        return trio.run(_break_process, bench, caller, cell, settle_s)
     finally:
         if cell.victim is Victims.CALLER:
             bench.drop()
@@ -97,7 +98,7 @@ def run_cell(cell: Cell, bench: Bench) -> Outcome:
 # -- a process of the tree
 
 
-async def _break_process(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
+async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
     pid = caller.pid(cell.victim)
     died_ns: list[int] = []
 
@@ -110,12 +111,12 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
         await trio.lowlevel.checkpoint()
         began_ns = await _inflict(caller, cell, pid)
         await _until_safe(bench.log, began_ns)
-        await trio.sleep(SETTLE_S)
+        await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
             # A frozen process that is let go again must not write: it was fenced, or has no way to.
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
-            await trio.sleep(SETTLE_S)
+            await trio.sleep(settle_s)
         nursery.cancel_scope.cancel()
     ended_by_itself = cell.victim is Victims.CALLER and cell.fault not in LIVING and died_ns
     since_ns = died_ns[0] if ended_by_itself else began_ns
@@ -165,7 +166,7 @@ async def _ask_to_break(caller: Caller, cell: Cell) -> int:
 # -- the robot's end of the wire
 
 
-async def _break_robot(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
+async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
     if cell.returns:
         since_ns = await trio.to_thread.run_sync(_go_away, bench, cell.fault)
         confirmed = True
@@ -175,7 +176,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell) -> Outcome:
         told = await trio.to_thread.run_sync(caller.line)
         since_ns, confirmed = told["at_ns"], told["confirmed"] or cell.fault not in CONFIRMED
     await _until_safe(bench.log, since_ns)
-    await trio.sleep(SETTLE_S)
+    await trio.sleep(settle_s)
     bench.twin.fault("ok")
     outcome = _read(bench.log, bench.driver, cell, since_ns, since_ns)
     if not confirmed:

@@ -15,6 +15,7 @@ The pure checks take no time. Those with a twin start processes, a second or two
 
 from __future__ import annotations
 
+import atexit
 import json
 import math
 import os
@@ -23,6 +24,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -129,29 +131,45 @@ def conformance(
         Check("refuses an empty action", subject.empty, ("SAF-014",)),
         Check("refuses when nothing was read for long", subject.stale, ("SAF-012", "SAF-014")),
     ]
+    cells = [cell for cell in cells_of(subject.driver) if (cell.victim, cell.fault) in CELLS and not cell.why_not]
     if twin:
+        bench = _SharedBench(subject, far, len(cells))
         checks.append(
             Check("the twin serves, the robot moves, stops and resumes", subject.lives, ("SAF-005", "SAF-011"))
         )
-        checks += [
-            Check(f"kill cell {cell}", _cell(subject, cell, far), cell.proves)
-            for cell in cells_of(subject.driver)
-            if (cell.victim, cell.fault) in CELLS and not cell.why_not
-        ]
+        checks += [Check(f"kill cell {cell}", partial(bench.check, cell), cell.proves) for cell in cells]
     return checks
 
 
-def _cell(subject: _Subject, cell: Cell, far: float | None) -> Callable[[], str]:
-    def run() -> str:
-        with Bench(subject.robot, subject.cls, far) as bench:
-            outcome = run_cell(cell, bench)
+class _SharedBench:
+    """One bench for the kill cells of a driver: opened by the first, closed by the last, or with the process."""
+
+    def __init__(self, subject: _Subject, far: float | None, users: int) -> None:
+        self._new = partial(Bench, subject.robot, subject.cls, far)
+        self._users = users
+        self._bench: Bench | None = None
+
+    def check(self, cell: Cell) -> str:
+        if self._bench is None:
+            self._bench = self._new().__enter__()
+            atexit.register(self._close)
+        try:
+            outcome = run_cell(cell, self._bench)
+        finally:
+            self._users -= 1
+            if self._users <= 0:
+                self._close()
         assert outcome.all_motors, f"no frame that brings all motors to {outcome.rung}"
         assert outcome.setpoints_after == 0, f"{outcome.setpoints_after} setpoints after the safe frame"
         limit_ms = outcome.bound_ms + SLACK_MS
         assert outcome.safe_ms <= limit_ms, f"safe after {outcome.safe_ms:.0f} ms, bound {outcome.bound_ms:.0f} ms"
         return f"{outcome.rung} after {outcome.safe_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms), 0 setpoints after"
 
-    return run
+    def _close(self) -> None:
+        bench, self._bench = self._bench, None
+        if bench is not None:
+            atexit.unregister(self._close)
+            bench.__exit__(None, None, None)
 
 
 class _Subject:

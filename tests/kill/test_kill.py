@@ -1,5 +1,5 @@
-"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: any one process, or the robot itself, breaks in any
-way, and the wire shows the safe state. The short form of the kill matrix: each cell once.
+"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: any one process, or the robot itself, breaks in
+any way, and the wire shows the safe state. The short form of the kill matrix: each cell once.
 
 Real processes, real wires. The bounds here leave room for a busy machine; the published ones are held by
 ``strands-actors matrix --repeats 50``.
@@ -15,12 +15,13 @@ from strands_actors.testing import Bench, Cell, Faults, Victims, cells_of, run_c
 from strands_actors.testing.bench import driver_of
 
 SLACK_MS = 400.0
+SETTLE_S = 0.2
 HARDEST = (Faults.KILL, Faults.FREEZE)
 ROBOTS = {
     "so101": tuple(Faults),
-    "robotiq_2f85": (*HARDEST, Faults.EXCEPTION, Faults.LINK_LOSS, Faults.LATE_REPLY),
-    "koch": HARDEST,
-    "ur5e": (Faults.KILL, Faults.LATE_REPLY),
+    "robotiq_2f85": (*HARDEST, Faults.LINK_LOSS, Faults.LATE_REPLY),
+    "koch": (Faults.KILL,),
+    "ur5e": (Faults.KILL,),
 }
 """One of each wire, every fault on one; on the others those in which they differ."""
 
@@ -47,7 +48,7 @@ def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches
         for other in list(benches):
             benches.pop(other).__exit__(None, None, None)
         benches[robot] = Bench(robot).__enter__()
-    outcome = run_cell(cell, benches[robot])
+    outcome = run_cell(cell, benches[robot], SETTLE_S)
     assert outcome.all_motors, f"no {outcome.rung} frame for all motors"
     assert outcome.setpoints_after == 0
     assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS

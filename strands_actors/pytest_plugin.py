@@ -24,13 +24,22 @@ if TYPE_CHECKING:
     from strands_actors.testing import Twin
 
 
+@pytest.fixture(scope="session")
+def strands_run_dirs() -> Iterator[list[Path]]:
+    """Removed at the end of the session: the handle's loop lives as long as the process, its socket with it."""
+    made: list[Path] = []
+    yield made
+    for path in made:
+        shutil.rmtree(path, ignore_errors=True)
+
+
 @pytest.fixture
-def strands_run_dir(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     """Short, as a socket's path must be."""
     path = Path(tempfile.mkdtemp(prefix="sa-"))
+    strands_run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
-    yield path
-    shutil.rmtree(path, ignore_errors=True)
+    return path
 
 
 @pytest.fixture

@@ -1,0 +1,174 @@
+"""The drill passes on a twin, fails on wiring that was changed, and a robot can require it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+import strands_actors
+from strands_actors import Robot
+from strands_actors.drill.certificate import (
+    TWIN,
+    Certificate,
+    clause,
+    config_of,
+    find,
+    keep,
+    parse_age_s,
+    path_of,
+)
+from strands_actors.factory import plan
+from tests.cli.command import Command
+
+STEPS = {
+    "so101": ["stop", "policy kill", "wire kill", "root freeze", "link loss"],
+    "robotiq_2f85": ["stop", "wire kill", "root freeze", "link loss"],
+}
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Command) -> Path:
+    """Where this test's certificates lie."""
+    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(tmp_path / "data"))
+    cli.environment["STRANDS_ACTORS_DATA"] = str(tmp_path / "data")
+    return tmp_path / "data"
+
+
+def config(robot: str = "so101") -> str:
+    wanted = plan(robot, "real", transport="twin")
+    return config_of(wanted.driver_class, wanted.robot, TWIN, wanted.options)
+
+
+def certificate(age: timedelta = timedelta()) -> Certificate:
+    date = (datetime.now(UTC) - age).isoformat(timespec="seconds")
+    return Certificate("so101", "a:B", TWIN, config(), date, {}, [])
+
+
+# -- the drill
+
+
+@pytest.mark.parametrize("robot", STEPS)
+def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robot: str, data: Path) -> None:
+    done = cli.json("drill", robot, "--twin")
+    assert done["passed"] is True
+    assert [figure["step"] for figure in done["figures"]] == STEPS[robot]
+    for figure in done["figures"]:
+        assert figure["passed"], figure
+        assert figure["setpoints_after"] == 0
+        assert 0 <= figure["safe_ms"] <= figure["bound_ms"]
+        assert figure["confirmed_ms"] > 0
+    kept = msgspec.json.decode(Path(done["certificate"]).read_bytes(), type=Certificate)
+    assert Path(done["certificate"]).parent == data / "drills"
+    assert (kept.robot, kept.port, kept.config) == (robot, TWIN, config(robot))
+    assert set(kept.versions) == {"strands-actors", "python", "system"}
+    assert len(kept.figures) == len(STEPS[robot])
+    assert find(robot, config(robot)) == kept
+
+
+def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:
+    """The example of docs/safety.md: the root's own path takes the rung of a late writer."""
+    package = Path(strands_actors.__file__).parent
+    copy = tmp_path / "changed"
+    shutil.copytree(package, copy / "strands_actors", ignore=shutil.ignore_patterns("__pycache__"))
+    guardian = copy / "strands_actors" / "supervisors" / "guardian.py"
+    line = "rung = self._driver.ladder[Reason.WIRE]"
+    assert guardian.read_text().count(line) == 1
+    guardian.write_text(guardian.read_text().replace(line, "rung = self._driver.ladder[Reason.EXPIRED]"))
+    cli.environment["PYTHONPATH"] = str(copy)
+    done = cli.run("drill", "so101", "--twin", "--json", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    told = json.loads(done.stdout)
+    assert told["certificate"] is None
+    failed = {figure["step"]: figure["detail"] for figure in told["figures"] if not figure["passed"]}
+    assert failed == {"wire kill": "brought to hold, declared is limp"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["so101"], "--twin"),
+        (["so101", "--twin", "--port", "x"], "--twin"),
+        (["so999", "--twin"], "so999"),
+        (["so101", "--port", "/dev/null"], "--yes"),
+        (["so101", "--port", "/dev/null", "--yes", "--option", "speed"], "KEY=VALUE"),
+        (["so101", "--port", "/dev/null", "--yes"], "/dev/null"),
+    ],
+)
+def test_what_cannot_be_drilled_is_one_line(cli: Command, arguments: list[str], named: str) -> None:
+    done = cli.run("drill", *arguments)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("strands-actors: ")
+    assert named in done.stderr
+
+
+# -- required
+
+
+def move(robot: Any) -> dict[str, Any]:
+    answer: dict[str, Any] = robot.send_action({"shoulder_pan": 3.0})
+    return answer
+
+
+def test_no_motion_without_a_certificate_whoever_writes(run_dir: Path) -> None:
+    with Robot("so101", mode="real", transport="twin", require_drill="30d") as robot:
+        answer = move(robot)
+        assert answer["content"][1]["json"]["refused"]["code"] == "no_drill"
+        text = answer["content"][0]["text"]
+        assert "run `strands-actors drill so101 --twin`" in text
+        started = robot.start_task("wave", policy_provider="sine")
+        deadline_s = time.monotonic() + 20.0
+        while (task := robot.get_task_status()["content"][0]["json"])["running"]:
+            assert time.monotonic() < deadline_s, started
+            time.sleep(0.02)
+        assert task["refusal"] == "no_drill"
+        assert task["steps"] == 0
+        keep(certificate())
+    with Robot("so101", mode="real", transport="twin", require_drill="30d") as robot:
+        assert move(robot)["status"] == "success"
+
+
+def test_an_old_one_and_one_of_another_configuration_count_as_none(data: Path) -> None:
+    wanted = plan("so101", "real", transport="twin")
+    asked = (wanted.driver_class, "so101", TWIN, wanted.options, parse_age_s("30d"))
+    assert clause(*asked)["until_ns"] == 0
+    keep(certificate(timedelta(days=31)))
+    assert clause(*asked)["until_ns"] == 0
+    assert "older than 30 days" in clause(*asked)["reason"]
+    keep(certificate(timedelta(days=29)))
+    left_s = (clause(*asked)["until_ns"] - time.monotonic_ns()) / 1e9
+    assert left_s == pytest.approx(86400.0, abs=60.0)
+    assert clause(wanted.driver_class, "so101", "/dev/ttyACM0", wanted.options, 1e9)["until_ns"] == 0
+    path_of("so101", config()).write_text("{")
+    assert clause(*asked)["until_ns"] == 0
+
+
+def test_the_configuration_is_the_robot_its_port_its_options_and_the_code(tmp_path: Path) -> None:
+    wanted = plan("so101", "real", transport="twin")
+    options = wanted.options
+    same = config_of(wanted.driver_class, "so101", TWIN, dict(options))
+    assert same == config()
+    assert config_of(wanted.driver_class, "so101", "/dev/ttyACM0", options) != same
+    assert config_of(wanted.driver_class, "so100", TWIN, options) != same
+    assert config_of(wanted.driver_class, "so101", TWIN, {**options, "baud": 500_000}) != same
+    assert os.environ["STRANDS_ACTORS_DATA"] == str(tmp_path / "data")
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("30d", 2_592_000.0), ("12h", 43_200.0), ("90m", 5_400.0), ("2w", 1_209_600.0)]
+)
+def test_ages(text: str, seconds: float) -> None:
+    assert parse_age_s(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["30", "d", "0d", "-1d", "1.5d", "thirty days", ""])
+def test_what_is_no_age_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="require_drill"):
+        Robot("so101", mode="real", transport="twin", require_drill=text)
