@@ -1,8 +1,9 @@
 """The script of a caller that drives a twin, and then ends the way it is told on standard input.
 
 ``python -m strands_actors.testing.caller ROBOT loop FAR`` moves the robot's first joint itself at 50 Hz, up to
-``FAR`` units away; ``ROBOT task FAR TRIGGER`` has a policy process do so. It prints one JSON line when the robot
-moves, then obeys: exception, exit or spin.
+``FAR`` units away; ``ROBOT rollout FAR`` by a policy of this process, at the robot's own rate; ``ROBOT task FAR
+TRIGGER`` has a policy process do so. It prints one JSON line when the robot moves, then obeys: exception, exit or
+spin.
 """
 
 from __future__ import annotations
@@ -35,9 +36,15 @@ def main(robot: str, motion: str, far: str, trigger: str = "") -> None:
             time.sleep(0.01)
     joint, here = next(iter(arm.get_observation().items()))
     began_s, told = time.monotonic(), False
+
+    def wave(_: object) -> dict[str, float]:
+        return {joint: here + float(far) * (1.0 - math.cos(time.monotonic() - began_s)) / 2}
+
+    if motion == "rollout":
+        arm.run_policy(wave, duration=60.0)
     while True:
         if motion == "loop":
-            arm.send_action({joint: here + float(far) * (1.0 - math.cos(time.monotonic() - began_s)) / 2})
+            arm.send_action(wave(None))
         if not told and time.monotonic() - began_s > 0.2:
             told = True
             print(json.dumps(arm.tree()), flush=True)

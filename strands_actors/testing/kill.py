@@ -87,7 +87,8 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
         return driver.bound_s
     timing = driver.timing
     beat_ttl_s = timing.beat_ttl_s
-    lapses_s = {"caller": LEASE_TTL_S, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
+    caller_s = timing.oneshot_ttl_s or LEASE_TTL_S  # what it latched stands as long as its lease
+    lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
     return lapses_s[victim] + driver.bound_s
 
 
@@ -118,6 +119,8 @@ async def run_cell(victim: str, fault: str, robot: str = "so101") -> Outcome:
 async def _run_cell(victim: str, fault: str, robot: str) -> Outcome:
     driver = driver_of(robot)
     motion = "loop" if victim == "caller" or driver.ROLLOUTS else "task"
+    if driver.TASKS:
+        motion = "rollout"
     far = "10" if "degrees" in driver.unit else "0.1"
     with (
         tempfile.TemporaryDirectory(prefix="sa-") as directory,
