@@ -70,16 +70,17 @@ class Engine:
         data: ParticipantData,
         announce_to: Sequence[Address],
         send: Send,
-        on_match: Callable[[], None] = lambda: None,
+        on_match: Callable[[], object] = lambda: None,
     ) -> None:
         """``announce_to``: where strangers may be: the multicast group, the ports of configured peers.
-        ``on_match``: something has been matched or unmatched."""
+        ``on_match``: what is matched may have changed. Called often."""
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
         self._host = data.discovery[0][0]
         self._announce_to = tuple(announce_to)
         self._network = send
+        self._on_match = on_match
         self._peers: dict[bytes, _Peer] = {}
         self._matching = Matching(self._locate, on_match)
         self._reassembly = Reassembly()
@@ -103,6 +104,7 @@ class Engine:
         """Raise ``ValueError`` beyond ``MAX_ENTITIES``."""
         data = self._endpoint(writer_id, topic, type_name, reliable, transient_local)
         writer = Writer(data, self._send, depth)
+        writer.is_known_to = _acknowledging(self._publications, PUBLICATIONS_READER)
         self._matching.add_writer(writer)
         self._publications.write(discovery.encode_endpoint(data))
         return writer
@@ -118,6 +120,7 @@ class Engine:
 
         data = self._endpoint(reader_id, topic, type_name, reliable, transient_local)
         reader = Reader(data, self._send, deliver)
+        reader.is_known_to = _acknowledging(self._subscriptions, SUBSCRIPTIONS_READER)
         self._matching.add_reader(reader)
         self._subscriptions.write(discovery.encode_endpoint(data))
         return reader
@@ -165,6 +168,7 @@ class Engine:
             elif isinstance(part, messages.AckNack):
                 if writer := matching.writers.get(part.writer):
                     writer.on_acknack(part)
+                    self._on_match()  # who acknowledges us knows of us
             elif isinstance(part, Fragment):
                 self._on_fragment(part, now_ns)
             else:
@@ -173,6 +177,7 @@ class Engine:
                         continue
                     if isinstance(part, Heartbeat):
                         reader.on_heartbeat(part)
+                        self._on_match()
                     else:
                         reader.on_gap(part)
 
@@ -320,6 +325,12 @@ class Engine:
             return True
         self.counters.unsent += 1
         return False
+
+
+def _acknowledging(announcements: Writer, reader: bytes) -> Callable[[bytes], bool]:
+    """Whether a participant has acknowledged the announcement that is made next."""
+    number = announcements.sequence + 1
+    return lambda prefix: announcements.acknowledged_by(prefix + reader) >= number
 
 
 def _builtin(prefix: bytes, entity: bytes) -> EndpointData:

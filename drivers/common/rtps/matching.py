@@ -21,7 +21,7 @@ Locate = Callable[[EndpointData], Address | None]
 
 
 class Matching:
-    def __init__(self, locate: Locate, changed: Callable[[], None]) -> None:
+    def __init__(self, locate: Locate, changed: Callable[[], object]) -> None:
         """``changed`` is told whenever something has been matched or unmatched."""
         self.writers: dict[bytes, Writer] = {}  # ours, by entity id
         self.readers: dict[bytes, Reader] = {}

@@ -72,13 +72,13 @@ class Participant:
         self._clock = clock or MonotonicClock()
         self._buffer = bytearray(_DATAGRAM)
         self._view = memoryview(self._buffer).toreadonly()
-        self._changed = trio.Event()
+        self._changed = trio.lowlevel.ParkingLot()
         self._sockets = _open(domain, address, multicast)
         self._out = self._sockets[0]
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
-        self._engine = Engine(data, asked, self._send, self._on_match)
+        self._engine = Engine(data, asked, self._send, self._changed.unpark_all)
         self._engine.tick(self._clock.now_ns())
 
     @property
@@ -128,7 +128,7 @@ class Participant:
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
         """Until each of them has ``n`` counterparts. The caller sets the deadline."""
         while any(endpoint.matched < n for endpoint in endpoints):
-            await self._changed.wait()
+            await self._changed.park()
 
     # -- serving
 
@@ -194,10 +194,6 @@ class Participant:
             self.trouble = f"{address[0]}:{address[1]}: {error.strerror or error}"
             return False
         return True
-
-    def _on_match(self) -> None:
-        changed, self._changed = self._changed, trio.Event()
-        changed.set()
 
 
 @asynccontextmanager

@@ -52,6 +52,8 @@ class Reader:
     def __init__(self, data: EndpointData, send: Send, deliver: Deliver) -> None:
         self.data = data
         self.mismatch = ""  # why the last writer of this topic did not fit
+        self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
+        """Whether a participant has acknowledged that we exist."""
         self.lost = 0  # samples that a writer has sent and that never came
         self.entity = data.guid[PREFIX_SIZE:]
         self._deliver = deliver
@@ -63,7 +65,11 @@ class Reader:
 
     @property
     def matched(self) -> int:
-        return len(self._writers)
+        """Writers that fit and know of us: we hear what they write from now on."""
+        return sum(
+            self.is_known_to(writer.prefix) and (writer.serial is not None or not self._reliable)
+            for writer in self._writers.values()
+        )
 
     # -- whom it hears
 

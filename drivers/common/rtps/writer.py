@@ -8,7 +8,7 @@ A reader that came late gets old samples only if both sides are transient-local.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from . import messages
 from .discovery import VOLATILE, EndpointData
@@ -37,6 +37,8 @@ class Writer:
         """``depth``: samples kept, None for all (then the caller bounds them); unused for best effort."""
         self.data = data
         self.mismatch = ""  # why the last reader of this topic did not fit
+        self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
+        """Whether a participant has acknowledged that we exist."""
         self._send = send
         self._prefix = data.guid[:PREFIX_SIZE]
         self._entity = data.guid[PREFIX_SIZE:]
@@ -51,7 +53,16 @@ class Writer:
 
     @property
     def matched(self) -> int:
-        return len(self._readers)
+        """Readers that fit and know of us: they hear what is written from now on."""
+        return sum(
+            self.is_known_to(reader.prefix) and (reader.serial is not None or not reader.reliable)
+            for reader in self._readers.values()
+        )
+
+    def acknowledged_by(self, guid: bytes) -> int:
+        """The sample up to which this reader has everything; 0 when it is no reader of ours."""
+        reader = self._readers.get(guid)
+        return 0 if reader is None else reader.acknowledged
 
     @property
     def unacknowledged(self) -> int:
@@ -116,6 +127,11 @@ class Writer:
 
     # -- reliability
 
+    @property
+    def sequence(self) -> int:
+        """Of the last sample."""
+        return self._sequence
+
     def on_acknack(self, part: AckNack) -> None:
         reader = self._readers.get(part.reader)
         if reader is None or not reader.reliable:
@@ -136,12 +152,12 @@ class Writer:
             self._beat(reader, final=True)
 
     def tick(self, now_ns: int) -> None:
-        """Remind those who have not acknowledged everything."""
+        """Remind those who have not acknowledged everything, or have never said a word."""
         if self._kept is None or now_ns - self._heartbeat_ns < HEARTBEAT_NS:
             return
         self._heartbeat_ns = now_ns
         for reader in self._readers.values():
-            if reader.reliable and reader.acknowledged < self._sequence:
+            if reader.reliable and (reader.acknowledged < self._sequence or reader.serial is None):
                 self._beat(reader, final=False)
 
     def _first(self) -> int:

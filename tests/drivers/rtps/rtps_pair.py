@@ -95,17 +95,25 @@ _NAME = struct.Struct("<16sII")
 
 def sample(topic: str, number: int, size: int = 64) -> bytes:
     """A payload that says what it is: encapsulation, topic, number, filling, checksum."""
-    body = _NAME.pack(topic.encode(), number, size)
-    body += bytes((number + at) & 0xFF for at in range(min(size, 64))) + bytes(max(0, size - 64))
+    body = _NAME.pack(topic.encode(), number, size) + bytes(number + at & 0xFF for at in range(min(size, 64)))
+    body += bytes(max(0, size - 64))
     return _HEADER + body + zlib.crc32(body).to_bytes(4, "little")
 
 
 def number_of(payload: bytes, topic: str) -> int | None:
     """The number of an intact sample; None when the checksum says it is damaged. Raise ``AssertionError`` when
     it is an intact sample of another topic."""
-    body, checksum = payload[4:-4], payload[-4:]
-    if payload[:4] != _HEADER or zlib.crc32(body).to_bytes(4, "little") != checksum or len(body) < _NAME.size:
+    if len(payload) < 4 + _NAME.size + 4:
         return None
-    name, number, _ = _NAME.unpack_from(body)
+    name, number, size = _NAME.unpack_from(payload, 4)
+    body, checksum, padding = (
+        payload[4 : 4 + _NAME.size + size],
+        payload[4 + _NAME.size + size : 8 + _NAME.size + size],
+        payload[8 + _NAME.size + size :],
+    )
+    if payload[:4] != _HEADER or padding.strip(b"\x00") or len(padding) > 3:
+        return None
+    if zlib.crc32(body).to_bytes(4, "little") != checksum:
+        return None
     assert name.rstrip(b"\x00").decode() == topic
     return int(number)

@@ -149,6 +149,7 @@ def test_a_write_to_an_address_that_cannot_be_reached_is_reported() -> None:
     assert driver.counters.unsent > 0
     assert "127.0.0.29" in driver.trouble
     robot.close()
+    driver.close()
 
 
 @pytest.mark.parametrize(
