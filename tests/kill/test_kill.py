@@ -14,8 +14,8 @@ from strands_actors.testing import kill
 SLACK_MS = 400.0
 ROBOTS = ("so101", "robotiq_2f85")
 """One of each wire."""
-SHORT = {"koch": ("SIGKILL", "SIGSTOP")}
-"""Robots that share all but the protocol with one above: the hardest faults only."""
+SHORT = {"koch": ("SIGKILL", "SIGSTOP"), "unitree_g1": ("SIGKILL", "SIGSTOP", "spin")}
+"""The hardest faults only: a robot that shares all but the protocol with one above, and one at 500 Hz."""
 CELLS = [
     (robot, victim, fault)
     for robot in (*ROBOTS, *SHORT)
