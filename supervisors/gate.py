@@ -62,6 +62,7 @@ class _Held(msgspec.Struct):
     expires_ns: int  # unless its process is heard of
     latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
     under: _Held | None = None
+    refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
 
     @property
     def owner(self) -> _Held:
@@ -162,8 +163,12 @@ class Gate(Actor):
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        answer = self._admit(message)
+        held = self._lease
+        kept = held.refused if held is not None and held.id == message.lease else None
+        answer = kept or self._admit(message)
         if isinstance(answer, Refused):
+            if held is not None and held.id == message.lease and self.context.reply is None:
+                held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
         return answer

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
-from strands_actors.drivers.unitree.gates import CONTROL_S, KD, KP, Q, TAU
+from strands_actors.drivers.unitree.gates import CONTROL_S, KD, KP, TAU, Q
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason
 from strands_actors.runtime.messages import Refused
