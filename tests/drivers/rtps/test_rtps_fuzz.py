@@ -31,7 +31,7 @@ LARGE_BYTES = 40_000
 
 
 class Talk:
-    """A writes three topics, B reads them: best effort, reliable, reliable in fragments."""
+    """A writes three topics, B reads them: best effort, reliable, reliable in fragments. Strangers at first."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -49,7 +49,6 @@ class Talk:
         # Something goes the other way, too: B's own writer must survive what A is told.
         self.back = self.b.writer("rt/back", "t::Back_", True, False, 8)
         self.a.reader("rt/back", "t::Back_", True, False, Log())
-        self.until_matched()
 
     def until_matched(self) -> None:
         for _ in range(400):
@@ -117,6 +116,7 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
         return ((TRAVEL_NS, noise), (TRAVEL_NS, b"RTPS\x02\x02" + noise), (TRAVEL_NS, datagram))
 
     talk.network.fate = fate
+    talk.until_matched()
     while talk.disturbed < COUNT:
         talk.step()
         if talk.writers[SURE].unacknowledged > 300 or talk.writers[LARGE].unacknowledged > 20:
@@ -143,6 +143,7 @@ def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> N
     disturbed = damaged = delivered = malformed = 0
     while disturbed < COUNT:
         talk = Talk(SEED + disturbed)
+        talk.until_matched()
         damaged += disturb(talk, min(EPISODE, COUNT - disturbed))
         disturbed += talk.disturbed
         delivered += sum(len(log.payloads) for log in talk.logs.values())

@@ -1,0 +1,57 @@
+"""Fast DDS at the other end: Booster's own client, a process of its own.
+
+    python fastdds_peer.py DOMAIN
+
+Reads the low state, calls two services, sends commands; says in lines of JSON what came of it, then ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+
+import booster_robotics_sdk_python as booster
+
+STATES = 20
+COMMANDS = 20
+PATIENCE_S = 20.0
+
+
+def say(**fields: object) -> None:
+    os.write(1, json.dumps(fields).encode() + b"\n")
+
+
+def main(domain: int) -> None:
+    heard: list[list[float]] = []
+    enough = threading.Event()
+
+    def on_state(state: booster.LowState) -> None:
+        # The object is valid in here only.
+        heard.append([motor.q for motor in state.motor_state_serial])
+        if len(heard) == STATES:
+            enough.set()
+
+    booster.ChannelFactory.Instance().Init(domain, "127.0.0.1")
+    states = booster.B1LowStateSubscriber(on_state)
+    states.InitChannel()
+    commands = booster.B1LowCmdPublisher()
+    commands.InitChannel()
+    client = booster.B1LocoClient()
+    client.Init()
+    say(states=heard[:STATES] if enough.wait(PATIENCE_S) else None)
+    client.ChangeMode(booster.RobotMode.kWalking)  # raises when it is not answered
+    say(mode=int(client.GetMode().mode))
+    command = booster.LowCmd()
+    command.cmd_type = booster.LowCmdType.SERIAL
+    command.resize_motor_cmd(23)
+    for number in range(COMMANDS):
+        command.motor_cmd_at(3).q = number / 16
+        commands.Write(command)
+    say(written=COMMANDS)
+    sys.stdin.read()  # end when told to: what is on its way belongs to the test
+    os._exit(0)
+
+
+main(int(sys.argv[1]))
