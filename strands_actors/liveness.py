@@ -11,8 +11,12 @@ setpoints expire, and heavy work beside it does not end it.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
+
+from .runtime.clock import NS
+from .runtime.processor import standing
 
 BUSY_SHARE = 0.5
 """Of the time between two beats spent computing; a thread that polls with short sleeps stays below."""
@@ -28,6 +32,7 @@ class Liveness:
         self._busy_ns = 0
         self._at_ns = time.monotonic_ns()
         self._inside = 0
+        self._called_ns = self._at_ns
 
     def enter(self) -> None:
         """The present thread calls a verb."""
@@ -37,26 +42,27 @@ class Liveness:
 
     def leave(self) -> None:
         self._inside -= 1
+        self._called_ns = time.monotonic_ns()
 
-    def look(self) -> tuple[bool, bool]:
-        """(the process lives, the commanding thread answers), since the last look."""
+    def look(self) -> tuple[bool, float]:
+        """(the process lives, seconds since the commanding thread answered; -1.0: not since the last look)."""
         if not threading.main_thread().is_alive():
-            return False, False
+            return False, -1.0
         thread = self._thread if self._thread.is_alive() else threading.main_thread()
         now_ns = time.monotonic_ns()
         busy_ns = _computed_ns(thread)
         computed_ns, passed_ns = busy_ns - self._busy_ns, now_ns - self._at_ns
-        called = self._calls != self._seen_calls or self._inside > 0
+        called = self._calls != self._seen_calls
         self._busy_ns, self._at_ns, self._seen_calls = busy_ns, now_ns, self._calls
-        return True, called or computed_ns < BUSY_SHARE * passed_ns
+        if computed_ns < BUSY_SHARE * passed_ns:
+            return True, computed_ns / NS  # it may have begun to spin, but no longer ago than that
+        if self._inside > 0:
+            return True, 0.0
+        return True, (now_ns - self._called_ns) / NS if called else -1.0
 
 
 def _computed_ns(thread: threading.Thread) -> int:
     """How long a thread has computed, or waited for a processor to compute on; 0 where the system does not tell
     (macOS). Without the wait, a thread that spins on a busy machine would look as if it slept."""
-    try:
-        with open(f"/proc/self/task/{thread.native_id}/schedstat") as stat:
-            computed, waited, _ = stat.read().split()
-    except OSError:
-        return 0
-    return int(computed) + int(waited)
+    now = standing(os.getpid(), thread.native_id)
+    return 0 if now is None else now.computed_ns + now.waited_ns

@@ -87,7 +87,7 @@ class RobotTree:
         port: str,
         options: dict[str, Any],
         transport: str | None,
-        liveness: Callable[[], tuple[bool, bool]] = lambda: (True, True),
+        liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
     ) -> None:
         self.driver: Driver = driver_class(kind, port, options)
         self.kind = kind
@@ -234,9 +234,9 @@ class RobotTree:
     async def _beat(self) -> None:
         while True:
             await trio.sleep(BEAT_S)
-            alive, answers = self._liveness()
+            alive, answered_ago_s = self._liveness()
             if self._lease is not None and alive:
-                self._gate.tell(Beat(self._lease.id, answers))
+                self._gate.tell(Beat(self._lease.id, answered_ago_s))
 
     async def cleanup(self) -> StopReport | None:
         """Make safe, end the tree. The report, or None when nothing was running."""

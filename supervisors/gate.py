@@ -7,8 +7,6 @@ and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
-import msgspec
-
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
@@ -17,9 +15,8 @@ from strands_actors.runtime.node import Ref
 
 from . import failsafe
 from .failsafe import Action, Event, Mode
+from .lease import LEASE_TTL_NS, Held, refuse_by_deadline
 from .messages import (
-    LEASE_TTL_S,
-    MAX_LIFETIME_S,
     Accepted,
     Acquire,
     Alive,
@@ -50,38 +47,21 @@ from .messages import (
     Write,
 )
 
-_LEASE_TTL_NS = round(LEASE_TTL_S * NS)
-_MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
-
-
-class _Held(msgspec.Struct):
-    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it writes for."""
-
-    id: int
-    holder: str
-    expires_ns: int  # unless its process is heard of
-    latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
-    under: _Held | None = None
-    refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
-
-    @property
-    def owner(self) -> _Held:
-        return self.under or self
-
-    def beat(self, until_ns: int, answers: bool) -> None:
-        self.expires_ns = until_ns
-        if answers:
-            self.latches_until_ns = until_ns
+_STOP_AGAIN_NS = round(0.5 * NS)
+"""At least so long after a stop that could not be confirmed."""
 
 
 class Gate(Actor):
-    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had."""
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
+    what led there."""
 
-    def __init__(self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State) -> None:
+    def __init__(
+        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State, cause: str = ""
+    ) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start
-        self._lease: _Held | None = None
+        self._lease: Held | None = None
         self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
@@ -91,10 +71,11 @@ class Gate(Actor):
         self._resumes: list[Deferred] = []
         self._verbs: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._verb = 0
-        self._cause = ""
+        self._cause = cause
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
+        self._last_stop_ns = 0
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -130,8 +111,7 @@ class Gate(Actor):
             case Probe():
                 self._probe(message)
             case Observed():
-                self._observation = message.observation
-                self._writes, self._reads = message.writes, message.reads
+                self._observed(message)
             case Stop():
                 return self._stop(message)
             case Resume():
@@ -178,7 +158,7 @@ class Gate(Actor):
         refusal = (
             self._refuse_by_mode()
             or self._refuse_by_lease("move", message.lease, message.epoch)
-            or _refuse_by_deadline(message, now_ns)
+            or refuse_by_deadline(message, now_ns)
         )
         if refusal is not None:
             return refusal
@@ -204,7 +184,7 @@ class Gate(Actor):
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
         if self._lease is not None:
-            self._lease.beat(now_ns + _LEASE_TTL_NS, answers=True)
+            self._lease.beat(now_ns + LEASE_TTL_NS)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -282,7 +262,7 @@ class Gate(Actor):
     def _acquire(self, message: Acquire) -> Lease | Refused:
         now_ns = self.context.clock.now_ns()
         held = self._lease
-        under: _Held | None = None
+        under: Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
             if held.id == message.over:
                 under = held.owner
@@ -295,16 +275,16 @@ class Gate(Actor):
         elif message.over:
             return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
         self._leases += 1
-        until_ns = now_ns + _LEASE_TTL_NS
-        self._lease = _Held(self._leases, message.holder, until_ns, until_ns, under)
+        until_ns = now_ns + LEASE_TTL_NS
+        self._lease = Held(self._leases, message.holder, until_ns, until_ns, under)
         return Lease(self._leases, self._state.epoch)
 
     def _beat(self, message: Beat) -> None:
-        until_ns = self.context.clock.now_ns() + _LEASE_TTL_NS
+        until_ns = self.context.clock.now_ns() + LEASE_TTL_NS
         held = self._lease
         while held is not None:
             if held.id == message.lease:
-                held.beat(until_ns, message.answers)
+                held.beat(until_ns, message.answered_ago_s)
             held = held.under
 
     def _release(self, lease: int) -> Deferred | None:
@@ -376,8 +356,22 @@ class Gate(Actor):
         self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
         return True
 
+    def _observed(self, message: Observed) -> None:
+        self._observation = message.observation
+        self._writes, self._reads = message.writes, message.reads
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+            self._stop_again(self._last_stop, message.observation)
+
+    def _stop_again(self, report: StopReport, observation: Observation) -> None:
+        """A motor that could not be confirmed safe is made so as soon as it is heard again."""
+        stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
+        heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
+            self._trip(report.reason, self._cause)
+
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
+        self._last_stop_ns = self.context.clock.now_ns()
         for epoch, stop in self._stops:
             if epoch <= report.epoch:
                 stop.send(report)
@@ -428,7 +422,7 @@ class Gate(Actor):
         self._facts = dict(message.facts)
         self._connect_error = ""
         self._observation = message.observation
-        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, "the link was lost")
+        self._step(Event.LINK_UP, self._driver.ladder[Reason.LINK], Reason.LINK, self._cause or "the link was lost")
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why
@@ -472,16 +466,3 @@ class Gate(Actor):
             self._last_stop,
             self._facts,
         )
-
-
-def _refuse_by_deadline(message: Setpoint, now_ns: int) -> Refused | None:
-    late_ns = now_ns - message.deadline_ns
-    if late_ns >= 0:
-        return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
-    if -late_ns > _MAX_LIFETIME_NS:
-        return Refused(
-            "too_distant",
-            f"move: the deadline is {-late_ns / NS:.1f} s away",
-            f"ask for at most {MAX_LIFETIME_S:g} s",
-        )
-    return None

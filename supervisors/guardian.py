@@ -17,10 +17,12 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
+from strands_actors.runtime.processor import Standing
+from strands_actors.runtime.silence import Silence
 
 from .failsafe import Mode, State
 from .messages import Fence, HandedOver, Handover, Renew, RootBeat, SilentUntil, StateIs, StopReport, WireBeat
-from .watchdog import BEAT_EVERY, BEAT_TTL_TICKS, Tick
+from .watchdog import BEAT_EVERY, Tick
 
 START_DEADLINE_S = 10.0
 RENEW_PAUSE_S = 0.05
@@ -41,22 +43,26 @@ class Place(Protocol):
         """Return when it can never write again."""
         ...
 
+    def standing(self) -> Standing | None:
+        """How its process stands with the processor; None where nobody can tell."""
+        ...
+
 
 class Guardian(Actor):
-    """``start_wire(start)`` starts the wire group from a failsafe state and returns its place."""
+    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
+    its place."""
 
     def __init__(
         self,
         driver: Driver,
         watchdog: str,
-        start_wire: Callable[[State], Place],
+        start_wire: Callable[[State, str], Place],
         on_state: Callable[[StateIs], None] | None = None,
     ) -> None:
         self._driver = driver
         self._watchdog_address = watchdog
         self._start_wire = start_wire
         self._on_state = on_state
-        self._beat_ttl_ns = round(driver.timing.beat_ttl_s * NS)
         self._second: SecondPath | None = None
         self._second_scope = trio.CancelScope()
         self.state = StateIs(Mode.DOWN, 0, "", "")
@@ -64,8 +70,7 @@ class Guardian(Actor):
         self._confirmed = True
         self._orderly = self._leaving = False
         self._beats = 0
-        self._quiet_ticks = 0
-        self._heard_ns = 0
+        self._silence = Silence(driver.timing.beat_ttl_s)
         self._silent_until_ns = 0
         self._renews = False  # this life of the wire ends because its process is spent
         self._broken = trio.Event()
@@ -88,7 +93,7 @@ class Guardian(Actor):
                 self._hear()
             case SilentUntil():
                 self._hear()
-                longest_ns = self._heard_ns + round(self._driver.timing.silent_s * NS)
+                longest_ns = self._silence.heard_ns + round(self._driver.timing.silent_s * NS)
                 self._silent_until_ns = min(message.until_ns, longest_ns)
             case Renew():
                 self._renews = True
@@ -105,17 +110,14 @@ class Guardian(Actor):
         return None
 
     def _hear(self) -> None:
-        self._heard_ns = self.context.clock.now_ns()
-        self._quiet_ticks = 0
+        self._silence.heard(self.context.clock.now_ns())
 
     def _tick(self, now_ns: int) -> None:
         self._beats += 1
         if self._beats % BEAT_EVERY == 0:
             self._watchdog.tell(RootBeat(self._beats))
-        if self._heard_ns and now_ns >= self._silent_until_ns:
-            self._quiet_ticks += 1
-            if now_ns - self._heard_ns > self._beat_ttl_ns and self._quiet_ticks >= BEAT_TTL_TICKS:
-                self._break(Reason.WIRE, "the wire process stopped answering")
+        if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):
+            self._break(Reason.WIRE, "the wire process stopped answering")
 
     def _break(self, reason: Reason, why: str) -> None:
         if not self._broken.is_set():
@@ -187,17 +189,18 @@ class Guardian(Actor):
         self._renews = False
         self._broken = trio.Event()
         self.idle = trio.Event()
-        self._heard_ns = self._quiet_ticks = self._silent_until_ns = 0
+        self._silent_until_ns = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
-        place = self._start_wire(start)
+        place = self._start_wire(start, self.state.cause)
+        self._silence = Silence(self._driver.timing.beat_ttl_s, place.standing)
         try:
             task_status.started()
             await self._until_broken(place)
         finally:
             with trio.CancelScope(shield=True):
                 await place.fence()
-                self._heard_ns = 0
+                self._silence = Silence(self._driver.timing.beat_ttl_s)
                 if not self._orderly:
                     await self._make_safe(start.epoch)
                 self.idle.set()
@@ -210,7 +213,7 @@ class Guardian(Actor):
 
             async def watch_start() -> None:
                 await trio.sleep(START_DEADLINE_S)
-                if not self._heard_ns:
+                if not self._silence.heard_ns:
                     self._break(Reason.WIRE, f"the wire did not start within {START_DEADLINE_S:g} s")
 
             nursery.start_soon(watch)

@@ -36,12 +36,13 @@ class Lease(Message, frozen=True):
 
 
 class Beat(Message, frozen=True):
-    """The holder's process lives; ``answers``: so does the thread that commands the robot."""
+    """The holder's process lives. ``answered_ago_s``: when the thread that commands the robot last did anything
+    but compute; negative: not since the last beat."""
 
     lane = "latest"
 
     lease: int
-    answers: bool = True
+    answered_ago_s: float = 0.0
 
 
 class Release(Message, frozen=True):

@@ -78,13 +78,14 @@ class Tree:
         self._end: tuple[Reason, str] = (Reason.CLEANUP, "")
         self._waiting: list[Deferred] = []
 
-    def start_wire(self, state: State) -> ProcessPlace:
+    def start_wire(self, state: State, cause: str) -> ProcessPlace:
         args = {
             "robot": self.robot,
             "driver": self.args["driver"],
             "mode": state.mode,
             "epoch": state.epoch,
             "locked_by": state.locked_by,
+            "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
         }

@@ -18,14 +18,13 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Reason, Timing
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Ref
+from strands_actors.runtime.processor import Standing
+from strands_actors.runtime.silence import Silence
 
 from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
 
 BEAT_EVERY = 2
 """Ticks (``Timing.tick_s``) per beat to the root."""
-BEAT_TTL_TICKS = 6
-"""Without a beat for ``Timing.beat_ttl_s`` the other process counts as frozen, but only after this many ticks of
-our own without one: when the whole machine paused, everybody was late, and nobody is frozen."""
 
 
 class Tick(Message, frozen=True):
@@ -35,10 +34,17 @@ class Tick(Message, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe (or could not be)."""
+    """``orphaned`` is called when the root is gone and the wire has been made safe (or could not be). ``root``
+    tells how the root process stands with the processor."""
 
     def __init__(
-        self, timing: Timing, gate: str, transport: str, guardian: str, orphaned: Callable[[], None]
+        self,
+        timing: Timing,
+        gate: str,
+        transport: str,
+        guardian: str,
+        orphaned: Callable[[], None],
+        root: Callable[[], Standing | None] = lambda: None,
     ) -> None:
         self._addresses = gate, transport, guardian
         self._tick_s = timing.tick_s
@@ -53,8 +59,7 @@ class Watchdog(Actor):
         self._answers_ns = [0, 0]  # when gate and transport were last heard
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
-        self._root_heard_ns = 0  # 0: no root has been heard yet, none can be lost
-        self._root_quiet_ticks = 0
+        self._root = Silence(timing.beat_ttl_s, root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -76,8 +81,7 @@ class Watchdog(Actor):
                 self._busy_until_ns = message.busy_until_ns
                 self._answers_ns[1] = self.context.clock.now_ns()
             case RootBeat():
-                self._root_heard_ns = self.context.clock.now_ns()
-                self._root_quiet_ticks = 0
+                self._root.heard(self.context.clock.now_ns())
             case RootGone():
                 self._lose_root("the root process ended")
             case StopReport():
@@ -86,10 +90,8 @@ class Watchdog(Actor):
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
-        if self._root_heard_ns and not self._root_lost:
-            self._root_quiet_ticks += 1
-            if now_ns - self._root_heard_ns > self._beat_ttl_ns and self._root_quiet_ticks >= BEAT_TTL_TICKS:
-                self._lose_root("the root process stopped answering")
+        if not self._root_lost and self._root.tick(now_ns):
+            self._lose_root("the root process stopped answering")
 
     def _gate_alive(self, alive: Alive) -> None:
         now_ns = self.context.clock.now_ns()

@@ -19,6 +19,7 @@ from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.processor import Standing, standing
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
@@ -38,7 +39,9 @@ async def run_group(
     driver: Driver,
     robot: str,
     start_state: State,
+    cause: str,
     orphaned: Callable[[], None],
+    root: Callable[[], Standing | None] = lambda: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails."""
@@ -48,10 +51,12 @@ async def run_group(
             at.path("transport"),
             lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
         ),
-        node.cell(at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state)),
+        node.cell(
+            at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
+        ),
         node.cell(
             at.path("watchdog"),
-            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned, root),
         ),
     ]
     try:
@@ -76,20 +81,25 @@ class ProcessPlace:
     async def fence(self) -> None:
         await self.process.fence()
 
+    def standing(self) -> Standing | None:
+        return standing(self.process.pid)
+
 
 class InlinePlace:
     """The wire group in this process's loop: for tests, under virtual time too."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State) -> None:
+    def __init__(
+        self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State, cause: str
+    ) -> None:
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"
-        nursery.start_soon(self._run, node, driver, robot, state)
+        nursery.start_soon(self._run, node, driver, robot, state, cause)
 
-    async def _run(self, node: Node, driver: Driver, robot: str, state: State) -> None:
+    async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str) -> None:
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, self._scope.cancel)
+                await run_group(node, driver, robot, state, cause, self._scope.cancel)
         except Exception as error:
             self._why = describe(error)
         finally:
@@ -102,6 +112,9 @@ class InlinePlace:
     async def fence(self) -> None:
         self._scope.cancel()
         await self._ended.wait()
+
+    def standing(self) -> None:
+        return None  # it stands where we stand
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
@@ -120,6 +133,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
 
+    root = os.getppid()
+
     def end() -> None:
         os._exit(0)
 
@@ -130,7 +145,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(run_group, node, driver, robot, state, end)
+        await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: standing(root))
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

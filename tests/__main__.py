@@ -1,4 +1,5 @@
-"""``python -m tests``: style, types, tests; stops at the first that fails. Arguments go to pytest."""
+"""``python -m tests``: style, types, tests (two at a time: most of them wait for processes); stops at the first
+that fails. Arguments go to pytest."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", *sys.argv[1:]),
+    ("pytest", "-n", "2", "--dist", "worksteal", *sys.argv[1:]),
 )
 
 for step in STEPS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -36,6 +37,9 @@ class Feetech(ServoDriver):
 
     def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
         return all_gates(joints, self.timing.state_ttl_s)
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
 
     def open_wire(self, clock: Clock) -> FeetechWire:
         from .wire import FeetechWire

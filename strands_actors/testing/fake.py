@@ -56,6 +56,7 @@ class FakeHardware:
     write_s: float = 0.0  # how long a write waits before its bytes leave
     read_hangs: bool = False
     opens: int = 0
+    stamp_ns: list[int] = field(default_factory=lambda: [0] * len(AXES))
 
     def record(self, clock: Clock, kind: str, path: str, rung: str = "", values: Sequence[float] = ()) -> None:
         self.written.append(Written(clock.now_ns(), kind, rung, tuple(values), path))
@@ -173,7 +174,11 @@ class FakeWire(Wire):
 
     def _observe(self) -> Observation:
         now_ns = self._clock.now_ns()
-        return Observation(now_ns, tuple(self._hardware.position), (now_ns,) * len(AXES))
+        stamp_ns = self._hardware.stamp_ns
+        for at, axis in enumerate(AXES):
+            if axis not in self._hardware.silent:
+                stamp_ns[at] = now_ns
+        return Observation(now_ns, tuple(self._hardware.position), tuple(stamp_ns))
 
 
 class FakeSecondPath(SecondPath):

@@ -74,8 +74,8 @@ async def open_inline_tree(
     try:
         async with trio.open_nursery() as nursery:
 
-            def start_wire(state: State) -> InlinePlace:
-                places.append(InlinePlace(node, nursery, driver, port, state))
+            def start_wire(state: State, cause: str) -> InlinePlace:
+                places.append(InlinePlace(node, nursery, driver, port, state, cause))
                 return places[-1]
 
             await nursery.start(node.run)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -209,3 +210,38 @@ def test_the_robot_freezes_and_comes_back(arm: Any, twin: Twin) -> None:
     settled(arm, "disarmed")
     json_of(arm.resume())
     moving(arm)
+
+
+@pytest.mark.parametrize("how", ["frozen", "unplugged"])
+@pytest.mark.parametrize("frames", [0, 3, 10, 30, 80])
+def test_saf_012_the_robot_goes_while_connecting(twin: Twin, frames: int, how: str) -> None:
+    """The tree answers meanwhile, stop is bounded, and connecting works when the robot is back."""
+    go, come = (twin.pause, twin.go_on) if how == "frozen" else (twin.unplug, twin.plug)
+    robot = Robot("koch", mode="real", port=twin.port)
+    problems: list[str | None] = []
+    connecting = threading.Thread(target=lambda: problems.append(robot.connect_eagerly()), daemon=True)
+    try:
+        if frames == 0:
+            go()
+        connecting.start()
+        until(
+            lambda: problems or sum(entry.sender == "host" for entry in twin.log.entries()) >= frames, "connecting"
+        )
+        if frames:
+            go()
+        for _ in range(10):
+            began_s = time.monotonic()
+            status(robot)
+            assert time.monotonic() - began_s < 1.0
+            time.sleep(0.02)
+        began_s = time.monotonic()
+        robot.stop()
+        assert time.monotonic() - began_s < 4.0
+        connecting.join(PATIENCE_S)
+        assert problems, "connecting ends"
+        come()
+        until(lambda: robot.connect_eagerly() is None, "it is connected")
+        moving(robot)
+    finally:
+        come()
+        robot.cleanup()

@@ -290,6 +290,22 @@ def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
     run_virtual(run)
 
 
+def test_a_latched_setpoint_lives_from_when_its_thread_answered_not_from_the_beat() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.5)
+            answered_ns = tree.node.clock.now_ns() - 300 * MS
+            writer.ref.tell(Beat(writer.lease.id, answered_ago_s=0.3))
+            for _ in range(30):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
+            assert 1000 * MS <= tree.hardware.of("safe")[0].t_ns - answered_ns <= 1030 * MS
+
+    run_virtual(run)
+
+
 def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_rollout() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -298,7 +314,7 @@ def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_r
             await writer.send(latched=True, a=5.0)
             for _ in range(30):
                 await trio.sleep(0.05)
-                writer.ref.tell(Beat(writer.lease.id, answers=False))
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
             assert (await tree.status()).mode == "holding"
             await writer.acquire()
             lease = await policy.ref.ask(Acquire("policy", over=writer.lease.id), 1.0)
@@ -306,7 +322,7 @@ def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_r
             policy.lease = lease
             for _ in range(60):
                 await trio.sleep(0.05)
-                writer.ref.tell(Beat(writer.lease.id, answers=False))
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
                 assert isinstance(await policy.send(ttl_s=0.1, a=6.0), Accepted)
             for _ in range(30):  # but a process that is frozen as a whole ends it
                 await trio.sleep(0.05)
@@ -330,6 +346,22 @@ def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
             tree.hardware.silent.clear()
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert isinstance(report, StopReport) and report.confirmed
+
+    run_virtual(run)
+
+
+def test_saf_005_an_unconfirmed_motor_is_released_as_soon_as_it_is_heard_again() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.silent.add("b")
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            tried = len(tree.hardware.of("safe"))
+            await trio.sleep(5.0)
+            assert len(tree.hardware.of("safe")) == tried, "a motor that is not heard is not written to for ever"
+            tree.hardware.silent.clear()
+            await tree.until("disarmed", within_s=0.7)
+            assert tree.hardware.energised == [False, False]
 
     run_virtual(run)
 
@@ -381,7 +413,7 @@ def test_saf_008_a_restart_resumes_nothing() -> None:
             old = writer.setpoint(ttl_s=5.0, a=9.0)
             tree.place._scope.cancel()
             await trio.sleep(0.05)
-            await tree.until("disarmed")
+            assert "the wire group ended" in (await tree.until("disarmed")).cause
             restarted_ns = tree.node.clock.now_ns()
             assert isinstance(await writer.ref.ask(old, 1.0), Refused)
             await trio.sleep(1.0)

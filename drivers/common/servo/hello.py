@@ -17,6 +17,9 @@ PING_S = 0.15
 """A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host. Only a
 missing servo costs it, as ``ANSWER_S``."""
 
+PINGS = 2
+"""A byte lost to noise is no missing servo."""
+
 PING_SILENCE_S = 0.004
 ROLL_CALL_S = 0.05
 ROLL_CALL_SLOT_S = 0.003
@@ -32,10 +35,13 @@ async def roll_call(
     heard: Counter[int] = Counter()
     garbled: set[int] = set()
     for axis in axes:
-        answers = await bus.listen(codec.ping(axis.id), PING_S, PING_SILENCE_S)
-        heard[axis.id] = sum(packet.id == axis.id for packet in answers)
-        if bus.stray_bytes:
-            garbled.add(axis.id)
+        for _ in range(PINGS):
+            answers = await bus.listen(codec.ping(axis.id), PING_S, PING_SILENCE_S)
+            heard[axis.id] = sum(packet.id == axis.id for packet in answers)
+            if bus.stray_bytes:
+                garbled.add(axis.id)
+            if heard[axis.id]:
+                break
     slots_s = ROLL_CALL_SLOT_S * max(axis.id for axis in axes)
     everybody = await bus.listen(codec.ping(codec.BROADCAST), ROLL_CALL_S + slots_s, ROLL_CALL_S)
     present = Counter(packet.id for packet in everybody)

@@ -1,0 +1,29 @@
+"""What the system says of a thread and the processor: has it computed, has it stood in line, is it asleep?
+
+Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence alone.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Standing(msgspec.Struct, frozen=True, gc=False):
+    """Totals since the thread began."""
+
+    computed_ns: int
+    waited_ns: int  # ready to run, and no processor free; counted when the wait is over
+    ready: bool  # it runs, or would if there were a processor
+
+
+def standing(pid: int, thread: int | None = None) -> Standing | None:
+    """Of a process's main thread, or of the given one. None where the system does not tell, or it is gone.
+    Source: sched-stats.rst and proc(5) of the kernel's documentation."""
+    task = f"/proc/{pid}/task/{pid if thread is None else thread}"
+    try:
+        with open(f"{task}/schedstat", "rb") as schedstat, open(f"{task}/stat", "rb") as stat:
+            computed, waited, _ = schedstat.read().split()
+            state = stat.read().rpartition(b")")[2].split(None, 1)[0]
+    except (OSError, ValueError):
+        return None
+    return Standing(int(computed), int(waited), state == b"R")

@@ -1,0 +1,65 @@
+"""Has a peer process stopped answering, or has the machine stopped it?
+
+A process that stands still must be noticed within ``ttl_s``. But on a machine whose processors are all taken
+every process is silent now and then, and to end a healthy one for that would make a busy machine look like a
+broken robot. Two things tell them apart:
+
+* Our own ticks. When the whole machine paused, everybody was late and nobody is frozen.
+* The time the peer has stood in line for a processor, which does not count as silence. A stopped process does
+  not stand in line, nor does one that waits for a lock; one that spins mostly computes. In all never longer
+  than ``longest_s``: what a peer does not say cannot be told from what it cannot say for ever.
+
+The peer is only looked at once half of its time is over: one that answers costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .clock import NS
+from .processor import Standing
+
+OWN_TICKS = 6
+"""Of ours, without a word from the peer, before it can count as silent."""
+LONGEST_S = 0.3
+"""Silent for so long is silent, whatever the machine was doing."""
+
+
+class Silence:
+    """Of one peer. ``look`` asks how it stands with the processor; None where nobody can tell."""
+
+    def __init__(self, ttl_s: float, look: Callable[[], Standing | None] = lambda: None) -> None:
+        self._ttl_ns = round(ttl_s * NS)
+        self._longest_ns = max(self._ttl_ns, round(LONGEST_S * NS))
+        self._look = look
+        self.heard_ns = 0
+        self._ticks = 0
+        self._looked_ns = 0
+        self._before: Standing | None = None
+
+    def heard(self, now_ns: int) -> None:
+        """A word from the peer."""
+        self.heard_ns = now_ns
+        self._ticks = 0
+        self._looked_ns = 0
+
+    def tick(self, now_ns: int) -> bool:
+        """Call at each own tick; True once the peer has been silent for too long. Never before its first word."""
+        if not self.heard_ns:
+            return False
+        self._ticks += 1
+        silent_ns = now_ns - self.heard_ns
+        if silent_ns > self._ttl_ns // 2 and not self._looked_ns:
+            self._looked_ns, self._before = now_ns, self._look()
+        if silent_ns <= self._ttl_ns or self._ticks < OWN_TICKS:
+            return False
+        return silent_ns > self._longest_ns or silent_ns - self._stood_in_line_ns(now_ns) > self._ttl_ns
+
+    def _stood_in_line_ns(self, now_ns: int) -> int:
+        before, after = self._before, self._look()
+        if before is None or after is None:
+            return 0
+        waited_ns = after.waited_ns - before.waited_ns
+        if after.ready:  # the wait it is in is not yet counted
+            waited_ns = max(waited_ns, now_ns - self._looked_ns - (after.computed_ns - before.computed_ns))
+        return waited_ns

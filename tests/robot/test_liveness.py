@@ -1,0 +1,52 @@
+"""Whether the thread that commands still answers, from what it computes and when it calls."""
+
+from __future__ import annotations
+
+import time
+
+from strands_actors.liveness import Liveness
+
+
+def spin(for_s: float) -> None:
+    until_s = time.thread_time() + for_s
+    while time.thread_time() < until_s:
+        pass
+
+
+def test_a_thread_that_waits_answers_now() -> None:
+    liveness = Liveness()
+    liveness.look()
+    time.sleep(0.1)
+    alive, answered_ago_s = liveness.look()
+    assert alive
+    assert 0.0 <= answered_ago_s < 0.05
+
+
+def test_a_thread_that_only_computes_does_not() -> None:
+    liveness = Liveness()
+    liveness.look()
+    spin(0.1)
+    assert liveness.look() == (True, -1.0)
+
+
+def test_a_thread_that_called_and_then_computes_answered_when_it_called() -> None:
+    liveness = Liveness()
+    liveness.look()
+    liveness.enter()
+    liveness.leave()
+    called_s = time.monotonic()
+    spin(0.1)
+    alive, answered_ago_s = liveness.look()
+    assert alive
+    assert 0.1 <= answered_ago_s <= time.monotonic() - called_s + 0.01
+    spin(0.1)
+    assert liveness.look() == (True, -1.0)
+
+
+def test_a_thread_inside_a_verb_answers() -> None:
+    """It waits for us; what the interpreter does for it meanwhile is not its own."""
+    liveness = Liveness()
+    liveness.look()
+    liveness.enter()
+    spin(0.1)
+    assert liveness.look() == (True, 0.0)
