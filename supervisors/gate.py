@@ -19,9 +19,8 @@ from strands_actors.runtime.node import Ref
 
 from . import failsafe
 from .failsafe import Action, Event, Mode
+from .lease import LEASE_TTL_NS, Held, refuse_by_deadline
 from .messages import (
-    LEASE_TTL_S,
-    MAX_LIFETIME_S,
     Accepted,
     Acquire,
     Alive,
@@ -52,29 +51,8 @@ from .messages import (
     Write,
 )
 
-_LEASE_TTL_NS = round(LEASE_TTL_S * NS)
-_MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
-
-
-class _Held(msgspec.Struct):
-    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it writes for."""
-
-    id: int
-    holder: str
-    expires_ns: int  # unless its process is heard of
-    latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
-    under: _Held | None = None
-
-    @property
-    def owner(self) -> _Held:
-        return self.under or self
-
-    def beat(self, until_ns: int, answered_ago_s: float = 0.0) -> None:
-        self.expires_ns = until_ns
-        if answered_ago_s >= 0.0:
-            self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
 
 
 class GateMemory(msgspec.Struct, frozen=True):
@@ -82,7 +60,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     names."""
 
     state: failsafe.State
-    lease: _Held | None
+    lease: Held | None
     leases: int
     observation: Observation | None
     target: tuple[float, ...]
@@ -114,7 +92,7 @@ class Gate(Actor):
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start
-        self._lease: _Held | None = None
+        self._lease: Held | None = None
         self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
         self._stopped_lease = 0  # the newest when it was last stopped: a rollout of before begins no more
         self._observation: Observation | None = None
@@ -197,8 +175,12 @@ class Gate(Actor):
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        answer = self._admit(message)
+        held = self._lease
+        kept = held.refused if held is not None and held.id == message.lease else None
+        answer = kept or self._admit(message)
         if isinstance(answer, Refused):
+            if held is not None and held.id == message.lease and self.context.reply is None:
+                held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
         return answer
@@ -208,7 +190,7 @@ class Gate(Actor):
         refusal = (
             self._refuse_by_mode()
             or self._refuse_by_lease("move", message.lease, message.epoch)
-            or _refuse_by_deadline(message, now_ns)
+            or refuse_by_deadline(message, now_ns)
         )
         if refusal is not None:
             return refusal
@@ -234,7 +216,7 @@ class Gate(Actor):
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
         if self._lease is not None:
-            self._lease.beat(now_ns + _LEASE_TTL_NS)
+            self._lease.beat(now_ns + LEASE_TTL_NS)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -314,7 +296,7 @@ class Gate(Actor):
         if 0 < message.over <= self._stopped_lease:
             return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
         held = self._lease
-        under: _Held | None = None
+        under: Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
             if held.id == message.over:
                 under = held.owner
@@ -327,12 +309,12 @@ class Gate(Actor):
         elif message.over:
             return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
         self._leases += 1
-        until_ns = now_ns + _LEASE_TTL_NS
-        self._lease = _Held(self._leases, message.holder, until_ns, until_ns, under)
+        until_ns = now_ns + LEASE_TTL_NS
+        self._lease = Held(self._leases, message.holder, until_ns, until_ns, under)
         return Lease(self._leases, self._state.epoch)
 
     def _beat(self, message: Beat) -> None:
-        until_ns = self.context.received_ns + _LEASE_TTL_NS
+        until_ns = self.context.received_ns + LEASE_TTL_NS
         held = self._lease
         while held is not None:
             if held.id == message.lease:
@@ -532,16 +514,3 @@ class Gate(Actor):
         """Go on from there."""
         for name in GateMemory.__struct_fields__:
             setattr(self, f"_{name}", getattr(memory, name))
-
-
-def _refuse_by_deadline(message: Setpoint, now_ns: int) -> Refused | None:
-    late_ns = now_ns - message.deadline_ns
-    if late_ns >= 0:
-        return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
-    if -late_ns > _MAX_LIFETIME_NS:
-        return Refused(
-            "too_distant",
-            f"move: the deadline is {-late_ns / NS:.1f} s away",
-            f"ask for at most {MAX_LIFETIME_S:g} s",
-        )
-    return None

@@ -147,15 +147,19 @@ class Guardian(Actor):
         return deferred
 
     async def _keep_second(self, path: SecondPath, scope: trio.CancelScope, deferred: Deferred) -> None:
+        ready = False
         with scope:
             try:
                 async with trio.open_nursery() as nursery:
                     await nursery.start(path.serve)
+                    ready = True
                     deferred.send(HandedOver())
             except* WireDown as down:
                 why = describe(down).partition(": ")[2]
-                deferred.send(Refused("no_second_path", why))
-                self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
+                if ready:
+                    self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
+                else:
+                    deferred.send(Refused("no_second_path", why))  # the wire tries again by itself
 
     def _drop_second(self) -> None:
         if self._second is not None:

@@ -42,6 +42,9 @@ Action = dict[str, Any]
 Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
+ASK_EVERY_S = 0.01
+"""A stream quicker than this waits for the answer to one setpoint in so long: the gate keeps a refusal of any other
+for then, and lets none pass after it."""
 
 
 def as_infer(policy: Any) -> Infer:
@@ -109,6 +112,7 @@ class Policy(Actor):
         self._lease: Lease | None = None
         self._acquiring = trio.Lock()
         self._steps = 0
+        self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
@@ -149,22 +153,31 @@ class Policy(Actor):
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
         setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s)
+        last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
+        if self._steps % self._ask_every and not last:
+            self._gate.tell(setpoint)
+        elif not await self._ask(setpoint):
+            return
+        self._steps += 1
+        self._last_ns = now_ns
+        if last:
+            await self._end("n_steps", f"{self._steps} steps are done")
+        elif self._steps % (8 * self._ask_every) == 1:
+            self._report(self._status())
+
+    async def _ask(self, setpoint: Setpoint) -> bool:
+        """Whether it was accepted; the rollout has ended if not."""
         try:
             answer = await self._gate.ask(setpoint, ASK_S)
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", f"the gate does not answer: {failure}")
-            return
+            return False
         if isinstance(answer, Refused):
             reason = "stop" if answer.code in ("stale_epoch", "disarmed", "locked_out") else "gate"
             await self._end(reason, answer.text, answer.code)
-            return
+            return False
         assert isinstance(answer, Accepted)
-        self._steps += 1
-        self._last_ns = now_ns
-        if rollout.n_steps and self._steps >= rollout.n_steps:
-            await self._end("n_steps", f"{self._steps} steps are done")
-        elif self._steps % 8 == 1:
-            self._report(self._status())
+        return True
 
     async def _infer(self) -> None:
         try:

@@ -27,6 +27,7 @@ from strands_actors.runtime.contract import (
 )
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
+from strands_actors.runtime.realtime import scheduling
 
 from .messages import (
     Arm,
@@ -237,6 +238,8 @@ class Transport(Actor):
         else:
             self._wire = wire
             self._attempts = 0
+            if self._driver.timing.realtime:
+                facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
 
     async def _hand_over(self, wire: Wire) -> None:

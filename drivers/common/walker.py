@@ -19,7 +19,7 @@ _TOUCHING_M = 0.001
 
 
 class Walker:
-    """Joints by index, in the order of ``joints``. Each motor gives ``tau + kp (q - position) + kd (dq - velocity)``
+    """Joints by index, in the order of ``joints``. Each motor gives ``tau + kp (q - position) + kd (dq - speed)``
     with the joint's effort at most, as motor controllers do. At first it stands at ``home_rad``, its lowest point
     on the floor, and its motors give nothing."""
 

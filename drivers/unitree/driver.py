@@ -25,14 +25,12 @@ from strands_actors.runtime.messages import Refused
 from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
+from .rpc import ATTEMPTS, RELEASE_S
 
 if TYPE_CHECKING:
     from .wire import UnitreeWire
 
 RUNGS = ("zero_torque", "damp")
-ATTEMPTS = 5
-RELEASE_S = 3.0
-"""What the robot may take for one attempt to release its mode."""
 
 
 class _Legs(Driver):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
@@ -20,6 +21,7 @@ CONTROL_S = 1 / CONTROL_HZ
 
 ROWS = ("q", "dq", "tau", "kp", "kd")
 Q, DQ, TAU, KP, KD = range(len(ROWS))
+_ROW = {name: row for row, name in enumerate(ROWS)}
 
 HANDSHAKE_FSM = (500, 501, 801)
 FSM_TTL_S = 1.0
@@ -57,16 +59,19 @@ class Parser:
         if not action:
             return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
         fresh = len(state.target) == count  # armed, and nothing accepted since
-        target = [*state.observation.position, *self._rest] if fresh else list(state.target)
+        before = state.observation.position if fresh else state.target
+        whole = len(action) == count
+        target = [*before[:count], *self._rest] if fresh or whole else list(before)
         index = self._index
         named: list[int] = []
         for key, value in action.items():
             at = index.get(key)
             if at is None:
                 return self._unknown(key)
+            if not whole:
+                target[at + count :: count] = self._rest[at::count]
             if type(value) is float and math.isfinite(value):
                 target[at] = value
-                target[at + count :: count] = self._rest[at::count]
             else:
                 refusal = self._take(target, at, value)
                 if refusal is not None:
@@ -81,33 +86,42 @@ class Parser:
         return sorted(self._index[key] for key in action)
 
     def _take(self, target: list[float], at: int, value: object) -> Refused | None:
-        """What is no plain float."""
-        count, joint = self._count, self._model.joints[at]
-        if not isinstance(value, Mapping):
-            value = {"q": value}
-        elif "q" not in value:
-            return Refused(
-                "no_q",
-                f"move: {joint.key} has no q",
-                "give q in radians, and of dq, tau, kp, kd what is wanted",
-                ", ".join(str(name)[:40] for name in value) or "{}",
-                ", ".join(ROWS),
-            )
-        target[at + count :: count] = self._rest[at::count]
+        """What is no plain float. 500 times a second and for every joint: known names and floats come first."""
+        if type(value) is not dict:
+            value = dict(value) if isinstance(value, Mapping) else {"q": value}
+        if "q" not in value:
+            return self._without_q(at, value)
+        count = self._count
         for name, part in value.items():
-            if name not in ROWS:
-                shown = str(name)[:40] or "''"
-                what = f"{joint.key}.{shown}"
-                return Refused(
-                    "unknown_key", f"move: {what} is not known", f"use {', '.join(ROWS)}", shown, ", ".join(ROWS)
-                )
-            number = _finite(part)
-            if number is None:
-                shown = str(part)[:40]
-                what = f"move: {joint.key}.{name} is {shown}"
-                return Refused("not_finite", what, "send a finite number", shown, "a finite number")
-            target[at + count * ROWS.index(name)] = number
+            row = _ROW.get(name)
+            if row is None:
+                return self._unknown_row(at, name)
+            if type(part) is not float or not math.isfinite(part):
+                number = _finite(part)
+                if number is None:
+                    return self._no_number(at, name, part)
+                part = number
+            target[at + count * row] = part
         return None
+
+    def _without_q(self, at: int, value: Mapping[Any, object]) -> Refused:
+        return Refused(
+            "no_q",
+            f"move: {self._model.joints[at].key} has no q",
+            "give q in radians, and of dq, tau, kp, kd what is wanted",
+            ", ".join(str(name)[:40] for name in value) or "{}",
+            ", ".join(ROWS),
+        )
+
+    def _unknown_row(self, at: int, name: object) -> Refused:
+        shown, known = str(name)[:40] or "''", ", ".join(ROWS)
+        why = f"move: {self._model.joints[at].key}.{shown} is not known"
+        return Refused("unknown_key", why, f"use {known}", shown, known)
+
+    def _no_number(self, at: int, name: object, part: object) -> Refused:
+        shown = str(part)[:40]
+        why = f"move: {self._model.joints[at].key}.{name} is {shown}"
+        return Refused("not_finite", why, "send a finite number", shown, "a finite number")
 
     def _unknown(self, key: object) -> Refused:
         shown = str(key)[:40] or "''"

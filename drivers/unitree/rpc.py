@@ -18,6 +18,10 @@ MOTION_SWITCHER = "motion_switcher"
 SERVER_VERSION = 1
 CHECK_MODE, SELECT_MODE, RELEASE_MODE = 1001, 1002, 1003
 
+ATTEMPTS = 5
+RELEASE_S = 3.0
+"""What the robot may take for one attempt to release its mode."""
+
 GET_FSM_ID, SET_FSM_ID, SET_VELOCITY = 7001, 7101, 7105
 """Of service ``sport`` on a G1."""
 LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_VELOCITY = 8001, 8101, 8105

@@ -17,10 +17,10 @@ from strands_actors.runtime.messages import Refused
 
 from . import protocol as p
 from . import rpc
-from .driver import ATTEMPTS, RELEASE_S
 from .gates import CONTROL_S
 from .link import Link, Service
 from .protocol import Garbled
+from .rpc import ATTEMPTS, RELEASE_S
 from .safing import bring_down, reports
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ and then, one of these 0.15 ms. It needs a second core, since one that spins kee
 
 from __future__ import annotations
 
+import contextlib
 import os
 
 ROOT_PRIORITY = 12
@@ -15,17 +16,22 @@ TWIN_PRIORITY = 10
 """The robot has a computer of its own."""
 
 
-def run_first(priority: int) -> str:
-    """Ask for it. What was granted, for people."""
-    if not hasattr(os, "sched_setscheduler"):
+def run_first(priority: int) -> None:
+    """Ask for it; ``scheduling`` says whether it was granted."""
+    if hasattr(os, "sched_setscheduler") and len(os.sched_getaffinity(0)) > 1:
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+def scheduling() -> str:
+    """How this process is run, for people."""
+    if not hasattr(os, "sched_getscheduler"):
         return "ordinary: this system has no SCHED_FIFO"
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
     if len(os.sched_getaffinity(0)) < 2:
-        return "ordinary: there is one core only"
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError as error:
-        return f"ordinary: SCHED_FIFO was not granted ({error.strerror}). Allow it with: ulimit -r {ROOT_PRIORITY}"
-    return f"SCHED_FIFO {priority}"
+        return "ordinary: SCHED_FIFO needs a second core"
+    return f"ordinary: SCHED_FIFO was not granted. Allow it with: ulimit -r {ROOT_PRIORITY}"
 
 
 def run_like_others() -> None:

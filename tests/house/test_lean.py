@@ -27,6 +27,14 @@ driver_class = get_native_driver_class("so101")
 driver = driver_class("so101", "/dev/null", driver_class.resolve("so101", {}))
 driver.open_wire(MonotonicClock())
 """,
+    "legs": """
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.runtime.clock import MonotonicClock
+driver_class = get_native_driver_class("unitree_g1")
+driver = driver_class("unitree_g1", "127.0.0.1", driver_class.resolve("unitree_g1", {}))
+driver.open_wire(MonotonicClock())
+driver.second_path((), MonotonicClock())
+""",
 }
 
 

@@ -1,0 +1,315 @@
+"""A driver's own verbs, its conditions, its clocks, and a second path that has to be kept ready. Virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Observation, Permit, Reason, Timing, Verb, WireDown
+from strands_actors.runtime.messages import Message, Refused
+from strands_actors.supervisors.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
+from strands_actors.testing import open_inline_tree, run_virtual
+from strands_actors.testing.fake import FakeDriver, FakeSecondPath, FakeWire
+
+from .writer import Writer, armed
+
+DONE: list[tuple[str, int]] = []
+"""What was written by a verb, and when."""
+
+
+@pytest.fixture(autouse=True)
+def waves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fake robot can wave: ``times`` writes, 0.1 s apart."""
+    DONE.clear()
+
+    async def perform(
+        self: FakeWire, verb: str, arguments: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
+        times = int(arguments.get("times", 3))
+        if times > 50:
+            raise WireDown("the hand is not there")
+        if times > 20:
+            return Refused("tired", "wave: the hand is tired")
+        for _ in range(times):
+            permit.check()
+            DONE.append((verb, self._clock.now_ns()))
+            await trio.sleep(0.1)
+        return {"waved": times}
+
+    monkeypatch.setattr(FakeDriver, "VERBS", {"wave": Verb("wave a hand", within_s=1.0, arguments={"times": 3})})
+    monkeypatch.setattr(FakeWire, "perform", perform)
+
+
+async def ask(writer: Writer, verb: str = "wave", **arguments: Any) -> Message | None:
+    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, verb, arguments), 5.0)
+
+
+def test_a_verb_reaches_the_wire_and_is_answered() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert await ask(writer, times=2) == Performed({"waved": 2})
+            assert len(DONE) == 2
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize(("verb", "arguments", "code"), [
+    ("dance", {}, "unknown_verb"),
+    ("wave", {"hand": "left"}, "unknown_argument"),
+    ("wave", {"times": 21}, "tired"),
+    ("wave", {"times": 51}, "not_connected"),
+    ("wave", {"times": 20}, "timeout"),  # would take two seconds
+])  # fmt: skip
+def test_saf_014_a_verb_that_is_not_done(verb: str, arguments: dict[str, Any], code: str) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            answer = await ask(await armed(tree), verb, **arguments)
+            assert isinstance(answer, Refused) and answer.code == code
+            assert len(DONE) <= 10
+            began = len(DONE)
+            await trio.sleep(3.0)
+            assert len(DONE) == began  # and it is not done later
+
+    run_virtual(run)
+
+
+def test_saf_009_a_verb_needs_the_lease_and_the_present_epoch() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            other = Writer(tree, "other")
+            answer = await ask(other)
+            assert isinstance(answer, Refused) and answer.code == "lease"
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "stale_epoch"
+            assert DONE == []
+
+    run_virtual(run)
+
+
+def test_saf_007_a_lockout_binds_verbs_too() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await tree.gate.ask(Stop(Reason.ESTOP, "op", lock=True), 1.0)
+            await writer.acquire()
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "locked_out"
+            assert DONE == []
+
+    run_virtual(run)
+
+
+def test_saf_002_a_stop_ends_a_verb_and_nothing_of_it_comes_after() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            answers: list[Message | None] = []
+
+            async def wave() -> None:
+                answers.append(await ask(writer, times=9))
+
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(wave)
+                await trio.sleep(0.25)
+                stopped_ns = tree.node.clock.now_ns()
+                report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+                assert isinstance(report, StopReport) and report.confirmed
+                # the stop did not wait for the verb
+                assert tree.node.clock.now_ns() - stopped_ns < 0.05 * NS
+            assert isinstance(answers[0], Refused) and answers[0].code == "stopped"
+            await trio.sleep(1.0)
+            assert [at_ns for _, at_ns in DONE if at_ns > stopped_ns] == []
+
+    run_virtual(run)
+
+
+def test_a_verb_and_setpoints_keep_out_of_each_others_way() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(ask, writer)
+                await trio.sleep(0.05)
+                answer = await writer.send(a=1.0)
+                assert isinstance(answer, Refused) and answer.code == "busy"
+            assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "live"
+
+    run_virtual(run)
+
+
+def test_one_verb_at_a_time() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(ask, writer)
+                await trio.sleep(0.05)
+                answer = await ask(writer)
+                assert isinstance(answer, Refused) and answer.code == "busy"
+            assert len(DONE) == 3
+
+    run_virtual(run)
+
+
+# -- conditions
+
+
+class Weather:
+    """A condition of the robot that a test changes."""
+
+    def __init__(self) -> None:
+        self.storm = False
+
+    def __call__(self, observation: Observation, now_ns: int) -> Refused | None:
+        return Refused("storm", "move: it storms", "wait") if self.storm else None
+
+
+def test_a_condition_refuses_and_ends_what_is_live(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody has to send anything for it: the gate looks at every tick."""
+    weather = Weather()
+    monkeypatch.setattr(FakeDriver, "conditions", (weather,))
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            weather.storm = True
+            answer = await writer.send(latched=True, a=1.0)
+            assert isinstance(answer, Refused) and answer.code == "storm"
+            assert tree.hardware.of("setpoint") == []
+            await trio.sleep(0.1)
+            assert (await tree.status()).mode == "armed"  # nothing was live: nothing to end
+            weather.storm = False
+            assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
+            await trio.sleep(0.1)
+            weather.storm = True
+            stormed_ns = tree.node.clock.now_ns()
+            await tree.until("disarmed")
+            safe = tree.hardware.of("safe", stormed_ns)[0]
+            assert safe.rung == "limp"
+            assert safe.t_ns - stormed_ns <= 2 * round(FakeDriver.timing.tick_s * NS)
+            assert tree.hardware.of("setpoint", safe.t_ns) == []
+            assert (await tree.status()).cause == "it storms"
+
+    run_virtual(run)
+
+
+# -- clocks
+
+
+def quick(**changes: Any) -> Timing:
+    return msgspec.structs.replace(FakeDriver.timing, **changes)
+
+
+def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    timing = quick(tick_s=0.002, beat_ttl_s=0.016, control_hz=500.0, keepalive_s=0.002)
+    monkeypatch.setattr(FakeDriver, "timing", timing)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await trio.sleep(0.1)
+            tree.hardware.read_hangs = True
+            frozen_ns = tree.node.clock.now_ns()
+            with trio.fail_after(1.0):
+                while not tree.hardware.of("safe", frozen_ns):  # noqa: ASYNC110  # the wire's own record
+                    await trio.sleep(0.001)
+            safe = tree.hardware.of("safe", frozen_ns)[0]
+            assert safe.path == "second"
+            assert 0.010 * NS < safe.t_ns - frozen_ns <= 0.040 * NS
+            tree.hardware.read_hangs = False
+
+    run_virtual(run)
+
+
+# -- the second path
+
+
+def test_no_arming_before_the_second_path_is_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    ready = trio.Event()
+    ended: list[str] = []
+
+    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+        await ready.wait()
+        task_status.started()
+        try:
+            await trio.sleep_forever()
+        finally:
+            ended.append("served")
+
+    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+
+    async def run() -> None:
+        async with trio.open_nursery() as nursery:
+
+            async def release() -> None:
+                await trio.sleep(1.0)
+                ready.set()
+
+            nursery.start_soon(release)
+            began = trio.current_time()
+            async with open_inline_tree() as tree:
+                assert trio.current_time() - began >= 1.0
+                await armed(tree)
+                assert ended == []
+                tree.place._scope.cancel()  # the wire ends: its path is used, closed, and made anew
+                await tree.until("disarmed")
+                assert ended == ["served"]
+
+    run_virtual(run)
+
+
+def test_a_second_path_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And costs no restarts: it is tried again, with pauses."""
+    attempts: list[float] = []
+
+    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+        attempts.append(trio.current_time())
+        if len(attempts) < 4:
+            raise WireDown("nobody is there")
+        task_status.started()
+
+    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            assert len(attempts) == 4
+            assert len(tree.places) == 1
+            await armed(tree)
+
+    run_virtual(run)
+
+
+def test_saf_003_a_second_path_that_is_lost_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = trio.Event()
+
+    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        await lost.wait()
+        raise WireDown("its socket is gone")
+
+    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+
+    async def run() -> None:
+        nonlocal lost
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
+            before, lost = lost, trio.Event()
+            before.set()
+            while len(tree.places) < 2:  # noqa: ASYNC110  # the tree's own record
+                await trio.sleep(0.01)
+            await tree.until("disarmed")
+            assert tree.keeper.last_report is not None and tree.keeper.last_report.path == "second"
+            answer = await tree.gate.ask(Resume("test"), 1.0)
+            assert not isinstance(answer, Refused)
+
+    run_virtual(run)
