@@ -64,6 +64,8 @@ class Participant:
         ``WireDown`` when the sockets cannot be had."""
         if not 0 <= domain <= words.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{words.MAX_DOMAIN}")
+        if not _is_host(address):
+            raise ValueError(f"address is {address!r}. Give an IPv4 address of this host, which peers can reach")
         asked = [where for peer in peers for where in _peer(peer, domain)]
         if multicast:
             asked.insert(0, (words.MULTICAST_GROUP, words.multicast_port(domain)))
@@ -220,17 +222,21 @@ async def open_participant(
 def _peer(text: str, domain: int) -> list[Address]:
     """Where to look for ``host`` or ``host:port``."""
     host, _, port = text.partition(":")
-    try:
-        socket.inet_aton(host)
-    except OSError:
-        raise ValueError(
-            f"peer is {text!r}. Give an IPv4 address: 192.168.123.161 or 192.168.123.161:7410"
-        ) from None
+    if not _is_host(host):
+        raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")
     if not port:
         return [(host, words.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
     return [(host, int(port))]
+
+
+def _is_host(text: str) -> bool:
+    """An IPv4 address of one host, in its usual form."""
+    try:
+        return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, text)) == text != "0.0.0.0"
+    except (OSError, ValueError):
+        return False
 
 
 def _age_ns(timespec: bytes) -> int:

@@ -281,10 +281,27 @@ def test_a_late_reader_that_asks_for_what_is_not_its_business_gets_a_gap() -> No
     assert (part.start, part.base) == (1, 3)
 
 
+def test_a_reader_that_forgot_the_writer_gets_nothing_twice() -> None:
+    """A driver frozen for longer than its lease: the robot forgets it, meets it anew, must repeat nothing."""
+    pair = Pair(lease_s=3.0)
+    pair.read()
+    pair.write(1, 2, then_s=0.1)
+    pair.network.fate = lambda datagram: () if datagram[8:20] == pair.a.data.prefix else undisturbed(datagram)
+    pair.network.run(3.5)
+    assert (pair.reader.matched, pair.a.peers) == (0, 1)
+    pair.network.fate = undisturbed
+    pair.network.run(1.5)
+    assert pair.reader.matched == 1
+    pair.write(3, then_s=0.1)
+    assert pair.log.payloads == payloads(1, 2, 3)
+
+
 def test_a_repeated_request_is_answered_once() -> None:
     pair = Pair()
     pair.read()
-    pair.write(1, then_s=0.1)
+    pair.network.fate = lambda datagram: ()
+    pair.write(1)
+    pair.network.fate = undisturbed
     pair.network.keep_sent = True
     ask = messages.acknack(pair.reader.entity, pair.writer.data.guid[12:], 1, (1,), 99, True)
     for _ in range(3):
