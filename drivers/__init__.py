@@ -170,7 +170,8 @@ def register_robot(
     overwrite: bool = False,
 ) -> None:
     """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives it, ``strands`` or
-    ``lerobot``; its class is ``register_native_driver``'s business. Raise ``ValueError`` for a name that is known
+    ``lerobot``; its class is ``register_native_driver``'s business. ``model_xml`` is kept, for a simulation of a
+    robot without a twin, which is not in this version. Raise ``ValueError`` for a name that is known
     (unless ``overwrite``), and for other keys and drivers."""
     _load()
     given = dict(hardware or {})

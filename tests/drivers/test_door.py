@@ -36,6 +36,7 @@ from strands_actors.drivers.ur.twin.body import URBody
 from strands_actors.drivers.ur.twin.controller import Controller
 from strands_actors.drivers.ur.twin.script import Foreign
 from strands_actors.runtime.contract import WireDown
+from strands_actors.testing import WireLog as ReadLog
 
 ANSWER_S = 20.0
 
@@ -257,6 +258,36 @@ def test_a_client_that_talks_nonsense_loses_the_line_and_nobody_else_does(tmp_pa
 
     trio.run(main)
     assert not (tmp_path / "door").exists()
+
+
+def test_saf_002_what_a_client_says_after_another_made_it_safe_is_not_obeyed(tmp_path: Path) -> None:
+    time, _ = ticking("ur5e")
+
+    async def main() -> None:
+        async with open_door(tmp_path, time.body) as path:
+            gone, guardian = DoorClient(path), DoorClient(path)
+            stood = (await gone.call(p.Take(0), p.Sample, ANSWER_S)).position
+            goal = tuple(rad + 0.2 for rad in stood)
+
+            async def aim() -> float:
+                """How far the first joint goes when it is asked to."""
+                gone.tell(p.Aim(0, goal))
+                await gone.call(p.Read(0), p.Sample, ANSWER_S)
+                before = time.body.felt().position[0]
+                time.run(1.0)
+                return time.body.felt().position[0] - before
+
+            await guardian.call(p.Safe(0, p.HOLD), p.Sample, ANSWER_S)
+            assert abs(await aim()) < 0.01
+            await gone.call(p.Take(0), p.Sample, ANSWER_S)
+            await gone.call(p.Safe(0, p.HOLD), p.Sample, ANSWER_S)  # its own: it goes on from there
+            assert await aim() > 0.1
+            gone.close()
+            guardian.close()
+
+    trio.run(main)
+    kinds = [entry.kind for entry in ReadLog(tmp_path / "door.ndjson").entries()]
+    assert kinds == ["enable", "safe", "enable", "safe", "setpoint"]
 
 
 def test_the_scene_can_be_taken_away_and_posed_elsewhere(tmp_path: Path) -> None:

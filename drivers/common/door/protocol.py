@@ -33,7 +33,7 @@ class Take(Frame, frozen=True):
 
 
 class Aim(Frame, frozen=True):
-    """New targets, for what is taken. No reply."""
+    """New targets, from the client that took it. No reply."""
 
     values: tuple[float, ...]
 

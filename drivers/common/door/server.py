@@ -7,6 +7,7 @@ import math
 import os
 import socket
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import trio
@@ -24,7 +25,11 @@ _CHUNK = 1 << 16
 
 class Door:
     """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the wire nor another
-    client waits for one."""
+    client waits for one.
+
+    Only the client that took the body last may aim, until another one makes it safe: what a client that is gone has
+    left in its socket would otherwise be obeyed after the safe frame.
+    """
 
     def __init__(self, path: str, body: Body, log: WireLog) -> None:
         """Raise ``OSError`` when there can be no socket at ``path``."""
@@ -32,6 +37,7 @@ class Door:
         self._body = body
         self._log = log
         self._studio = Studio(body.spec)
+        self._taker: object = None
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.setblocking(False)
         with contextlib.suppress(FileNotFoundError):
@@ -59,15 +65,16 @@ class Door:
 
     async def _attend(self, sock: trio.socket.SocketType) -> None:
         decoder = p.request_decoder()
+        client = object()
         async with trio.SocketStream(sock) as stream:
             with contextlib.suppress(trio.BrokenResourceError, p.Garbled):
                 while data := await stream.receive_some(_CHUNK):
                     for request in decoder.feed(data):
-                        reply = await self._answer(request)
+                        reply = await self._answer(client, request)
                         if reply is not None and request.number:
                             await stream.send_all(p.encode(reply))
 
-    async def _answer(self, request: p.Request) -> p.Reply | None:
+    async def _answer(self, client: object, request: p.Request) -> p.Reply | None:
         body = self._body
         body.pass_time()
         number = request.number
@@ -76,14 +83,17 @@ class Door:
                 return p.Axes(number, body.axes)
             case p.Take():
                 self._note("enable", request)
+                self._taker = client
                 body.take(True)
             case p.Aim():
-                self._note("setpoint", request)
-                if len(request.values) == len(body.axes) and all(map(math.isfinite, request.values)):
+                if client is self._taker and self._fits(request.values):
+                    self._note("setpoint", request)
                     body.aim(request.values)
                 return None
             case p.Safe():
                 self._note("safe", request, request.rung)
+                if client is not self._taker:
+                    self._taker = None
                 if request.rung == p.LIMP:
                     body.take(False)
                 else:
@@ -110,6 +120,9 @@ class Door:
             tuple(felt.effort),
             tuple(int(hand) for hand in felt.hands),
         )
+
+    def _fits(self, values: Sequence[float]) -> bool:
+        return len(values) == len(self._body.axes) and all(map(math.isfinite, values))
 
     async def _render(self, request: p.Render) -> p.Reply:
         try:
