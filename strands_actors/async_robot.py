@@ -11,7 +11,7 @@ import trio
 from . import answers, verbs
 from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read, tool_spec
-from .agents.perform import perform
+from .agents.use import use
 from .answers import Answer
 from .factory import Plan, plan
 from .policies import DEFAULT_PROVIDER, choose_provider
@@ -132,12 +132,12 @@ class AsyncRobot:
         """End the rollout; returns when the robot holds, whatever the policy does."""
         return await answered("stop_task", verbs.stop_task, self._tree)
 
-    async def perform(self, given: object, by: str, motion: str = "") -> Answer:
+    async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
         """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
         call = read(self.driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
-        return await answered(call.verb.name, perform, self._tree, call, self._approval, by, motion)
+        return await answered(call.verb.name, use, self._tree, call, self._approval, by, motion)
 
 
 @contextlib.asynccontextmanager

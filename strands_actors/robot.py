@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 from . import answers, verbs
 from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read
-from .agents.perform import perform
 from .agents.tool import RobotTool
+from .agents.use import use
 from .answers import Answer, PendingAnswer
 from .async_robot import AsyncRobot, open_robot
 from .factory import Plan, plan
@@ -230,7 +230,7 @@ class RealRobot(RobotTool):
 
     # -- as a tool
 
-    async def perform(self, given: object, by: str) -> Answer:
+    async def use_tool(self, given: object, by: str) -> Answer:
         """Do what a tool's input asks for, from an asyncio loop."""
         call = read(self._driver, given)
         if isinstance(call, Refused):
@@ -245,7 +245,7 @@ class RealRobot(RobotTool):
             return answers.error(f"{name}: {tree}")
         self._liveness.enter()
         try:
-            doing = portal().submit(answered, name, perform, tree, call, self._approval, by)
+            doing = portal().submit(answered, name, use, tree, call, self._approval, by)
             return await asyncio.wrap_future(doing)
         finally:
             self._liveness.leave()

@@ -22,7 +22,7 @@ import msgspec
 
 from .clock import Clock
 from .messages import Message, Refused
-from .verbs import SENSORS, STATUS, STOP, Verb
+from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 
 class Reason(enum.StrEnum):
@@ -191,7 +191,7 @@ class Driver(ABC):
     reads_cameras: ClassVar[bool] = False
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty: it does."""
-    VERBS: ClassVar[tuple[Verb, ...]] = (SENSORS, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
