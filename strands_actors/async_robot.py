@@ -11,8 +11,9 @@ import trio
 from . import answers, verbs
 from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read, tool_spec
-from .agents.perform import perform
+from .agents.use import use
 from .answers import Answer
+from .engine import Engine
 from .factory import Plan, plan
 from .policies import DEFAULT_PROVIDER, choose_provider
 from .portal import open_caller
@@ -58,6 +59,15 @@ class AsyncRobot:
     def name(self) -> str:
         """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
         return self._tree.robot
+
+    @property
+    def engine(self) -> Engine | None:
+        """The twin's process, where there is one."""
+        return self._tree.engine
+
+    @property
+    def transport(self) -> str | None:
+        return self._tree.transport
 
     @property
     def tool_spec(self) -> dict[str, Any]:
@@ -117,6 +127,7 @@ class AsyncRobot:
     ) -> Answer:
         """As ``Robot.start_task``."""
         try:
+            verbs.check_tasks(self.driver)
             verbs.check_length(duration, None, control_frequency)
             where, options = choose_provider(policy_provider, policy_host, policy_port, options)
         except ValueError as failure:
@@ -132,12 +143,12 @@ class AsyncRobot:
         """End the rollout; returns when the robot holds, whatever the policy does."""
         return await answered("stop_task", verbs.stop_task, self._tree)
 
-    async def perform(self, given: object, by: str, motion: str = "") -> Answer:
+    async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
         """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
         call = read(self.driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
-        return await answered(call.verb.name, perform, self._tree, call, self._approval, by, motion)
+        return await answered(call.verb.name, use, self._tree, call, self._approval, by, motion)
 
 
 @contextlib.asynccontextmanager

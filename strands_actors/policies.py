@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 class Provider(NamedTuple):
     """How a policy is built: ``where(axes=..., **options)`` in a process of its own."""
 
-    where: str  # module:factory
+    where: str  # module:factory; empty: known by name, and not in this version
     needs: str = ""  # a package that must be there; the extra that brings it has the same name
     takes_address: bool = True  # options host and port, from policy_host and policy_port
 
@@ -25,7 +25,7 @@ PROVIDERS = {
     "mock": Provider("strands_actors.policies:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies:Sine", takes_address=False),
     "remote": Provider("strands_actors.remote_policy:Remote"),
-    "lerobot_local": Provider("strands_actors.lerobot_policy:LerobotLocal", needs="lerobot", takes_address=False),
+    "lerobot_local": Provider("", needs="lerobot", takes_address=False),
 }
 
 DEFAULT_PROVIDER = "lerobot_local"
@@ -50,6 +50,12 @@ def choose_provider(name: str, host: str, port: int | None, options: dict[str, A
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
             f"without it there are {others}"
+        )
+    if not provider.where:
+        # A checkpoint's numbers are in lerobot's normalised units: what drives them is driver="lerobot".
+        raise ValueError(
+            f"policy_provider {name!r} comes with driver='lerobot', which is not in this version. "
+            "serve the policy yourself and use policy_provider='remote'"
         )
     if port is None:
         return provider.where, options

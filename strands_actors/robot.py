@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overloa
 from . import answers, verbs
 from .agents.approval import APPROVE_S, Approval, Approve, approval_of
 from .agents.calls import read
-from .agents.perform import perform
 from .agents.tool import RobotTool
+from .agents.use import use
 from .answers import Answer, PendingAnswer
 from .async_robot import AsyncRobot, open_robot
 from .engine import SIM, Engine
@@ -271,6 +271,7 @@ class RealRobot(RobotTool):
         """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another package) in a
         process of its own, built there from ``options``. Returns at once."""
         try:
+            verbs.check_tasks(self._driver)
             verbs.check_length(duration, None, control_frequency)
             where, options = choose_provider(policy_provider, policy_host, policy_port, options)
         except ValueError as failure:
@@ -289,7 +290,7 @@ class RealRobot(RobotTool):
 
     # -- as a tool
 
-    async def perform(self, given: object, by: str) -> Answer:
+    async def use_tool(self, given: object, by: str) -> Answer:
         """Do what a tool's input asks for, from an asyncio loop."""
         call = read(self._driver, given)
         if isinstance(call, Refused):
@@ -304,7 +305,7 @@ class RealRobot(RobotTool):
             return answers.error(f"{name}: {tree}")
         self._liveness.enter()
         try:
-            doing = portal().submit(answered, name, perform, tree, call, self._approval, by)
+            doing = portal().submit(answered, name, use, tree, call, self._approval, by)
             return await asyncio.wrap_future(doing)
         finally:
             self._liveness.leave()

@@ -11,7 +11,7 @@ from typing import Any
 
 from . import answers
 from .answers import Answer
-from .runtime.contract import Observation
+from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
@@ -112,6 +112,12 @@ async def run_policy(
     tree: RobotTree, policy: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
 ) -> Answer:
     return _begun(await tree.run_policy(policy, instruction, duration, n_steps or 0, hz))
+
+
+def check_tasks(driver: Driver) -> None:
+    """Raise ``ValueError`` for a robot that runs no policy of the kind, whatever provider is named."""
+    if why := driver.ROLLOUTS or driver.TASKS:
+        raise ValueError(f"{driver.robot}: {why}")
 
 
 async def start_task(

@@ -13,14 +13,13 @@ SHOWN = 100
 def plain(action: Mapping[str, Any]) -> dict[str, Any]:
     """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
     refused by name."""
-    return {
-        str(key)[:SHOWN]: (
-            {str(name)[:SHOWN]: _number_or_text(part) for name, part in value.items()}
-            if isinstance(value, Mapping)
-            else _number_or_text(value)
-        )
-        for key, value in action.items()
-    }
+    return {str(key)[:SHOWN]: _plain_value(value) for key, value in action.items()}
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(name)[:SHOWN]: _number_or_text(part) for name, part in value.items()}
+    return _number_or_text(value)
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:

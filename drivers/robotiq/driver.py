@@ -16,7 +16,7 @@ from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing
 from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.verbs import SENSORS, STATUS, STOP, Verb
+from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 from .gates import FORCE, POSITION, SPEED, all_gates, keys_of, parse, position_key
 from .protocol import ACTIVATION_S
@@ -38,9 +38,9 @@ class Robotiq(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"
-    VERBS: ClassVar[tuple[Verb, ...]] = (
-        Verb("open", "action", "Open the fingers all the way.", _HOW, action={"gripper": 0.0}),
-        Verb("close", "action", "Close the fingers, onto what is between them.", _HOW, action={"gripper": 1.0}),
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
+        ToolVerb("open", "action", "Open the fingers all the way.", _HOW, action={"gripper": 0.0}),
+        ToolVerb("close", "action", "Close the fingers, onto what is between them.", _HOW, action={"gripper": 1.0}),
         SENSORS,
         STATUS,
         STOP,

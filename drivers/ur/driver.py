@@ -22,7 +22,7 @@ from strands_actors.runtime.contract import (
     Timing,
 )
 from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.verbs import STATE, STATUS, STOP, Verb
+from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import JOINTS, arm_of, arms
 from .gates import CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
@@ -36,7 +36,7 @@ class UR(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(arms())
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
-    VERBS: ClassVar[tuple[Verb, ...]] = (STATE, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
 
     axes = JOINTS
     ids = tuple(range(len(JOINTS)))

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ..runtime.contract import Driver
 from ..runtime.messages import Refused
-from ..runtime.verbs import Verb
+from ..runtime.tool_verbs import ToolVerb
 
 Kind = Literal["read", "motion", "stop"]
 
@@ -28,7 +28,7 @@ _TYPES: Mapping[str, tuple[type, ...]] = {
 class Call:
     """A declared verb with inputs of the declared types."""
 
-    verb: Verb
+    verb: ToolVerb
     inputs: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -54,7 +54,7 @@ class Call:
 
 def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
     """As strands-agents and MCP want it; ``action`` names the verb."""
-    verbs = driver.VERBS
+    verbs = driver.TOOL_VERBS
     properties: dict[str, Any] = {
         "action": {
             "type": "string",
@@ -88,12 +88,12 @@ def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
 
 def read(driver: Driver, given: object) -> Call | Refused:
     """What a model asks for. A null is an input that is not given; a stop minds no input."""
-    names = ", ".join(verb.name for verb in driver.VERBS)
+    names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
     if not isinstance(given, Mapping):
         return Refused("bad_input", f"tool: the input is {_shown(given)}", f"give an object with action: {names}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
-    verb = next((verb for verb in driver.VERBS if verb.name == wanted), None)
+    verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
     if verb is None:
         what = "no action is given" if said is None else f"{_shown(said)} is not a verb of {driver.robot}"
         return Refused("unknown_verb", f"tool: {what}", f"use {names}", _shown(said), names)
@@ -103,7 +103,7 @@ def read(driver: Driver, given: object) -> Call | Refused:
     return _refuse_inputs(verb, inputs) or Call(verb, inputs)
 
 
-def _refuse_inputs(verb: Verb, inputs: Mapping[str, Any]) -> Refused | None:
+def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
     takes = ", ".join(verb.inputs) or "no input"
     for name, value in inputs.items():
         if name not in verb.inputs:

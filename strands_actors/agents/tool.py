@@ -44,7 +44,7 @@ class RobotTool:
     def driver(self) -> Driver: ...
 
     @abstractmethod
-    async def perform(self, given: object, by: str) -> Answer:
+    async def use_tool(self, given: object, by: str) -> Answer:
         """Do what a tool's input asks for, from an asyncio loop. ``by``: who asks, for the operator."""
 
     @property
@@ -56,7 +56,7 @@ class RobotTool:
         self, tool_use: Mapping[str, Any], invocation_state: Mapping[str, Any] | None = None, **_: Any
     ) -> AsyncIterator[dict[str, Any]]:
         """One tool result, ``{toolUseId, status, content}``. The actors do the work: the loop is never blocked."""
-        answer = await self.perform(tool_use.get("input"), "agent")
+        answer = await self.use_tool(tool_use.get("input"), "agent")
         yield {"toolUseId": tool_use.get("toolUseId", ""), **answer}
 
     @property

@@ -23,7 +23,7 @@ import trio
 
 from .clock import Clock
 from .messages import Message, Refused
-from .verbs import SENSORS, STATUS, STOP, Verb
+from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 
 class Reason(enum.StrEnum):
@@ -223,7 +223,7 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
-    VERBS: ClassVar[tuple[Verb, ...]] = (SENSORS, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""

@@ -239,8 +239,12 @@ class _Subject:
     # -- parse and gates
 
     def answer(self, action: Mapping[str, Any], state: GateState | None = None) -> Candidate | Refused:
-        """As the gate asks: parse, then every gate until one refuses."""
+        """As the gate asks: every condition, parse, then every gate, until one refuses."""
         state = state or self.state()
+        for condition in self.driver.conditions:
+            refusal = condition(state.observation, state.now_ns)
+            if refusal is not None:
+                return refusal
         candidate = self.driver.parse(action, state)
         if isinstance(candidate, Refused):
             return candidate

@@ -156,7 +156,7 @@ def test_a_trio_program_has_every_verb(twin: Twin) -> None:
             assert json_of(await robot.get_status())["state"] in ("armed", "holding")
             assert json_of(await robot.stop())["unconfirmed"] == []
             on = {"action": "set_torque", "enabled": True}
-            assert "needs an operator's approval" in why(await robot.perform(on, "test"))
+            assert "needs an operator's approval" in why(await robot.use_tool(on, "test"))
             json_of(await robot.resume())
             with pytest.raises(ValueError, match="hz is 0"):
                 robot.observations(hz=0)

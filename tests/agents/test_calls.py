@@ -10,7 +10,7 @@ from strands_actors.agents.calls import Call, read, tool_spec
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.verbs import Verb
+from strands_actors.runtime.tool_verbs import ToolVerb
 
 VERBS = {
     "Feetech": ["status", "sensors", "move_to", "set_torque", "stop"],
@@ -45,7 +45,7 @@ def refused(of: Driver, given: Any) -> Refused:
 @pytest.mark.parametrize("robot", sorted(list_native_drivers()))
 def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
     made = driver(robot)
-    names = [verb.name for verb in made.VERBS]
+    names = [verb.name for verb in made.TOOL_VERBS]
     assert names == VERBS.get(type(made).__name__, names)
     assert len(set(names)) == len(names)
     assert {"status", "stop"} <= set(names)
@@ -54,7 +54,7 @@ def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
     schema = spec["inputSchema"]["json"]
     assert (spec["name"], schema["type"], schema["required"]) == ("tool", "object", ["action"])
     assert schema["properties"]["action"]["enum"] == names
-    assert set(schema["properties"]) == {"action", *(name for verb in made.VERBS for name in verb.inputs)}
+    assert set(schema["properties"]) == {"action", *(name for verb in made.TOOL_VERBS for name in verb.inputs)}
     assert all(axis in spec["description"] for axis in made.axes)
 
 
@@ -122,4 +122,4 @@ def test_a_bool_is_no_number() -> None:
 
 
 def test_a_verb_without_inputs_has_its_action() -> None:
-    assert Call(Verb("home", "action", "Go home.", action={"a": 1.0})).action == {"a": 1.0}
+    assert Call(ToolVerb("home", "action", "Go home.", action={"a": 1.0})).action == {"a": 1.0}

@@ -15,7 +15,7 @@ from strands_actors.robot import RealRobot, SimRobot
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
-KEYWORDS = "it takes baud, calibration, data_config, port, sim, tool_name, transport"
+KEYWORDS = "it takes baud, calibration, data_config, mesh, port, require_drill, sim, tool_name, transport"
 
 REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so10", PORT, ("'so10' is not known", "Did you mean: so10", "list_driver_coverage()")),

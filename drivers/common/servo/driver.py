@@ -20,7 +20,7 @@ from strands_actors.runtime.contract import (
     Timing,
 )
 from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, Verb
+from strands_actors.runtime.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, Axis, axes_of
 
@@ -38,7 +38,7 @@ def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
 
 class ServoDriver(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
-    VERBS: ClassVar[tuple[Verb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
     TABLES: ClassVar[RobotTables]
     BAUD_RATES: ClassVar[tuple[int, ...]]
     DEFAULT_BAUD: ClassVar[int]

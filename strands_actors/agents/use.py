@@ -10,7 +10,7 @@ from .approval import Approval, Request
 from .calls import Call
 
 
-async def perform(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
+async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
     """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about nor held up."""
     verb = call.verb
     if call.kind == "stop":

@@ -1,7 +1,7 @@
 """What those who are not the robot's own program may ask of it: an agent, an MCP client, a command from the mesh.
 
-A driver declares its verbs as data (``Driver.VERBS``). What a verb *does* is one of six things that every robot
-knows; what differs is its name, its inputs and the action they make.
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of six things that every
+robot knows; what differs is its name, its inputs and the action they make.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Schema = Mapping[str, Any]
 """JSON schema of one input."""
 
 
-class Verb(msgspec.Struct, frozen=True):
+class ToolVerb(msgspec.Struct, frozen=True):
     """One verb. ``does``:
 
     ``status``   what ``get_status()`` says
@@ -37,12 +37,12 @@ class Verb(msgspec.Struct, frozen=True):
     action: Mapping[str, float] = {}
 
 
-STATUS = Verb("status", "status", "Connection, state, last refusal.")
-SENSORS = Verb("sensors", "sensors", "Measured positions, sensors and faults.")
-STATE = Verb("state", "state", "Measured positions and velocities.")
-STOP = Verb("stop", "stop", "Stop at once; nothing moves again until it is energised.")
+STATUS = ToolVerb("status", "status", "Connection, state, last refusal.")
+SENSORS = ToolVerb("sensors", "sensors", "Measured positions, sensors and faults.")
+STATE = ToolVerb("state", "state", "Measured positions and velocities.")
+STOP = ToolVerb("stop", "stop", "Stop at once; nothing moves again until it is energised.")
 
-MOVE_TO = Verb(
+MOVE_TO = ToolVerb(
     "move_to",
     "action",
     "Move the named joints to their targets and hold there.",
@@ -50,7 +50,7 @@ MOVE_TO = Verb(
     ("targets",),
 )
 
-SET_TORQUE = Verb(
+SET_TORQUE = ToolVerb(
     "set_torque",
     "torque",
     "Energise the motors where they are, or release them.",
