@@ -20,8 +20,9 @@ def allowed() -> frozenset[str]:
 
 
 def unapproved(guarded: Collection[str], names: Iterable[str]) -> tuple[str, ...]:
-    """Those of ``names`` that somebody has to approve, sorted."""
-    return tuple(sorted(frozenset(guarded).intersection(names) - allowed()))
+    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos`` behind it."""
+    plain = (str(name).removesuffix(".pos") for name in names)
+    return tuple(sorted(frozenset(guarded).intersection(plain) - allowed()))
 
 
 def not_approved(verb: str, names: Iterable[str], why: str) -> Refused:

@@ -53,7 +53,8 @@ def test_a_guarded_verb_and_a_guarded_key_are_asked_about() -> None:
     assert ask(approval) is None
     fly = Request("drone", "action", {"takeoff": 1.0}, "mesh")
     assert ask(approval, fly, ("takeoff",)) is None
-    assert asked == [MOVE, fly]
+    assert ask(approval, fly, ("takeoff.pos",)) is None
+    assert asked == [MOVE, fly, fly]
 
 
 @pytest.mark.parametrize(
