@@ -14,7 +14,7 @@ from strands_actors.runtime.messages import Message
 from strands_actors.supervisors.messages import Describe, TreeReport
 from strands_actors.supervisors.root import Root
 
-HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual")
+HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual", "mcap", "zstandard")
 MAX_MB = 60.0
 
 IMPORT = {

@@ -25,6 +25,7 @@ from strands_actors.recording.code import build_driver
 from strands_actors.robot import RealRobot
 from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.node import Node
 from strands_actors.supervisors import gate as gate_module
 from strands_actors.supervisors.gate import Gate
 from strands_actors.supervisors.messages import Acquire, Lease, Setpoint, Stop, StopReport
@@ -74,7 +75,7 @@ def ask(message: Message) -> Message | None:
     """As another writer on the mesh."""
 
     async def ask() -> Message | None:
-        node = portal().node
+        node: Node = portal().node
         return await node.ref("strands/so101/actor/gate", Gate, sender="strands/test/intruder").ask(message, 5.0)
 
     return portal().call(ask)

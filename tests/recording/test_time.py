@@ -108,12 +108,7 @@ def test_a_watchdog_has_no_state_but_its_memory() -> None:
     wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_cycle_ns", "_orphaned", "_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
-    memory = WatchdogMemory(
-        *range(1, 9),  # type: ignore[arg-type]  # in the order of its fields
-        alive=watchdog._alive,
-        root=Heard(10, 11, 12, None),
-        root_lost=True,
-    )
+    memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, watchdog._alive, Heard(10, 11, 12, None), True)
     watchdog.recall(memory)
     assert watchdog.memory() == memory
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(memory), type=WatchdogMemory) == memory
