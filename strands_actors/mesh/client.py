@@ -76,6 +76,7 @@ class MeshClient:
         self._turns = itertools.count(1)
         self._waiting: dict[str, trio.MemorySendChannel[Response]] = {}
         self._clocks: dict[str, Reading] = {}
+        self._looking = trio.Lock()
         self._appeared = trio.Event()
         self._opened_at = trio.current_time()
 
@@ -83,13 +84,15 @@ class MeshClient:
 
     async def look(self) -> None:
         """Join robots of this user that have come, leave those that are gone."""
-        found = {note.mesh[0]: note.robot for note in notes() if note.mesh}
-        for endpoint in [known for known in self._sessions if known and known not in found]:
-            self._leave(self._sessions.pop(endpoint))
-        self._expected = set(found.values())
-        for endpoint in found:
-            if endpoint not in self._sessions:
-                await self._join(endpoint, await PubSub.open(connect=[endpoint]))
+        async with self._looking:
+            found = {note.mesh[0]: note.robot for note in notes() if note.mesh}
+            for endpoint in [known for known in self._sessions if known and known not in found]:
+                self._leave(self._sessions.pop(endpoint))
+            self._expected = set(found.values())
+            for endpoint in found:
+                if endpoint not in self._sessions:
+                    with trio.CancelScope(shield=True):  # a millisecond; half of it would be a deaf session
+                        await self._join(endpoint, await PubSub.open(connect=[endpoint]))
 
     async def join_configured(self) -> None:
         """Raise ``ValueError`` when a certificate cannot be used."""
@@ -248,7 +251,7 @@ class MeshClient:
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return  # nobody waits for what cannot be read
         waiting = self._waiting.get(response.turn_id)
-        if waiting is not None:
+        if waiting is not None and response.responder_id == received.key.split("/")[3]:
             with contextlib.suppress(trio.WouldBlock):
                 waiting.send_nowait(response)
 
