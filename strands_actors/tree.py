@@ -252,7 +252,10 @@ class RobotTree:
 
     async def _require_mesh(self) -> None:
         """A robot that was to be reached from elsewhere and is not has not been started."""
-        answer = await self._root.ask(GetMesh(), ASK_S)
+        try:
+            answer = await self._root.ask(GetMesh(), CONNECT_S)
+        except (AskTimeout, Unreachable) as failure:
+            raise NotConnected(f"the root does not say whether it is on the mesh: {failure}") from failure
         if isinstance(answer, OnMesh) and answer.problem:
             raise NotConnected(answer.problem)
 

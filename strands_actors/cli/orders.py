@@ -17,8 +17,9 @@ import msgspec
 import trio
 
 from .. import directory
-from ..mesh.client import STOP_S, MeshClient, Outcome, open_mesh
+from ..mesh.client import STOP_S, MeshClient, open_mesh
 from ..mesh.config import MeshConfig
+from ..mesh.outcome import Outcome
 from ..rundir import notes
 from ..runtime.messages import Refused
 from . import operate

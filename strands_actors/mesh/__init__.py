@@ -11,8 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .client import MeshClient, Outcome, open_mesh
+    from .client import MeshClient, open_mesh
     from .config import TLS, Access, MeshConfig
+    from .outcome import Outcome
     from .remote import RemoteRobot, control
     from .sync import estop, resume
 
@@ -21,7 +22,7 @@ _WHERE = {
     "Access": "config",
     "MeshClient": "client",
     "MeshConfig": "config",
-    "Outcome": "client",
+    "Outcome": "outcome",
     "RemoteRobot": "remote",
     "control": "remote",
     "estop": "sync",

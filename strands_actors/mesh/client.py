@@ -17,7 +17,7 @@ import os
 import re
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Any
 
 import msgspec
@@ -32,6 +32,7 @@ from ..runtime.zenoh_session import short
 from ..supervisors import mesh_json
 from ..supervisors.mesh_json import ESTOP_ANSWER_S, Command, Response, encode, schema
 from .config import MeshConfig
+from .outcome import Outcome, outcome_of, result_of
 
 LOOK_S = 0.5
 """How often it is looked for robots that have come or gone, and how long one may take to appear."""
@@ -42,19 +43,6 @@ CLOCK_AGE_S = 10.0
 
 _decode_response = msgspec.json.Decoder(Response).decode
 _COMMAND = schema("command")
-
-
-class Outcome(msgspec.Struct, frozen=True):
-    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or unreachable."""
-
-    robot: str
-    outcome: str
-    detail: str = ""
-    rung: str = ""
-    path: str = ""
-    locked: bool = False
-    took_ms: float = 0.0  # on the robot: from its order to the last motor's confirmation
-    motors: tuple[dict[str, Any], ...] = ()
 
 
 class Reading(msgspec.Struct, frozen=True):
@@ -88,6 +76,7 @@ class MeshClient:
         self._turns = itertools.count(1)
         self._waiting: dict[str, trio.MemorySendChannel[Response]] = {}
         self._clocks: dict[str, Reading] = {}
+        self._looking = trio.Lock()
         self._appeared = trio.Event()
         self._opened_at = trio.current_time()
 
@@ -95,13 +84,15 @@ class MeshClient:
 
     async def look(self) -> None:
         """Join robots of this user that have come, leave those that are gone."""
-        found = {note.mesh[0]: note.robot for note in notes() if note.mesh}
-        for endpoint in [known for known in self._sessions if known and known not in found]:
-            self._leave(self._sessions.pop(endpoint))
-        self._expected = set(found.values())
-        for endpoint in found:
-            if endpoint not in self._sessions:
-                await self._join(endpoint, await PubSub.open(connect=[endpoint]))
+        async with self._looking:
+            found = {note.mesh[0]: note.robot for note in notes() if note.mesh}
+            for endpoint in [known for known in self._sessions if known and known not in found]:
+                self._leave(self._sessions.pop(endpoint))
+            self._expected = set(found.values())
+            for endpoint in found:
+                if endpoint not in self._sessions:
+                    with trio.CancelScope(shield=True):  # a millisecond; half of it would be a deaf session
+                        await self._join(endpoint, await PubSub.open(connect=[endpoint]))
 
     async def join_configured(self) -> None:
         """Raise ``ValueError`` when a certificate cannot be used."""
@@ -179,7 +170,7 @@ class MeshClient:
         answer = await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
         if isinstance(answer, Refused):
             return Outcome(robot, "unreachable", answer.text)
-        return _outcome(robot, answer)
+        return outcome_of(robot, answer)
 
     async def resume(self, robot: str, by: str = "", within_s: float = 12.0) -> dict[str, Any] | Refused:
         """Lift a lockout and energise at the measured position. Starts no motion."""
@@ -226,7 +217,7 @@ class MeshClient:
             with trio.move_on_after(within_s):
                 async for response in answers:
                     if response.final:
-                        return _result(response)
+                        return result_of(response)
         return Refused(
             "no_answer", f"{robot} gave no answer within {within_s:g} s", "is it frozen, or denied to you?"
         )
@@ -260,7 +251,7 @@ class MeshClient:
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return  # nobody waits for what cannot be read
         waiting = self._waiting.get(response.turn_id)
-        if waiting is not None:
+        if waiting is not None and response.responder_id == received.key.split("/")[3]:
             with contextlib.suppress(trio.WouldBlock):
                 waiting.send_nowait(response)
 
@@ -319,40 +310,13 @@ class MeshClient:
             nursery.start_soon(watch)
             while not (done >= self._meant(robot) and (not remote or trio.current_time() >= settled_at)):
                 response = await answers.receive()
-                outcome = _outcome(response.responder_id, response.result or {"detail": response.error})
+                outcome = outcome_of(response.responder_id, response.result or {"detail": response.error})
                 known = found.get(outcome.robot)
                 if known is None or known.outcome != "safe":
                     found[outcome.robot] = outcome
                 if response.final:
                     done.add(outcome.robot)
             nursery.cancel_scope.cancel()
-
-
-def _result(response: Response) -> dict[str, Any] | Refused:
-    if response.refused is not None:
-        return Refused(**msgspec.structs.asdict(response.refused))
-    if response.type != "response":
-        return Refused("error", response.error or "the robot refused")
-    return response.result
-
-
-def _outcome(robot: str, result: Mapping[str, Any]) -> Outcome:
-    motors = tuple(motor for motor in result.get("motors", ()) if isinstance(motor, dict))
-    detail = str(result.get("detail", ""))
-    if not detail and result.get("outcome") != "safe":
-        detail = ", ".join(
-            f"{motor.get('axis')}: {motor.get('detail')}" for motor in motors if not motor.get("safe")
-        )
-    return Outcome(
-        robot,
-        "safe" if result.get("outcome") == "safe" else "unconfirmed",
-        detail,
-        str(result.get("rung", "")),
-        str(result.get("path", "")),
-        bool(result.get("locked")),
-        float(result.get("took_ms", 0.0)),
-        motors,
-    )
 
 
 @contextlib.asynccontextmanager

@@ -20,7 +20,8 @@ from ..runtime.clock import NS
 from ..runtime.messages import Refused
 from ..supervisors import mesh_json
 from ..supervisors.mesh_json import Command
-from .client import MeshClient, Outcome, Reading
+from .client import MeshClient, Reading
+from .outcome import Outcome
 
 BEAT_S = 0.2
 COMMAND_S = 0.25

@@ -5,8 +5,9 @@ from __future__ import annotations
 from ..portal import portal
 from ..runtime.messages import Refused
 from ..supervisors.mesh_json import ESTOP_ANSWER_S
-from .client import Outcome, open_mesh
+from .client import open_mesh
 from .config import MeshConfig
+from .outcome import Outcome
 
 
 def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
