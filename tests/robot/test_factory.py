@@ -29,7 +29,11 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
         {"mode": "real", "prot": "x"},
         ("no 'prot'", "'prot' -> 'port'", "Feetech", "baud, calibration, port"),
     ),
-    ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", "it takes baud, calibration, port, tool_name, transport")),
+    (
+        "so101",
+        {**PORT, "wheels": 4},
+        ("no 'wheels'", "it takes baud, calibration, port, require_drill, tool_name, transport"),
+    ),
     ("so101", {**PORT, "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
     ("so101", {**PORT, "tool_name": "my arm"}, ("tool_name is 'my arm'", "1 to 64 of A-Z a-z 0-9 _ -")),
     ("so101", {**PORT, "tool_name": "a" * 65}, ("tool_name is",)),
