@@ -19,7 +19,7 @@ import pytest
 from textual.pilot import Pilot
 
 from strands_actors.cli.top.app import Confirm, Top
-from strands_actors.cli.top.rows import COLUMNS
+from strands_actors.cli.top.rows import COLUMNS, columns_for
 from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code, wait_until
 
 MOVE = {"shoulder_pan": 3.0}
@@ -182,6 +182,20 @@ def test_in_a_terminal_it_stops_a_robot_and_leaves_the_terminal_as_it_was(
         os.close(screen)
     assert ALT_SCREEN_OFF in shown
     assert b"Traceback" not in shown
+
+
+def test_a_narrow_screen_goes_without_the_least_important() -> None:
+    every = [title for title, _ in COLUMNS]
+    for width in range(60, 200):
+        columns = columns_for(width)
+        titles = [title for title, _ in columns]
+        assert {"robot", "state", "writes/s", "reads/s", "age"} <= set(titles)
+        assert titles == [title for title in every if title in titles]
+        if width >= 80:
+            assert sum(size + 2 for _, size in columns) <= width
+    assert [title for title, _ in columns_for(120)] == every
+    assert "restarts" in dict(columns_for(80))
+    assert dict(columns_for(120))["lease"] >= 12
 
 
 def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:

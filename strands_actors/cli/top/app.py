@@ -13,12 +13,13 @@ from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.events import Resize
 from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Static
 
 from ..trees import draw
 from .feed import Feed, Seen
-from .rows import COLUMNS, Rates, facts, heading, row
+from .rows import Columns, Rates, columns_for, facts, heading, row
 
 TOLD = 4
 """Answers that stay on the screen."""
@@ -71,7 +72,7 @@ class Top(App[None]):
     #robots { height: auto; max-height: 40%; overflow-x: hidden; background: $background; }
     #empty { height: 1fr; padding: 2 3; display: none; }
     #page { height: 1fr; border-top: solid $panel; }
-    #tree-scroll { width: 58; padding: 0 1; }
+    #tree-scroll { width: 1fr; max-width: 58; padding: 0 1; }
     #facts-scroll { width: 1fr; padding: 0 1; border-left: solid $panel; }
     #told { height: auto; max-height: 4; padding: 0 1; border-top: solid $panel; }
     Confirm { align: center middle; }
@@ -91,6 +92,7 @@ class Top(App[None]):
         super().__init__()
         self._feed = Feed(self._show_soon, self._tell_soon)
         self._seen: list[Seen] = []
+        self._columns: Columns = ()
         self._rates: dict[str, Rates] = {}
         self._told: deque[Text] = deque(maxlen=TOLD)
 
@@ -107,10 +109,7 @@ class Top(App[None]):
         yield Footer(show_command_palette=False)
 
     def on_mount(self) -> None:
-        table = self._table
-        for title, width in COLUMNS:
-            table.add_column(heading(title, width), key=title, width=width)
-        table.focus()
+        self._table.focus()
         self.query_one("#told").display = False
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -119,6 +118,19 @@ class Top(App[None]):
 
     def on_unmount(self) -> None:
         self._feed.close()
+
+    def on_resize(self, event: Resize) -> None:
+        columns = columns_for(event.size.width)
+        if columns == self._columns:
+            return
+        seen, at = self._seen, self._table.cursor_row
+        self._columns, self._seen = columns, []
+        self._table.clear(columns=True)
+        for title, width in columns:
+            self._table.add_column(heading(title, width), key=title, width=width)
+        if seen:
+            self._show(seen)
+            self._table.move_cursor(row=at)
 
     # -- from the feed's thread
 
@@ -151,7 +163,7 @@ class Top(App[None]):
         if names != [each.note.robot for each in self._seen]:
             table.clear()
             for name in names:
-                table.add_row(*([Text()] * len(COLUMNS)), key=name)
+                table.add_row(*([Text()] * len(self._columns)), key=name)
             if before is not None and before.note.robot in names:
                 table.move_cursor(row=names.index(before.note.robot))
         self._seen = seen
@@ -159,7 +171,8 @@ class Top(App[None]):
         for each in seen:
             rates = self._rates[each.note.robot]
             rates.add(each)
-            for (title, _), cell in zip(COLUMNS, row(each, rates), strict=True):
+            cells = row(each, rates, self._columns)
+            for (title, _), cell in zip(self._columns, cells, strict=True):
                 table.update_cell(each.note.robot, title, cell)
         self._show_head()
         self._show_page()

@@ -16,20 +16,42 @@ WINDOW_S = 2.0
 LATE_S, GONE_S = 0.3, 1.0
 """An observation older than this is marked; than that, there is none."""
 
-COLUMNS = (
-    ("robot", 18),
+Columns = tuple[tuple[str, int], ...]
+"""Titles and widths."""
+
+COLUMNS: Columns = (
+    ("robot", 17),
     ("state", 12),
     ("epoch", 5),
-    ("lease", 26),
+    ("lease", 0),
     ("writes/s", 8),
     ("reads/s", 8),
     ("age", 8),
     ("restarts", 8),
     ("refused", 7),
 )
-"""Title and width."""
+LEASE = (12, 40)
+"""The lease takes what the others leave: at least and at most so much."""
+SPARED = ("lease", "refused", "restarts", "epoch")
+"""What a narrow screen goes without, in this order."""
+PADDING = 2
+"""Of every cell, both sides together."""
 RIGHT = frozenset({"epoch", "writes/s", "reads/s", "age", "restarts", "refused"})
 NOTHING = Text("–", "dim")
+
+
+def columns_for(width: int) -> Columns:
+    """Those that fit into so many cells."""
+    titles = [title for title, _ in COLUMNS]
+    for spared in ("", *SPARED):
+        titles = [title for title in titles if title != spared]
+        fixed = sum(size + PADDING for title, size in COLUMNS if title in titles)
+        left = width - fixed
+        if left >= (LEASE[0] if "lease" in titles else 0):
+            break
+    return tuple(
+        (title, min(left, LEASE[1]) if title == "lease" else size) for title, size in COLUMNS if title in titles
+    )
 
 
 class Rates:
@@ -59,7 +81,7 @@ class Rates:
         return writes, reads
 
 
-def row(seen: Seen, rates: Rates) -> list[Text]:
+def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
     """One cell a column."""
     status = seen.status
     per_s = rates.per_s
@@ -75,7 +97,7 @@ def row(seen: Seen, rates: Rates) -> list[Text]:
         "restarts": Text(str(restarts), "yellow" if restarts else "dim"),
         "refused": NOTHING if status is None else Text(str(status.refusals), "" if status.refusals else "dim"),
     }
-    return [_set(cells[title], title, width) for title, width in COLUMNS]
+    return [_set(cells[title], title, width) for title, width in columns]
 
 
 def state(seen: Seen) -> Text:
