@@ -1,4 +1,4 @@
-"""The G1's twin with the vendor's kind of DDS at the other end: what it says is understood, what it is told obeyed."""
+"""The vendor's kind of DDS at the other end of the G1's twin: what it says is understood, what it hears obeyed."""
 
 from __future__ import annotations
 
