@@ -17,7 +17,7 @@ from strands_actors.runtime.messages import Refused
 
 from . import protocol as p
 from . import rpc
-from .gates import CONTROL_S
+from .gates import CONTROL_S, FSM_TTL_S, HANDSHAKE_FSM, MODE_TTL_S
 from .link import Link, Service
 from .protocol import Garbled
 from .rpc import ATTEMPTS, RELEASE_S
@@ -91,7 +91,7 @@ class _Session:
             sensors["battery"] = self.battery
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id
-        if self.mode is not None:
+        if self.mode is not None and self.fsm is None:
             name, read_s = self.mode
             sensors["sport_mode_released"] = (float(not name), read_s)
             if name:
@@ -100,6 +100,16 @@ class _Session:
             link.state_ns, state.q, (link.state_ns,) * len(state.q), state.dq, sensors, faults
         )
         return self._observation
+
+    def held_by(self) -> str:
+        """What controls the robot instead of us, as it has said of late. Empty: nothing."""
+        now_s = self.clock.now_ns() / NS
+        if self.fsm is not None:
+            if self.fsm_id and now_s - self.fsm_id[1] <= FSM_TTL_S and self.fsm_id[0] not in HANDSHAKE_FSM:
+                return f"FSM {self.fsm_id[0]:g}"
+        elif self.mode and self.mode[0] and now_s - self.mode[1] <= MODE_TTL_S:
+            return f"sport mode {self.mode[0]!r}"
+        return ""
 
     # -- what is heard
 
@@ -183,7 +193,13 @@ class UnitreeWire(Wire):
         if session is None:
             return reports(self._driver.model, False, "not connected")
         session.commands = False
-        return await bring_down(session.link, rung)
+        motors = await bring_down(session.link, rung)
+        held_by = "" if all(motor.safe for motor in motors) else session.held_by()
+        if not held_by:
+            return motors
+        # It takes no commands of ours, so its torque is none of ours either.
+        said = f"held by the robot's own controller, {held_by}"
+        return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
 
     async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``release_sport_mode``: ask until the robot says that no onboard mode is active."""

@@ -200,6 +200,15 @@ def test_saf_012_a_robot_that_falls_silent_is_told_to_let_go(tmp_path: Path) -> 
         wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
 
 
+def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        elbow = g1.robot.get_observation()["left_elbow"]
+        never = {"left_elbow": {"q": elbow, "kp": -1.0}}
+        g1.order("fault garbage", lambda: g1.refused(never)[0] == "stale")
+        assert not g1.log.host("setpoint")
+        g1.order("fault ok", lambda: g1.refused(never)[0] == "gain")
+
+
 def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
     with legs(tmp_path, on_exit="damp") as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
@@ -270,6 +279,16 @@ def test_what_connecting_says(tmp_path: Path) -> None:
         assert (status["family"], status["onboard_mode"]) == ("unitree_go", "normal")
         assert status["state"] == "armed"
         assert not go2.log.host("setpoint") and not go2.log.host("safe")  # connecting commands nothing
+
+
+def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
+    """It takes no commands of ours: frames go out all the same, and the report says who holds it."""
+    with legs(tmp_path, "unitree_go2") as go2:
+        answer = go2.robot.stop()
+        assert answer["status"] == "success", answer  # type: ignore[index]
+        motors = answer["content"][0]["json"]["motors"]  # type: ignore[index]
+        assert motors["FL_hip_joint"]["detail"] == "held by the robot's own controller, sport mode 'normal'"
+        assert go2.log.host("safe") and not go2.events("fell")
 
 
 def test_nobody_there(tmp_path: Path) -> None:
