@@ -10,7 +10,7 @@ import pytest
 import trio
 
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Observation, Permit, Reason, Timing, Service, WireDown
+from strands_actors.runtime.contract import Observation, Permit, Reason, Service, Timing, WireDown
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.supervisors.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
 from strands_actors.testing import open_inline_tree, run_virtual
@@ -41,7 +41,9 @@ def waves(monkeypatch: pytest.MonkeyPatch) -> None:
             await trio.sleep(0.1)
         return {"waved": times}
 
-    monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": Service("wave a hand", within_s=1.0, arguments={"times": 3})})
+    monkeypatch.setattr(
+        FakeDriver, "SERVICES", {"wave": Service("wave a hand", within_s=1.0, arguments={"times": 3})}
+    )
     monkeypatch.setattr(FakeWire, "perform", perform)
 
 
