@@ -22,6 +22,9 @@ from .gates import held
 if TYPE_CHECKING:
     from .wire import SimWire
 
+OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
+"""What is declared of the robot, whatever it is made of."""
+
 KEEPALIVE_S = 1.0
 """A door loses nothing: the re-send is of no use here, and costs nothing."""
 
@@ -48,6 +51,7 @@ class SimDriver(Driver):
         self.ladder = real.ladder
         self.units = real.model_units()
         self.gates = (held(self.axes),)
+        vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse(action, state)
