@@ -184,6 +184,8 @@ def _look_around(driver_class: type[Any], port: str | None, transport: str | Non
 
 
 def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    if why := driver_class.SIMULATION:
+        raise ValueError(f"Robot: there is no simulation of {wanted.name}: {why}")
     if ignored := wanted.given():
         raise TypeError(
             f"Robot: a simulation of {wanted.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "

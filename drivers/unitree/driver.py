@@ -39,6 +39,10 @@ class _Legs(Driver):
     TASKS: ClassVar[str] = (
         "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"
     )
+    SIMULATION: ClassVar[str] = (
+        "a robot on legs falls unless its onboard services or a policy balance it. "
+        "use mode='real', transport='twin': its twin has them"
+    )
     OPTIONS: ClassVar[Mapping[str, str]] = {
         "on_exit": "what ends every motion: zero_torque (default), or damp: half a second of braking before it",
         "battery_floor_pct": "charge under which nothing is commanded; default 15",

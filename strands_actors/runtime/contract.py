@@ -221,6 +221,8 @@ class Driver(ABC):
     """Why this robot runs no policies; empty: it does."""
     TASKS: ClassVar[str] = ""
     """Why this robot runs no policy in a process of its own; empty: it does."""
+    SIMULATION: ClassVar[str] = ""
+    """Why there is no simulation of this robot; empty: there is."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
