@@ -10,9 +10,9 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 
+from strands_actors import __version__
 from strands_actors.runtime.contract import Driver
 
 from .bench import Bench, NotMoving
@@ -108,7 +108,7 @@ def conditions() -> dict[str, str]:
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
         "load": f"{load} (1, 5, 15 min)",
         "python": sys.version.split()[0],
-        "strands-actors": _version(),
+        "strands-actors": __version__,
     }
 
 
@@ -119,13 +119,6 @@ def _processor() -> str:
         return platform.machine()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
-
-
-def _version() -> str:
-    try:
-        return metadata.version("strands-actors")
-    except metadata.PackageNotFoundError:
-        return "not installed"
 
 
 def as_json(rows: Sequence[Row], taken: dict[str, str]) -> str:
