@@ -17,6 +17,7 @@ import trio
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Driver, Observation
+from strands_actors.runtime.guard import not_approved, unapproved
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 from strands_actors.runtime.pubsub import PubSub, Received
@@ -194,6 +195,8 @@ class Commands(Actor):
             # The gate compares with the present epoch, which anybody can read in the telemetry: on the mesh it must
             # also be the one that the lease came with.
             return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
+        if names := unapproved(self._driver.GUARDED, move.targets):
+            return not_approved("move", names, "on the mesh there is nobody to ask")
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
         )

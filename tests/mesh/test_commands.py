@@ -14,7 +14,7 @@ from strands_actors.mesh.client import MeshClient, Reading
 from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors import mesh_json
 from strands_actors.supervisors.commands import COMMANDS_PER_S
-from strands_actors.testing import FakeHardware
+from strands_actors.testing import FakeDriver, FakeHardware
 
 from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
 
@@ -41,6 +41,23 @@ def test_saf_014_the_drivers_refusals_come_back_typed() -> None:
             assert code(await arm.send_action({"nose": 1.0})) == "unknown_joint"
             assert code(await arm.send_action({"a": 1e9})) == "range"
             assert hardware.of("setpoint") == []
+
+    run(test)
+
+
+def test_what_is_guarded_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
+
+    async def test() -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, control(client, robot) as arm:
+            assert code(await arm.send_action({"a": 1.0, "b": 1.0})) == "not_approved"
+            assert hardware.of("setpoint") == []
+            await arm.send_action({"b": 1.0})
+            await until(lambda: hardware.of("setpoint"), "a setpoint")
+            monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "a")
+            answer = await arm.send_action({"a": 1.0})
+            assert not isinstance(answer, Refused)
 
     run(test)
 
