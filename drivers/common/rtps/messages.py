@@ -262,7 +262,6 @@ PADDING = (b"", b"\x00\x00\x00", b"\x00\x00", b"\x00")
 
 _DATA_SKIP = 16
 _FRAGMENT_SKIP = 28
-HEARTBEAT_SIZE = 4 + LITTLE.heartbeat.size
 
 
 def header(prefix: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The participant with its sockets: two or three of them, none blocking, and the trio loop that serves them.
+"""The participant: an engine on its sockets, and the trio loop that serves them.
 
 Writing needs no loop: the sockets are open and ``Writer.write`` is an ordinary function. Where no task can run
 beside the caller, ``poll`` does one round of what ``run`` does for ever.
@@ -7,24 +7,20 @@ beside the caller, ``poll`` does one round of what ``run`` does for ever.
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import socket
-import struct
-import sys
-import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import aclosing, asynccontextmanager
 
 import trio
 
 from strands_actors.runtime.clock import Clock, MonotonicClock
-from strands_actors.runtime.contract import WireDown
 
 from . import words
 from .discovery import ParticipantData
 from .engine import Counters, Engine, OnSample
 from .reader import Reader
+from .sockets import ANCILLARY, age_ns, is_host, open_sockets
 from .words import Address, Buffer
 from .writer import Writer
 
@@ -36,15 +32,9 @@ PORTS_ASKED = 10
 DEPTH = 16
 """Samples a reliable writer keeps for those who ask again."""
 
-_RECEIVE_BYTES = 1 << 20
 _DATAGRAM = 65536
 _ROUND = 256
 """Datagrams taken from one socket before others get their turn."""
-
-# Linux tells when the kernel received a datagram: one that waited while we were busy has its true age.
-_TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
-_TIMESPEC = struct.Struct("@qq")
-_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class Participant:
@@ -64,6 +54,8 @@ class Participant:
         ``WireDown`` when the sockets cannot be had."""
         if not 0 <= domain <= words.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{words.MAX_DOMAIN}")
+        if not is_host(address):
+            raise ValueError(f"address is {address!r}. Give an IPv4 address of this host, which peers can reach")
         asked = [where for peer in peers for where in _peer(peer, domain)]
         if multicast:
             asked.insert(0, (words.MULTICAST_GROUP, words.multicast_port(domain)))
@@ -73,7 +65,7 @@ class Participant:
         self._buffer = bytearray(_DATAGRAM)
         self._view = memoryview(self._buffer).toreadonly()
         self._changed = trio.lowlevel.ParkingLot()
-        self._sockets = _open(domain, address, multicast)
+        self._sockets = open_sockets(domain, address, multicast)
         self._out = self._sockets[0]
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
@@ -176,7 +168,7 @@ class Participant:
             if not self._sockets:
                 return  # closed by a callback
             try:
-                size, ancillary, _, sender = sock.recvmsg_into((self._buffer,), _ANCILLARY)
+                size, ancillary, _, sender = sock.recvmsg_into((self._buffer,), ANCILLARY)
             except BlockingIOError:
                 return
             except OSError as error:
@@ -184,7 +176,7 @@ class Participant:
                 return
             now_ns = self._clock.now_ns()
             if ancillary:
-                now_ns -= _age_ns(ancillary[0][2])
+                now_ns -= age_ns(ancillary[0][2])
             self._engine.receive(self._view[:size], sender[0], now_ns)
 
     def _send(self, parts: Sequence[Buffer], address: Address) -> bool:
@@ -220,87 +212,10 @@ async def open_participant(
 def _peer(text: str, domain: int) -> list[Address]:
     """Where to look for ``host`` or ``host:port``."""
     host, _, port = text.partition(":")
-    try:
-        socket.inet_aton(host)
-    except OSError:
-        raise ValueError(
-            f"peer is {text!r}. Give an IPv4 address: 192.168.123.161 or 192.168.123.161:7410"
-        ) from None
+    if not is_host(host):
+        raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")
     if not port:
         return [(host, words.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
     return [(host, int(port))]
-
-
-def _age_ns(timespec: bytes) -> int:
-    """How long ago the kernel took a datagram in. Its clock is the wall's, which may be set meanwhile."""
-    if len(timespec) != _TIMESPEC.size:
-        return 0
-    seconds: int
-    nanoseconds: int
-    seconds, nanoseconds = _TIMESPEC.unpack(timespec)
-    return max(0, time.time_ns() - seconds * 1_000_000_000 - nanoseconds)
-
-
-def _open(domain: int, address: str, multicast: bool) -> tuple[socket.socket, ...]:
-    """For discovery, for user data, and the multicast group's if wanted."""
-    opened: list[socket.socket] = []
-    try:
-        if multicast:
-            opened.append(_group_member(domain, address))
-        for index in range(words.indices(domain)):
-            pair = _pair(domain, address, index)
-            if pair is not None:
-                return (*pair, *opened)
-    except OSError as error:
-        for sock in opened:
-            sock.close()
-        raise WireDown(
-            f"RTPS on {address}, domain {domain}: {error.strerror or error}. Check that the address is one of this "
-            "host's and its interface is up"
-        ) from None
-    for sock in opened:
-        sock.close()
-    raise WireDown(f"RTPS on {address}, domain {domain}: all ports are taken. Use another address or domain")
-
-
-def _pair(domain: int, address: str, index: int) -> tuple[socket.socket, socket.socket] | None:
-    """None: these ports are taken."""
-    first = _udp()
-    second = _udp()
-    try:
-        first.bind((address, words.discovery_port(domain, index)))
-        second.bind((address, words.user_port(domain, index)))
-        first.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
-    except OSError as error:
-        first.close()
-        second.close()
-        if error.errno == errno.EADDRINUSE:
-            return None
-        raise
-    return first, second
-
-
-def _group_member(domain: int, address: str) -> socket.socket:
-    sock = _udp()
-    try:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if not sys.platform.startswith("linux"):
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        sock.bind((words.MULTICAST_GROUP, words.multicast_port(domain)))
-        membership = socket.inet_aton(words.MULTICAST_GROUP) + socket.inet_aton(address)
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-    except OSError:
-        sock.close()
-        raise
-    return sock
-
-
-def _udp() -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.setblocking(False)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
-    if _TIMESTAMPS is not None:
-        sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
-    return sock

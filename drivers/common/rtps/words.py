@@ -85,7 +85,6 @@ class Order(NamedTuple):
     data: struct.Struct  # flags, octets to inline QoS, reader, writer, sequence
     fragment: struct.Struct  # as data, then first fragment, fragments, fragment size, sample size
     heartbeat: struct.Struct  # reader, writer, first, last, count
-    numbers: struct.Struct  # base, bits
     acknack: struct.Struct  # reader, writer, base, bits
     gap: struct.Struct  # reader, writer, start, base, bits
     locator: struct.Struct  # kind, port, address
@@ -104,7 +103,6 @@ def _order(sign: str) -> Order:
                 "HH4s4siI",
                 "HH4s4siIIHHI",
                 "4s4siIiII",
-                "iII",
                 "4s4siII",
                 "4s4siIiII",
                 "iI16s",

@@ -2,7 +2,8 @@
 leave through ``send``.
 
 Best effort keeps nothing. A reliable writer keeps its last samples; what fell out of these is declared gone.
-A reader that came late gets old samples only if both sides are transient-local.
+A reader that came late gets old samples only if both sides are transient-local; otherwise no sample is sent again
+once it was acknowledged.
 """
 
 from __future__ import annotations
@@ -22,13 +23,15 @@ HEARTBEAT_NS = 50_000_000
 class _Reader:
     """A remote reader, seen from here."""
 
-    def __init__(self, data: EndpointData, address: Address, reliable: bool, start: int) -> None:
+    def __init__(self, data: EndpointData, address: Address, reliable: bool, late: bool, last: int) -> None:
+        """``late``: what has been written (up to ``last``) is none of its business."""
         self.prefix = data.guid[:PREFIX_SIZE]
         self.entity = data.guid[PREFIX_SIZE:]
         self.address = address
         self.reliable = reliable
-        self.start = start  # samples before this one are none of its business
-        self.acknowledged = start - 1
+        self.late = late
+        self.start = last + 1 if late else 1  # it gets nothing from before this one
+        self.acknowledged = self.start - 1
         self.serial: int | None = None  # of its last ACKNACK
 
 
@@ -103,11 +106,10 @@ class Writer:
             known.address = address
         else:
             late = self.data.durability == VOLATILE or data.durability == VOLATILE
-            start = self._sequence + 1 if late else 1
-            reader = _Reader(data, address, self.data.reliable and data.reliable, start)
+            reader = _Reader(data, address, self.data.reliable and data.reliable, late, self._sequence)
             self._readers[data.guid] = reader
             if reader.reliable:
-                for sequence in range(max(start, self._first()), self._sequence + 1):
+                for sequence in range(max(reader.start, self._first()), self._sequence + 1):
                     self._resend(reader, sequence)
                 self._beat(reader, final=False)
         self._readdress()
@@ -141,6 +143,9 @@ class Writer:
                 return  # the network's copy of the last one
             reader.serial = part.serial
         reader.acknowledged = max(reader.acknowledged, min(part.base - 1, self._sequence))
+        if reader.late:
+            # One that forgot us (we were silent for longer than our lease) asks for everything: not twice.
+            reader.start = reader.acknowledged + 1
         first = max(reader.start, self._first())
         missing = [number for number in part.missing if number <= self._sequence]
         for sequence in missing:

@@ -97,8 +97,8 @@ class Peer:
         self.dds = c.CDLL(library)
         self.dds.dds_create_qos.restype = c.c_void_p
         domain = options["domain"]
-        self._check(self.dds.dds_create_domain(domain, options["config"].encode()))
-        participant = self.participant = self._check(self.dds.dds_create_participant(domain, None, None))
+        self.domain = self._check(self.dds.dds_create_domain(domain, options["config"].encode()))
+        participant = self._check(self.dds.dds_create_participant(domain, None, None))
         qos = c.c_void_p(self.dds.dds_create_qos())
         self.dds.dds_qset_reliability(qos, _RELIABLE if options["reliable"] else _BEST_EFFORT, c.c_int64(10**8))
         self.dds.dds_qset_durability(qos, _TRANSIENT_LOCAL if options["transient_local"] else _VOLATILE)
@@ -119,7 +119,8 @@ class Peer:
         return value
 
     def close(self) -> None:
-        self._check(self.dds.dds_delete(self.participant))
+        """Returns when all is said; without the domain the goodbye is left to a thread."""
+        self._check(self.dds.dds_delete(self.domain))
 
     def matched(self, topic: str) -> int:
         status = (c.c_uint32 * 8)()

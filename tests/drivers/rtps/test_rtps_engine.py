@@ -10,6 +10,7 @@ from strands_actors.drivers.common.rtps.discovery import EndpointData, Participa
 from strands_actors.drivers.common.rtps.engine import MAX_PEERS
 from strands_actors.drivers.common.rtps.matching import MAX_ENDPOINTS
 from strands_actors.drivers.common.rtps.messages import Fragment
+from strands_actors.drivers.common.rtps.reader import MAX_WAITING
 from strands_actors.drivers.common.rtps.reassembly import MAX_BYTES, MAX_SAMPLES, PATIENCE_NS, Reassembly
 from strands_actors.drivers.common.rtps.words import Malformed
 
@@ -281,10 +282,27 @@ def test_a_late_reader_that_asks_for_what_is_not_its_business_gets_a_gap() -> No
     assert (part.start, part.base) == (1, 3)
 
 
+def test_a_reader_that_forgot_the_writer_gets_nothing_twice() -> None:
+    """A driver frozen for longer than its lease: the robot forgets it, meets it anew, must repeat nothing."""
+    pair = Pair(lease_s=3.0)
+    pair.read()
+    pair.write(1, 2, then_s=0.1)
+    pair.network.fate = lambda datagram: () if datagram[8:20] == pair.a.data.prefix else undisturbed(datagram)
+    pair.network.run(3.5)
+    assert (pair.reader.matched, pair.a.peers) == (0, 1)
+    pair.network.fate = undisturbed
+    pair.network.run(1.5)
+    assert pair.reader.matched == 1
+    pair.write(3, then_s=0.1)
+    assert pair.log.payloads == payloads(1, 2, 3)
+
+
 def test_a_repeated_request_is_answered_once() -> None:
     pair = Pair()
     pair.read()
-    pair.write(1, then_s=0.1)
+    pair.network.fate = lambda datagram: ()
+    pair.write(1)
+    pair.network.fate = undisturbed
     pair.network.keep_sent = True
     ask = messages.acknack(pair.reader.entity, pair.writer.data.guid[12:], 1, (1,), 99, True)
     for _ in range(3):
@@ -394,3 +412,93 @@ def test_fragments_that_do_not_fit_together_are_malformed() -> None:
     with pytest.raises(Malformed):
         parts.add(fragment(1, 1, total=40), 0)
     assert len(parts) == 0
+
+
+def test_fragments_whose_rest_never_comes_are_given_up() -> None:
+    pair = Pair(reliable=False)
+    pair.read()
+    guid = pair.writer.data.guid
+    piece, *_ = messages.fragments(words.UNKNOWN, guid[12:], 1, bytes(50_000))
+    pair.network.arrive(A, (B, 7411), messages.header(guid[:12]) + piece)
+    pair.network.run(0.1)
+    assert len(pair.b._reassembly) == 1
+    pair.network.run(1.2)
+    assert len(pair.b._reassembly) == 0
+
+
+# -- what else must not be believed, and what must be said
+
+
+def test_nobody_speaks_for_another() -> None:
+    pair = Pair()
+    pair.read()
+    other = bytes(range(12))
+    prefix = pair.a.data.prefix
+    hello = discovery.encode_participant(ParticipantData(other, ((C, 7410),), (), 10.0))
+    writer = EndpointData(other + pair.writer.data.guid[12:], "rt/t", "T_", True, 0, ((C, 7411),))
+    gone = discovery.encode_gone(other + words.PARTICIPANT, parameters.PARTICIPANT_GUID)
+    for submessage in (
+        messages.data(words.SPDP_READER, words.SPDP_WRITER, 1, hello),
+        messages.data(words.UNKNOWN, words.PUBLICATIONS_WRITER, 2, discovery.encode_endpoint(writer)),
+        messages.disposal(words.SPDP_READER, words.SPDP_WRITER, 2, other + words.PARTICIPANT, gone),
+    ):
+        pair.network.arrive(A, (B, 7410), messages.header(prefix) + submessage)
+    pair.network.run(0.1)
+    assert pair.b.counters.malformed == 2  # a goodbye in another's name is only ignored
+    assert (pair.b.peers, pair.reader.matched) == (1, 1)
+    assert writer.guid not in pair.b._matching.hearing
+
+
+def test_a_repeated_heartbeat_is_answered_once() -> None:
+    pair = Pair()
+    pair.read()
+    pair.network.keep_sent = True
+    beat = messages.heartbeat(pair.reader.entity, pair.writer.data.guid[12:], 1, 0, 99, False)
+    for _ in range(3):
+        pair.network.arrive(A, (B, 7411), messages.header(pair.a.data.prefix) + beat)
+    pair.network.run(0.01)
+    assert len(pair.network.sent) == 1
+
+
+def test_samples_that_come_too_early_are_bounded_in_bytes() -> None:
+    pair = Pair()
+    pair.read()
+    guid = pair.writer.data.guid
+    for sequence in range(2, 200):
+        sent = messages.data(words.UNKNOWN, guid[12:], sequence, bytes(14_000))
+        pair.network.arrive(A, (B, 7411), messages.header(guid[:12]) + sent)
+    pair.network.run(0.01)
+    (known,) = pair.reader._writers.values()
+    assert MAX_WAITING - 14_000 < known.waiting <= MAX_WAITING
+
+
+def test_who_does_not_know_of_us_is_not_matched() -> None:
+    """B has announced its reader, and does not hear of A's writer: what A wrote now, B would not take."""
+    pair = Pair(reliable=False)
+    pair.reader = pair.b.reader("rt/t", "T_", False, False, pair.log)
+    from_a = pair.a.data.prefix
+    pair.network.fate = lambda sent: () if sent[8:20] == from_a and b"rt/t" in sent else undisturbed(sent)
+    pair.network.run(1.0)
+    assert (pair.writer.write(payloads(1)[0]), pair.writer.matched) == (1, 0)
+    pair.network.fate = undisturbed
+    pair.network.run(0.3)
+    assert (pair.writer.matched, pair.reader.matched) == (1, 1)
+
+
+def test_a_reliable_reader_that_was_never_heard_is_asked_again() -> None:
+    pair = Pair()
+    pair.reader = pair.b.reader("rt/t", "T_", True, False, pair.log)
+    entity = pair.reader.entity
+    pair.network.fate = lambda sent: () if is_acknack_of(sent, entity) else undisturbed(sent)
+    pair.network.run(1.0)
+    assert (pair.writer.matched, pair.reader.matched) == (0, 1)
+    pair.network.fate = undisturbed
+    pair.network.run(0.2)
+    assert pair.writer.matched == 1
+
+
+def is_acknack_of(datagram: bytes, reader: bytes) -> bool:
+    """Whether it has an ACKNACK of this reader."""
+    to = datagram[24:36] if datagram[20] == 0x0E else bytes(12)  # as whom it is addressed to hears it
+    parts = messages.decode(memoryview(datagram), to)
+    return any(isinstance(part, messages.AckNack) and part.reader[12:] == reader for part in parts)

@@ -158,6 +158,8 @@ def test_a_write_to_an_address_that_cannot_be_reached_is_reported() -> None:
     [
         ({"domain": 233}, "0..232"),
         ({"peers": ("robot",)}, "IPv4"),
+        ({"address": "0.0.0.0"}, "IPv4"),
+        ({"address": "127.1"}, "IPv4"),
         ({"peers": ("127.0.0.1:0",)}, "port"),
         ({"peers": ("127.0.0.1:x",)}, "port"),
     ],

@@ -1,0 +1,102 @@
+"""The sockets of a participant: opened whole or not at all, none blocking, with the kernel's time on arrivals."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+import sys
+import time
+
+from strands_actors.runtime.contract import WireDown
+
+from . import words
+
+_RECEIVE_BYTES = 1 << 20
+
+# Linux tells when the kernel received a datagram: one that waited while we were busy has its true age.
+_TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
+_TIMESPEC = struct.Struct("@qq")
+ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
+"""Room for the time that comes with a datagram."""
+
+
+def is_host(text: str) -> bool:
+    """An IPv4 address of one host, in its usual form."""
+    try:
+        return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, text)) == text != "0.0.0.0"
+    except (OSError, ValueError):
+        return False
+
+
+def age_ns(timespec: bytes) -> int:
+    """How long ago the kernel took a datagram in. Its clock is the wall's, which may be set meanwhile."""
+    if len(timespec) != _TIMESPEC.size:
+        return 0
+    seconds: int
+    nanoseconds: int
+    seconds, nanoseconds = _TIMESPEC.unpack(timespec)
+    return max(0, time.time_ns() - seconds * 1_000_000_000 - nanoseconds)
+
+
+def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.socket, ...]:
+    """For discovery, for user data, and the multicast group's if wanted. Raise ``WireDown``."""
+    opened: list[socket.socket] = []
+    try:
+        if multicast:
+            opened.append(_group_member(domain, address))
+        for index in range(words.indices(domain)):
+            pair = _pair(domain, address, index)
+            if pair is not None:
+                return (*pair, *opened)
+    except OSError as error:
+        for sock in opened:
+            sock.close()
+        raise WireDown(
+            f"RTPS on {address}, domain {domain}: {error.strerror or error}. Check that the address is one of this "
+            "host's and its interface is up"
+        ) from None
+    for sock in opened:
+        sock.close()
+    raise WireDown(f"RTPS on {address}, domain {domain}: all ports are taken. Use another address or domain")
+
+
+def _pair(domain: int, address: str, index: int) -> tuple[socket.socket, socket.socket] | None:
+    """None: these ports are taken."""
+    first = _udp()
+    second = _udp()
+    try:
+        first.bind((address, words.discovery_port(domain, index)))
+        second.bind((address, words.user_port(domain, index)))
+        first.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+    except OSError as error:
+        first.close()
+        second.close()
+        if error.errno == errno.EADDRINUSE:
+            return None
+        raise
+    return first, second
+
+
+def _group_member(domain: int, address: str) -> socket.socket:
+    sock = _udp()
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if not sys.platform.startswith("linux"):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        sock.bind((words.MULTICAST_GROUP, words.multicast_port(domain)))
+        membership = socket.inet_aton(words.MULTICAST_GROUP) + socket.inet_aton(address)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _udp() -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
+    if _TIMESTAMPS is not None:
+        sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
+    return sock
