@@ -179,7 +179,7 @@ class Gate(Actor):
         kept = held.refused if held is not None and held.id == message.lease else None
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
-            if held is not None and held.id == message.lease and self.context.reply is None:
+            if held is not None and held.id == message.lease and not self.context.asked:
                 held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text

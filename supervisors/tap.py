@@ -152,8 +152,8 @@ class Journal:
 
     # -- the Tap protocol
 
-    def took(self, address: str, at_ns: int, message: Message) -> None:
-        self._add(Kind.TOOK, address, at_ns, 0, "", message)
+    def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
+        self._add(Kind.TOOK, address, at_ns, int(asked), "", message)
         if message.lane == "urgent":
             self.hurry.set()
 

@@ -44,8 +44,12 @@ class PaperContext(Context):
         self.address = address
         self.received_ns = 0
         self.deferrals = 0
-        self.reply = None
+        self.was_asked = False
         self._effects = effects
+
+    @property
+    def asked(self) -> bool:
+        return self.was_asked
 
     @property
     def me(self) -> Ref:

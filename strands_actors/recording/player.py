@@ -71,6 +71,7 @@ class _Player:
         # What it saw of the world then, it sees again.
         self._world[:] = [body for kind, _, _, body in self.recorded if kind == Kind.SAW]
         self.context.received_ns = self.taken.at_ns
+        self.context.was_asked = bool(self.taken.number)
         answer = self.actor.receive(self.decode(self.taken.body))
         return self._effects + answer_effect(answer)
 

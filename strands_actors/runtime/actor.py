@@ -79,6 +79,11 @@ class Context:
         self.deferrals = 0
 
     @property
+    def asked(self) -> bool:
+        """Whether somebody waits for the answer to the present message."""
+        return self.reply is not None
+
+    @property
     def me(self) -> Ref:
         return self.node.ref(self.address, type(self._cell.actor), sender=self.address)
 
@@ -188,7 +193,7 @@ class Cell:
         context.reply = reply
         tap = self.node.tap
         if tap is not None:
-            tap.took(self.address, context.received_ns, message)
+            tap.took(self.address, context.received_ns, message, reply is not None)
         try:
             answer = receive(message)
             if is_async:

@@ -13,8 +13,9 @@ from .messages import Message, Refused
 class Tap(Protocol):
     """Set as ``Node.tap``. Addresses are those of actors of the node, messages are frozen."""
 
-    def took(self, address: str, at_ns: int, message: Message) -> None:
-        """An actor takes a message up; what follows of the same actor is what it makes of it."""
+    def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
+        """An actor takes a message up; what follows of the same actor is what it makes of it. ``asked``: somebody
+        waits for the answer."""
         ...
 
     def answered(self, address: str, answer: Message | None) -> None: ...

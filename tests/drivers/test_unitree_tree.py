@@ -261,8 +261,8 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
 
 def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) -> None:
     with legs(tmp_path, "unitree_go2") as go2:
-        assert go2.robot.perform("release_sport_mode", attempts=9)["status"] == "error"
-        assert go2.robot.perform("dance")["status"] == "error"
+        assert go2.robot.service("release_sport_mode", attempts=9)["status"] == "error"
+        assert go2.robot.service("dance")["status"] == "error"
         with pytest.raises(AttributeError, match="has no attribute 'dance'"):
             go2.robot.dance()
         assert go2.robot.release_sport_mode(attempts=2)["status"] == "success"

@@ -151,7 +151,7 @@ def test_another_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_shorter_lease_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = recorded(lively)
-    monkeypatch.setattr(gate, "_LEASE_TTL_NS", 500_000_000)
+    monkeypatch.setattr(gate, "LEASE_TTL_NS", 500_000_000)
     difference = again(recording).difference
     assert difference is not None and difference.message.startswith("Probe")
     assert any("MakeSafe" in line for line in difference.replayed)

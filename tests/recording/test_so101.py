@@ -96,7 +96,7 @@ def roll_out(arm: RealRobot, steps: int) -> None:
 
     def far_enough() -> bool:
         if steps_of(arm) < 0:
-            arm.start_task("wave", duration=60.0)
+            arm.start_task("wave", policy_provider="mock", duration=60.0)
         return steps_of(arm) >= steps
 
     until(far_enough, "the policy runs")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import math
 import os
@@ -189,10 +188,9 @@ def test_a_trio_program_has_it_too(run_dir: Path) -> None:
     async def main() -> dict[str, float]:
         async with open_robot("so101") as sim, open_arm(sim) as arm:
             await arm.send_action({"shoulder_pan": 20.0})
-            async with contextlib.aclosing(sim.observations(hz=30)) as observations:
-                async for observation in observations:
-                    if abs(observation["shoulder_pan"] - 20.0) < 1.0:
-                        return observation
+            async for observation in sim.observations(hz=30):
+                if abs(observation["shoulder_pan"] - 20.0) < 1.0:
+                    return observation
         raise AssertionError("not reached")
 
     def open_arm(sim: RobotTree) -> Any:

@@ -141,7 +141,7 @@ class Decoder(Generic[FrameT]):
             del held[: HEADER + size]
             try:
                 frame = self._kind.decode(body)
-            except msgspec.MsgspecError as error:
+            except (msgspec.MsgspecError, UnicodeDecodeError) as error:
                 raise Garbled(f"a frame that means nothing: {error}") from None
             yield frame
 
