@@ -41,12 +41,15 @@ def main(robot: str, motion: str, far: str, trigger: str = "") -> None:
         return {joint: here + float(far) * (1.0 - math.cos(time.monotonic() - began_s)) / 2}
 
     if motion == "rollout":
-        arm.run_policy(wave, duration=60.0)
+        # a twentieth of a second at a time: the machine may be busy
+        arm.run_policy(lambda seen: [wave(seen)] * 25, duration=60.0)
     while True:
         if motion == "loop":
             arm.send_action(wave(None))
         if not told and time.monotonic() - began_s > 0.2:
             told = True
+            if motion == "rollout" and not arm.get_task_status()["content"][0]["json"]["running"]:
+                raise SystemExit("the rollout has ended by itself")
             print(json.dumps(arm.tree()), flush=True)
         if select.select([sys.stdin], [], [], 0.02)[0]:
             how = sys.stdin.readline().strip()
