@@ -118,8 +118,8 @@ async def run_cell(victim: str, fault: str, robot: str = "so101") -> Outcome:
 
 async def _run_cell(victim: str, fault: str, robot: str) -> Outcome:
     driver = driver_of(robot)
-    motion = "loop" if victim == "caller" or driver.ROLLOUTS else "task"
-    if driver.TASKS:
+    motion = "loop" if victim == "caller" or driver.ROLLOUTS or driver.TASKS else "task"
+    if driver.TASKS and (victim, fault) != ("caller", "spin"):  # a rollout goes on beside a thread that computes
         motion = "rollout"
     far = "10" if "degrees" in driver.unit else "0.1"
     with (
