@@ -48,10 +48,13 @@ class Caller:
         if motion == "task":
             self._start_task()
         if motion == "rollout":
-            self.robot.run_policy(lambda _: self._swing(), duration=60.0)
+            # a twentieth of a second at a time: the machine may be busy
+            self.robot.run_policy(lambda _: [self._swing()] * 25, duration=60.0)
         while time.monotonic() < self._began_s + MOVED_S:
             self.step()
             time.sleep(0.02)
+        if motion == "rollout" and not self.robot.get_task_status()["content"][0]["json"]["running"]:
+            raise SystemExit("the rollout has ended by itself")
         print(json.dumps(self.robot.tree()), flush=True)
 
     def _start_task(self) -> None:

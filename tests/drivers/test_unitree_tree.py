@@ -71,16 +71,16 @@ def legs(
 
 
 class Stand:
-    """Keeps every joint where it is first seen."""
+    """Keeps every joint where it is first seen. Half a second of actions at a time: the machine may be busy."""
 
     def __init__(self, kp: float = 200.0, kd: float = 6.0) -> None:
         self._gains = {"kp": kp, "kd": kd}
         self._home: dict[str, Any] = {}
 
-    def step(self, observation: Mapping[str, float]) -> dict[str, Any]:
+    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, Any]]:
         if not self._home:
             self._home = {joint: {"q": rad, **self._gains} for joint, rad in observation.items()}
-        return self._home
+        return [self._home] * 250
 
 
 # -- gates
@@ -188,16 +188,16 @@ def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) ->
     assert g1.log.setpoints_after_safe(told_ns) == 0
 
 
-def test_saf_012_a_robot_that_falls_silent_is_told_to_let_go(tmp_path: Path) -> None:
+def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
         wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
         g1.twin.command("fault off")  # hears nothing, says nothing
-        done = g1.wait_for_the_end()
-        assert "LowState" in done["exit_detail"]
-        wait_until(lambda: g1.status()["state"] != "armed", "it is no longer armed")
+        g1.wait_for_the_end()
+        wait_until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
         g1.twin.command("fault ok")
         wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+        assert g1.log.host("safe")  # what may still be energised is let go first
 
 
 def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
@@ -295,6 +295,6 @@ def test_nobody_there(tmp_path: Path) -> None:
     robot = Robot("g1", mode="real", port="127.9.8.7")
     began_s = time.monotonic()
     problem = robot.connect_eagerly()
-    assert problem is not None and "127.9.8.7: nobody answers" in problem
+    assert problem is not None and "127.9.8.7: nobody" in problem
     assert time.monotonic() - began_s < PATIENCE_S
     robot.cleanup()

@@ -26,7 +26,7 @@ from strands_actors.robot import RealRobot
 from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import Node
-from strands_actors.supervisors import gate as gate_module
+from strands_actors.supervisors import lease
 from strands_actors.supervisors.gate import Gate
 from strands_actors.supervisors.messages import Acquire, Lease, Setpoint, Stop, StopReport
 from strands_actors.supervisors.tap import SILENT_S
@@ -219,7 +219,7 @@ def test_the_command_shows_the_first_difference(
     run: tuple[Path, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, _ = run
-    monkeypatch.setattr(gate_module, "_MAX_LIFETIME_NS", 50_000_000)
+    monkeypatch.setattr(lease, "_MAX_LIFETIME_NS", 50_000_000)
     monkeypatch.setattr("strands_actors.cli.record.__version__", "9.9.9")
     assert cli.run(["replay", str(path)]) == 1
     told = capsys.readouterr()
