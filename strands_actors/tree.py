@@ -375,27 +375,27 @@ class RobotTree:
             return Refused("unreachable", f"move: {failure}", "resume() when the robot is back")
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
 
-    async def perform(self, verb: str, arguments: Mapping[str, Any]) -> Performed | Refused:
-        """One of the driver's own verbs (``Driver.SERVICES``), under this caller's lease."""
+    async def perform(self, service: str, arguments: Mapping[str, Any]) -> Performed | Refused:
+        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease."""
         self._require()
-        refusal = self.driver.check_verb(verb, arguments)
+        refusal = self.driver.check_service(service, arguments)
         if refusal is not None:
             return refusal
         async with self._writing:
             if (await self.task()).running:
-                return Refused("running", f"{verb}: a task is running", "call stop_task() first")
+                return Refused("running", f"{service}: a task is running", "call stop_task() first")
             refusal = await self._acquire()
             if refusal is not None or self._lease is None:
-                return refusal or Refused("lease", f"{verb}: no lease")
-            message = Perform(self._lease.id, self._lease.epoch, verb, plain(arguments))
+                return refusal or Refused("lease", f"{service}: no lease")
+            message = Perform(self._lease.id, self._lease.epoch, service, plain(arguments))
             try:
-                answer = await self._gate.ask(message, self.driver.SERVICES[verb].within_s + ASK_S)
+                answer = await self._gate.ask(message, self.driver.SERVICES[service].within_s + ASK_S)
             except AskTimeout:
-                await self._fence(Reason.WIRE, f"{verb} timed out")  # it must not be done late
-                return Refused("timeout", f"{verb}: no answer; the robot was stopped", "resume()")
+                await self._fence(Reason.WIRE, f"{service} timed out")  # it must not be done late
+                return Refused("timeout", f"{service}: no answer; the robot was stopped", "resume()")
             except Unreachable as failure:
-                return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
-        return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{verb}: no answer")
+                return Refused("unreachable", f"{service}: {failure}", "resume() when the robot is back")
+        return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""

@@ -74,8 +74,8 @@ class GateMemory(msgspec.Struct, frozen=True):
     last_stop: StopReport | None
     last_stop_ns: int
     stopped_lease: int
-    verbs: dict[int, Deferred]
-    verb: int
+    services: dict[int, Deferred]
+    service: int
     writes: int
     reads: int
     refusals: int
@@ -101,8 +101,8 @@ class Gate(Actor):
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
         self._resumes: list[Deferred] = []
-        self._verbs: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
-        self._verb = 0
+        self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
+        self._service = 0
         self._cause = cause
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
@@ -197,8 +197,8 @@ class Gate(Actor):
         observation = self._observation
         if observation is None:
             return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
-        if self._verbs:
-            return Refused("busy", "move: one of the robot's own verbs is under way", "wait until it is done")
+        if self._services:
+            return Refused("busy", "move: one of the robot's own services is under way", "wait until it is done")
         refusal = self._refuse_by_condition(observation, now_ns)
         if refusal is not None:
             return refusal
@@ -260,32 +260,34 @@ class Gate(Actor):
                 return refusal
         return None
 
-    # -- the driver's own verbs
+    # -- the driver's own services
 
     def _perform(self, message: Perform) -> Refused | Deferred:
-        verb = message.verb
-        refusal = self._driver.check_verb(verb, message.arguments)
+        service = message.service
+        refusal = self._driver.check_service(service, message.arguments)
         if refusal is not None:
             return refusal
         state = self._state
         if state.locked_by:
-            return Refused("locked_out", f"{verb}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+            return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
         if state.mode not in failsafe.LINKED:
-            return Refused("not_connected", f"{verb}: not connected: {self._connect_error}")
+            return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
-            return Refused("busy", f"{verb}: the robot is {state.mode}", "try again when that is over")
-        refusal = self._refuse_by_lease(verb, message.lease, message.epoch)
+            return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
+        refusal = self._refuse_by_lease(service, message.lease, message.epoch)
         if refusal is not None:
             return refusal
         if self._live_until_ns:
-            return Refused("live", f"{verb}: the robot is being moved", "wait until that is over, or call stop()")
-        self._verb += 1
-        self._verbs[self._verb] = deferred = self.context.defer()
-        self._transport.tell(CarryOut(state.epoch, self._verb, verb, message.arguments))
+            return Refused(
+                "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
+            )
+        self._service += 1
+        self._services[self._service] = deferred = self.context.defer()
+        self._transport.tell(CarryOut(state.epoch, self._service, service, message.arguments))
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
-        deferred = self._verbs.pop(message.number, None)
+        deferred = self._services.pop(message.number, None)
         if deferred is not None:
             deferred.send(message.refusal or Performed(message.result))
 

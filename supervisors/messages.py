@@ -112,11 +112,11 @@ class Resumed(Message, frozen=True):
 
 
 class Perform(Message, frozen=True):
-    """Do one of the driver's own verbs."""
+    """Do one of the driver's own services."""
 
     lease: int
     epoch: int
-    verb: str
+    service: str
     arguments: dict[str, Any]  # checked by the driver
 
 
@@ -237,11 +237,11 @@ class ArmDone(Message, frozen=True):
 
 
 class CarryOut(Message, frozen=True):
-    """A verb that passed the gate. ``number`` tells its answer from others."""
+    """A service that passed the gate. ``number`` tells its answer from others."""
 
     epoch: int
     number: int
-    verb: str
+    service: str
     arguments: dict[str, Any]
 
 

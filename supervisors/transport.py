@@ -190,31 +190,34 @@ class Transport(Actor):
             error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
 
-    # -- the driver's own verbs
+    # -- the driver's own services
 
     def _carry_out(self, message: CarryOut) -> None:
         wire = self._wire
         if wire is None or self._performing is not None:
-            why = f"{message.verb}: {'the link was lost' if wire is None else 'another verb is being carried out'}"
+            busy = "the link was lost" if wire is None else "another service is being carried out"
+            why = f"{message.service}: {busy}"
             self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
             return
         self._performing = trio.CancelScope()
         self.context.start_soon(self._perform, wire, message, self._performing)
 
     async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
-        verb = message.verb
-        answer: dict[str, Any] | Refused = Refused("stopped", f"{verb}: stopped meanwhile", "ask again after that")
-        within_s = self._driver.SERVICES[verb].within_s
+        service = message.service
+        answer: dict[str, Any] | Refused = Refused(
+            "stopped", f"{service}: stopped meanwhile", "ask again after that"
+        )
+        within_s = self._driver.SERVICES[service].within_s
         try:
             with scope, trio.fail_after(within_s):
-                answer = await wire.perform(verb, message.arguments, _Permit(self, message.epoch, 0))
+                answer = await wire.perform(service, message.arguments, _Permit(self, message.epoch, 0))
         except PermitDenied:
             pass
         except trio.TooSlowError:
-            why = f"{verb}: the robot did not do so within {within_s:g} s"
+            why = f"{service}: the robot did not do so within {within_s:g} s"
             answer = Refused("timeout", why, "look at the robot")
         except WireDown as down:
-            answer = Refused("not_connected", f"{verb}: {down}")
+            answer = Refused("not_connected", f"{service}: {down}")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
         self._gate.tell(CarriedOut(message.number, result, refusal))

@@ -164,11 +164,11 @@ class Go2Driver(_Legs):
         )
     }
 
-    def check_verb(self, verb: str, arguments: Mapping[str, Any]) -> Refused | None:
-        refusal = super().check_verb(verb, arguments)
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
         attempts = arguments.get("attempts", ATTEMPTS)
         if refusal is None and not _is_count(attempts, ATTEMPTS):
-            why = f"{verb}: attempts is {attempts}"
+            why = f"{service}: attempts is {attempts}"
             return Refused("bad_argument", why, f"give 1 to {ATTEMPTS}", str(attempts), f"1..{ATTEMPTS}")
         return refusal
 

@@ -1,6 +1,6 @@
 """The wire of a legged robot in the wire process, and the root's own way to it.
 
-Reading is taking in what has arrived: only ``open`` and the verbs wait for the robot, each wait with a deadline.
+Reading is taking in what has arrived: only ``open`` and the services wait for the robot, each wait with a deadline.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ class UnitreeWire(Wire):
         said = f"held by the robot's own controller, {held_by}"
         return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
 
-    async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``release_sport_mode``: ask until the robot says that no onboard mode is active."""
         session = self._session()
         attempts = int(arguments.get("attempts", ATTEMPTS))
@@ -219,7 +219,7 @@ class UnitreeWire(Wire):
             return {"sport_mode_released": True, "attempts": attempts}
         return Refused(
             "sport_mode",
-            f"{verb}: {name!r} is still active after {attempts} attempts",
+            f"{service}: {name!r} is still active after {attempts} attempts",
             "bring the robot to lie or to damp by its remote, then try again",
             name,
             "released",

@@ -145,10 +145,10 @@ class Wire(ABC):
         """Bring every motor to ``rung``. The first safe frame leaves before the first wait; every motor is
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
-    async def perform(self, verb: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Do one of ``Driver.SERVICES``, checked by ``Driver.check_verb``. Runs beside ``read``; a stop cancels it.
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a stop cancels it.
         ``permit.check()`` before each write. Raise ``WireDown``."""
-        raise NotImplementedError(f"{type(self).__name__} declares {verb} and does not do it")
+        raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
 
     def handover(self) -> Sequence[int]:
         """Descriptors the root's second path needs; valid until ``close``."""
@@ -255,16 +255,20 @@ class Driver(ABC):
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
 
-    def check_verb(self, verb: str, arguments: Mapping[str, Any]) -> Refused | None:
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Pure. Only names and arguments that ``SERVICES`` declares pass."""
-        known = self.SERVICES.get(verb)
+        known = self.SERVICES.get(service)
         if known is None:
             names = ", ".join(self.SERVICES) or "none"
-            return Refused("unknown_verb", f"{verb}: {self.robot} has no such verb", f"it has {names}", verb, names)
+            return Refused(
+                "unknown_service", f"{service}: {self.robot} has no such service", f"it has {names}", service, names
+            )
         for name in arguments:
             if name not in known.arguments:
                 names = ", ".join(known.arguments) or "none"
-                return Refused("unknown_argument", f"{verb}: no argument {name}", f"it takes {names}", name, names)
+                return Refused(
+                    "unknown_argument", f"{service}: no argument {name}", f"it takes {names}", name, names
+                )
         return None
 
     def preload(self) -> None:  # noqa: B027  # most have nothing to load

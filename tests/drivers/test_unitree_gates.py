@@ -355,10 +355,10 @@ def test_an_unknown_option_is_refused() -> None:
 
 
 def test_only_the_others_release_a_sport_mode() -> None:
-    refusal = g1().check_verb("release_sport_mode", {})
-    assert refusal is not None and refusal.code == "unknown_verb"
-    assert go2().check_verb("release_sport_mode", {}) is None
-    assert go2().check_verb("release_sport_mode", {"attempts": 3.0}) is None
+    refusal = g1().check_service("release_sport_mode", {})
+    assert refusal is not None and refusal.code == "unknown_service"
+    assert go2().check_service("release_sport_mode", {}) is None
+    assert go2().check_service("release_sport_mode", {"attempts": 3.0}) is None
 
 
 @pytest.mark.parametrize(("arguments", "code"), [
@@ -371,5 +371,5 @@ def test_only_the_others_release_a_sport_mode() -> None:
     ({"tries": 5}, "unknown_argument"),
 ])  # fmt: skip
 def test_saf_014_arguments_of_the_verb(arguments: dict[str, Any], code: str) -> None:
-    refusal = go2().check_verb("release_sport_mode", arguments)
+    refusal = go2().check_service("release_sport_mode", arguments)
     assert refusal is not None and refusal.code == code

@@ -1,4 +1,4 @@
-"""A driver's own verbs, its conditions, its clocks, and a second path that has to be kept ready. Virtual time."""
+"""A driver's own services, conditions and clocks, and a second path that is kept ready. Virtual time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from strands_actors.testing.fake import FakeDriver, FakeSecondPath, FakeWire
 from .writer import Writer, armed
 
 DONE: list[tuple[str, int]] = []
-"""What was written by a verb, and when."""
+"""What was written by a service, and when."""
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,7 @@ def waves(monkeypatch: pytest.MonkeyPatch) -> None:
     DONE.clear()
 
     async def perform(
-        self: FakeWire, verb: str, arguments: Mapping[str, Any], permit: Permit
+        self: FakeWire, service: str, arguments: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
         times = int(arguments.get("times", 3))
         if times > 50:
@@ -37,7 +37,7 @@ def waves(monkeypatch: pytest.MonkeyPatch) -> None:
             return Refused("tired", "wave: the hand is tired")
         for _ in range(times):
             permit.check()
-            DONE.append((verb, self._clock.now_ns()))
+            DONE.append((service, self._clock.now_ns()))
             await trio.sleep(0.1)
         return {"waved": times}
 
@@ -47,11 +47,11 @@ def waves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FakeWire, "perform", perform)
 
 
-async def ask(writer: Writer, verb: str = "wave", **arguments: Any) -> Message | None:
-    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, verb, arguments), 5.0)
+async def ask(writer: Writer, service: str = "wave", **arguments: Any) -> Message | None:
+    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, service, arguments), 5.0)
 
 
-def test_a_verb_reaches_the_wire_and_is_answered() -> None:
+def test_a_service_reaches_the_wire_and_is_answered() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -61,17 +61,17 @@ def test_a_verb_reaches_the_wire_and_is_answered() -> None:
     run_virtual(run)
 
 
-@pytest.mark.parametrize(("verb", "arguments", "code"), [
-    ("dance", {}, "unknown_verb"),
+@pytest.mark.parametrize(("service", "arguments", "code"), [
+    ("dance", {}, "unknown_service"),
     ("wave", {"hand": "left"}, "unknown_argument"),
     ("wave", {"times": 21}, "tired"),
     ("wave", {"times": 51}, "not_connected"),
     ("wave", {"times": 20}, "timeout"),  # would take two seconds
 ])  # fmt: skip
-def test_saf_014_a_verb_that_is_not_done(verb: str, arguments: dict[str, Any], code: str) -> None:
+def test_saf_014_a_service_that_is_not_done(service: str, arguments: dict[str, Any], code: str) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
-            answer = await ask(await armed(tree), verb, **arguments)
+            answer = await ask(await armed(tree), service, **arguments)
             assert isinstance(answer, Refused) and answer.code == code
             assert len(DONE) <= 10
             began = len(DONE)
@@ -81,7 +81,7 @@ def test_saf_014_a_verb_that_is_not_done(verb: str, arguments: dict[str, Any], c
     run_virtual(run)
 
 
-def test_saf_009_a_verb_needs_the_lease_and_the_present_epoch() -> None:
+def test_saf_009_a_service_needs_the_lease_and_the_present_epoch() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -96,7 +96,7 @@ def test_saf_009_a_verb_needs_the_lease_and_the_present_epoch() -> None:
     run_virtual(run)
 
 
-def test_saf_007_a_lockout_binds_verbs_too() -> None:
+def test_saf_007_a_lockout_binds_services_too() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -109,7 +109,7 @@ def test_saf_007_a_lockout_binds_verbs_too() -> None:
     run_virtual(run)
 
 
-def test_saf_002_a_stop_ends_a_verb_and_nothing_of_it_comes_after() -> None:
+def test_saf_002_a_stop_ends_a_service_and_nothing_of_it_comes_after() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -124,7 +124,7 @@ def test_saf_002_a_stop_ends_a_verb_and_nothing_of_it_comes_after() -> None:
                 stopped_ns = tree.node.clock.now_ns()
                 report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
                 assert isinstance(report, StopReport) and report.confirmed
-                # the stop did not wait for the verb
+                # the stop did not wait for the service
                 assert tree.node.clock.now_ns() - stopped_ns < 0.05 * NS
             assert isinstance(answers[0], Refused) and answers[0].code == "stopped"
             await trio.sleep(1.0)
@@ -133,7 +133,7 @@ def test_saf_002_a_stop_ends_a_verb_and_nothing_of_it_comes_after() -> None:
     run_virtual(run)
 
 
-def test_a_verb_and_setpoints_keep_out_of_each_others_way() -> None:
+def test_a_service_and_setpoints_keep_out_of_each_others_way() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -149,7 +149,7 @@ def test_a_verb_and_setpoints_keep_out_of_each_others_way() -> None:
     run_virtual(run)
 
 
-def test_one_verb_at_a_time() -> None:
+def test_one_service_at_a_time() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
