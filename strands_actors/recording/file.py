@@ -128,7 +128,7 @@ def read(path: Path) -> Recording:
 
 _DAMAGE: tuple[type[Exception], ...] = (
     McapError, msgspec.MsgspecError, struct.error, zstandard.ZstdError, ValueError, KeyError, IndexError,
-    RuntimeError, EOFError, MemoryError,
+    RuntimeError, EOFError, MemoryError, OverflowError,
 )  # fmt: skip
 """What the reader, the decompressors and the decoders raise for bytes that make no sense."""
 
