@@ -18,7 +18,7 @@ pytest_plugins = ["strands_actors.pytest_plugin"]  # as if the package were inst
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# No verdict of a test hangs on how fast the machine is, nor on the day's examples: who wants to search anew says so.
+# No verdict of a test hangs on how fast the machine is, nor on the day's examples: who wants new ones says so.
 settings.register_profile(
     "here",
     deadline=None,
