@@ -16,22 +16,26 @@ CLEAR = "\r\x1b[K"
 
 
 def run(drivers: str | None, repeats: int, out: Path | None, json: bool) -> int:
-    """1 when a cell is unsafe or past its bound."""
+    """1 when a cell is unsafe or past its bound. A robot that cannot be measured does not take the others' rows
+    with it: they are written, and then it is a problem."""
     robots = _chosen(drivers) if drivers else one_of_each()
     taken, rows = conditions(), list[Row]()
+    problem: Problem | None = None
     for robot in robots:
         try:
             for row in measure(robot, repeats, progress=_progress):
                 rows.append(row)
                 _tell(row)
         except (NotMoving, RuntimeError, TimeoutError) as failure:
-            raise Problem(f"matrix: {failure}") from failure
+            problem = problem or Problem(f"matrix: {failure}")
     if out is not None:
         out.write_text(page(rows, taken))
     if json:
         print(as_json(rows, taken))
     elif out is None:
         print(page(rows, taken))
+    if problem is not None:
+        raise problem
     return 0 if all(row.safe for row in rows) else 1
 
 

@@ -130,12 +130,19 @@ class Twin:
 
 
 def _is_there(port: str) -> bool:
-    """Whether somebody could connect: to a path, or to host:port."""
+    """Whether somebody could connect: to a path, or to host:port, by a stream or by datagrams."""
     host, colon, number = port.rpartition(":")
     if not colon:
         return os.path.exists(port)
     try:
         socket.create_connection((host, int(number)), PATIENCE_S).close()
     except ConnectionError:  # a listener that is being closed resets
-        return False
+        return _hears_datagrams(host, int(number))
     return True
+
+
+def _hears_datagrams(address: str, port: int) -> bool:
+    """Whether a UDP socket is bound there (proc(5), /proc/net/udp)."""
+    bound = f"{int.from_bytes(socket.inet_aton(address), sys.byteorder):08X}:{port:04X}"
+    with open("/proc/net/udp") as table:
+        return any(line.split()[1] == bound for line in table.readlines()[1:])

@@ -22,6 +22,7 @@ ROBOTS = {
     "robotiq_2f85": (*HARDEST, Faults.LINK_LOSS, Faults.LATE_REPLY),
     "koch": (Faults.KILL,),
     "ur5e": (Faults.KILL,),
+    "unitree_g1": (Faults.KILL,),
 }
 """One of each wire, every fault on one; on the others those in which they differ."""
 
