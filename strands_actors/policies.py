@@ -12,20 +12,25 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
+from .runtime.contract import Driver
+
 
 class Provider(NamedTuple):
     """How a policy is built: ``where(axes=..., **options)`` in a process of its own."""
 
-    where: str  # module:factory; empty: known by name, and not in this version
+    where: str  # module:factory
     needs: str = ""  # a package that must be there; the extra that brings it has the same name
     takes_address: bool = True  # options host and port, from policy_host and policy_port
+    takes_units: bool = False  # options unit and travel, as the driver has them
 
 
 PROVIDERS = {
     "mock": Provider("strands_actors.policies:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies:Sine", takes_address=False),
     "remote": Provider("strands_actors.remote_policy:Remote"),
-    "lerobot_local": Provider("", needs="lerobot", takes_address=False),
+    "lerobot_local": Provider(
+        "strands_actors.lerobot_policy:LerobotLocal", needs="lerobot", takes_address=False, takes_units=True
+    ),
 }
 
 DEFAULT_PROVIDER = "lerobot_local"
@@ -51,12 +56,6 @@ def choose_provider(name: str, host: str, port: int | None, options: dict[str, A
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
             f"without it there are {others}"
         )
-    if not provider.where:
-        # A checkpoint's numbers are in lerobot's normalised units: what drives them is driver="lerobot".
-        raise ValueError(
-            f"policy_provider {name!r} comes with driver='lerobot', which is not in this version. "
-            "serve the policy yourself and use policy_provider='remote'"
-        )
     if port is None:
         return provider.where, options
     if isinstance(port, bool) or not isinstance(port, int) or not 0 < port < 65536:
@@ -64,6 +63,14 @@ def choose_provider(name: str, host: str, port: int | None, options: dict[str, A
     if not provider.takes_address:
         raise ValueError(f"policy_provider {name!r} takes no policy_port. policy_provider='remote' does")
     return provider.where, {**options, "host": host, "port": port}
+
+
+def robot_facts(where: str, driver: Driver) -> dict[str, Any]:
+    """What the policy at ``where`` is told of the robot, as options."""
+    facts: dict[str, Any] = {"axes": list(driver.axes)}
+    if any(provider.where == where and provider.takes_units for provider in PROVIDERS.values()):
+        facts |= {"unit": driver.unit, "travel": driver.travel()}
+    return facts
 
 
 class Mock:

@@ -11,6 +11,7 @@ from typing import Any
 
 from . import answers
 from .answers import Answer
+from .policies import robot_facts
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
@@ -123,9 +124,8 @@ def check_tasks(driver: Driver) -> None:
 async def start_task(
     tree: RobotTree, provider: str, options: dict[str, Any], instruction: str, duration: float, hz: float | None
 ) -> Answer:
-    return _begun(
-        await tree.start_task(provider, {"axes": list(tree.driver.axes), **options}, instruction, duration, hz)
-    )
+    given = {**robot_facts(provider, tree.driver), **options}
+    return _begun(await tree.start_task(provider, given, instruction, duration, hz))
 
 
 async def get_task_status(tree: RobotTree) -> Answer:

@@ -68,6 +68,9 @@ class SimDriver(Driver):
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return self.units
 
+    def travel(self) -> dict[str, tuple[float, float]]:
+        return self.real.travel()
+
     def open_wire(self, clock: Clock) -> SimWire:
         from .wire import SimWire
 

@@ -298,6 +298,11 @@ class Driver(ABC):
         radians or metres. Default: the same."""
         return ((0.0, 1.0),) * len(self.axes)
 
+    def travel(self) -> dict[str, tuple[float, float]]:
+        """Each axis' range as its calibration found it, in the driver's units, lower end first. Empty when there is
+        no calibration; default: there is none."""
+        return {}
+
     def energised(self, rung: str) -> bool:
         """Whether motors keep torque on this rung."""
         return rung == "hold"

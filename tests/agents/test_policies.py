@@ -19,7 +19,7 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 
 from strands_actors import policies
-from strands_actors.policies import Mock, Provider, choose_provider
+from strands_actors.policies import Mock, choose_provider
 from strands_actors.remote_policy import Remote
 from strands_actors.robot import RealRobot
 from strands_actors.supervisors.policy import as_infer, prepare
@@ -74,12 +74,6 @@ def test_the_default_is_no_policy_of_ours(arm: RealRobot) -> None:
     refusal = why(arm.start_task("wave"))
     assert "policy_provider 'lerobot_local' needs lerobot: pip install 'strands-actors[lerobot]'" in refusal
     assert "there are mock, remote, sine" in refusal
-
-
-def test_with_lerobot_there_it_says_what_else_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(policies.PROVIDERS, "lerobot_local", Provider("", needs="trio"))
-    with pytest.raises(ValueError, match="driver='lerobot', which is not in this version"):
-        choose_provider("lerobot_local", "localhost", None, {})
 
 
 @pytest.mark.parametrize("port", [0, -1, 65536, True, "8000", 1.5])

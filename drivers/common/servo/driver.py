@@ -93,6 +93,9 @@ class ServoDriver(Driver):
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
 
+    def travel(self) -> dict[str, tuple[float, float]]:
+        return {axis.key: axis.limits for axis in self.joints} if self.calibration else {}
+
     @abstractmethod
     def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
         """In the order in which they are asked: the first that refuses answers."""

@@ -1,0 +1,323 @@
+"""``lerobot_local`` against a stand-in for lerobot, which no test environment has.
+
+``LEROBOT`` follows lerobot 0.4.4 as far as the provider meets it: ``PreTrainedConfig.from_pretrained`` and its
+features, ``get_policy_class(type).from_pretrained(folder, config=, strict=)``, ``make_pre_post_processors`` with
+``pretrained_path`` and overrides, ``prepare_observation_for_inference``, and a policy whose ``select_action`` plans
+``n_action_steps`` on one observation and hands them out one by one. Its tensors are numpy's. Its policy answers
+with the state it was given, ``step`` added to it once per planned action, and keeps what it saw.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import policies
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.drivers.sim.driver import SimDriver
+from strands_actors.lerobot_policy import FILES, LerobotLocal
+from strands_actors.policies import choose_provider, robot_facts
+from strands_actors.robot import RealRobot
+from strands_actors.runtime.contract import Driver
+from strands_actors.testing import Twin
+
+from ..robot.helpers import IDS, holds, json_of, task_ended, until, why
+
+AXES = list(IDS)
+UNIT = "degrees (gripper: percent open)"
+SEEN = dict(zip(AXES, (0.0, 10.0, -20.0, 30.0, -40.0, 50.0), strict=True))
+
+LEROBOT = {
+    "configs/policies.py": """
+import json, pathlib, types
+
+class PreTrainedConfig:
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path):
+        config = cls()
+        content = json.loads((pathlib.Path(pretrained_name_or_path) / "config.json").read_text())
+        for key in ("input_features", "output_features"):
+            content[key] = {name: types.SimpleNamespace(**feature) for name, feature in content[key].items()}
+        vars(config).update(content)
+        config.image_features = {n: f for n, f in config.input_features.items() if f.type == "VISUAL"}
+        config.robot_state_feature = config.input_features.get("observation.state")
+        config.action_feature = config.output_features.get("action")
+        return config
+""",
+    "policies/factory.py": """
+import collections
+
+calls = []
+
+class StandInPolicy:
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path, *, config=None, strict=False):
+        calls.append(("weights", config.device, strict))
+        policy = cls()
+        policy.config = config
+        policy.reset()
+        return policy
+
+    def reset(self):
+        calls.append(("reset",))
+        self.plan = collections.deque()
+
+    def select_action(self, batch):
+        if not self.plan:
+            calls.append(("plan", batch))
+            state = batch["observation.state"]
+            width = self.config.gives
+            steps = range(1, getattr(self.config, "n_action_steps", 1) + 1)
+            self.plan.extend((state + self.config.step * step)[:, :width] for step in steps)
+        return self.plan.popleft()
+
+class Processor:
+    def __init__(self, change):
+        self.change = change
+
+    def __call__(self, data):
+        return self.change(data)
+
+    def reset(self):
+        pass
+
+def get_policy_class(name):
+    return {"stand_in": StandInPolicy}[name]
+
+def make_pre_post_processors(policy_cfg, pretrained_path=None, preprocessor_overrides=None):
+    calls.append(("processors", preprocessor_overrides))
+    def into(batch):
+        return {**batch, "observation.state": batch["observation.state"] / 10}
+    return Processor(into), Processor(lambda action: action * 10)
+""",
+    "policies/utils.py": """
+def prepare_observation_for_inference(observation, device, task=None, robot_type=None):
+    return {**{name: value[None] for name, value in observation.items()}, "task": task or "", "robot_type": ""}
+""",
+}
+
+Save = Callable[..., Path]
+
+
+@pytest.fixture
+def lerobot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The stand-in, to be imported here and in processes that start from here."""
+    root = tmp_path / "site"
+    for name, source in LEROBOT.items():
+        path = root / "lerobot" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(source)
+    for package in ("", "configs", "policies"):
+        (root / "lerobot" / package / "__init__.py").touch()
+    monkeypatch.syspath_prepend(str(root))
+    yield root
+    for name in [name for name in sys.modules if name.partition(".")[0] == "lerobot"]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def save(tmp_path: Path, lerobot: Path) -> Save:
+    """Write a checkpoint of the stand-in; keywords change its configuration."""
+
+    def write(inputs: Mapping[str, Any] | None = None, size: int = 6, **config: Any) -> Path:
+        folder = tmp_path / "checkpoint"
+        folder.mkdir()
+        for name in FILES:
+            (folder / name).touch()
+        content = {
+            "type": "stand_in",
+            "input_features": {"observation.state": {"type": "STATE", "shape": [size]}, **(inputs or {})},
+            "output_features": {"action": {"type": "ACTION", "shape": [size]}},
+            "step": 0.0,
+            "gives": size,
+            **config,
+        }
+        (folder / "config.json").write_text(json.dumps(content))
+        return folder
+
+    return write
+
+
+def calls() -> list[tuple[Any, ...]]:
+    from lerobot.policies import factory
+
+    found: list[tuple[Any, ...]] = factory.calls
+    return found
+
+
+def load(folder: Path | str, **options: Any) -> LerobotLocal:
+    given = {"axes": AXES, "unit": UNIT, "units": "degrees", **options}
+    return LerobotLocal(pretrained_name_or_path=str(folder), **given)
+
+
+# -- what it gives
+
+
+def test_a_chunk_is_what_is_planned_on_one_observation_by_axis(save: Save) -> None:
+    policy = load(save(n_action_steps=3, step=0.1), device="cuda")
+    policy.reset()
+    chunk = policy.get_actions_sync(SEEN, "pick it up")
+    assert [list(action) for action in chunk] == [AXES] * 3
+    for step, action in enumerate(chunk, start=1):  # normalised and back by the checkpoint's own processors
+        assert action == pytest.approx({axis: SEEN[axis] + step for axis in AXES}, abs=1e-4)
+    plans = [call[1] for call in calls() if call[0] == "plan"]
+    assert len(plans) == 1
+    assert plans[0]["task"] == "pick it up"
+    assert plans[0]["observation.state"].tolist() == [pytest.approx([value / 10 for value in SEEN.values()])]
+
+
+def test_the_checkpoint_is_loaded_whole_and_where_it_is_to_run(save: Save) -> None:
+    load(save(), device="cuda")
+    assert ("weights", "cuda", True) in calls()
+    assert ("processors", {"device_processor": {"device": "cuda"}}) in calls()
+
+
+def test_a_policy_that_remembers_sees_every_observation(save: Save) -> None:
+    policy = load(save(n_action_steps=3, n_obs_steps=2))
+    assert [len(policy.get_actions_sync(SEEN, "")) for _ in range(2)] == [1, 1]
+
+
+def test_the_order_is_the_robots_whatever_the_observations_is(save: Save) -> None:
+    backwards = dict(reversed(SEEN.items()))
+    assert load(save()).get_actions_sync(backwards, "") == [pytest.approx(SEEN, abs=1e-4)]
+
+
+# -- units
+
+TRAVEL = dict.fromkeys(AXES[:-1], (-50.0, 100.0)) | {"gripper": (0.0, 100.0)}
+
+
+def test_normalized_is_a_share_of_the_calibrated_range(save: Save) -> None:
+    policy = load(save(step=1.0), units="normalized", travel=TRAVEL)
+    (action,) = policy.get_actions_sync({**dict.fromkeys(AXES, 25.0), "wrist_roll": 130.0}, "")
+    (plan,) = (call[1]["observation.state"].tolist() for call in calls() if call[0] == "plan")
+    assert plan == [pytest.approx([0.0, 0.0, 0.0, 0.0, 10.0, 2.5])]  # of -100..100 and of 0..100, bounded, by ten
+    # 10 of 200 is 7.5 of 150 degrees; what is past the end is the end.
+    assert action == pytest.approx({**dict.fromkeys(AXES, 32.5), "wrist_roll": 100.0, "gripper": 35.0})
+    assert action["wrist_roll"] <= 100.0
+
+
+@pytest.mark.parametrize("units", ["", "radians", "percent", None])
+def test_units_are_never_guessed(save: Save, units: Any) -> None:
+    with pytest.raises(ValueError, match=r"units is .* give 'degrees' or 'normalized': what the data"):
+        load(save(), units=units)
+
+
+def test_the_drivers_own_unit_is_what_the_numbers_may_be_in(save: Save) -> None:
+    folder = save()
+    with pytest.raises(ValueError, match=r"units is 'degrees'\. give 'radians' or 'normalized'"):
+        load(folder, unit="radians")
+    load(folder, unit="radians", units="radians")
+
+
+def test_no_calibration_no_normalized_units(save: Save) -> None:
+    with pytest.raises(
+        ValueError, match=r"calibrated range, and there is none of shoulder_pan, .*give the robot cal"
+    ):
+        load(save(), units="normalized", travel={})
+
+
+def driver_of(robot: str, **options: Any) -> Driver:
+    driver_class = get_native_driver_class(robot)
+    return driver_class(robot, "/dev/null", driver_class.resolve(robot, options))
+
+
+def test_a_calibrated_arm_tells_its_travel_and_only_to_who_takes_it() -> None:
+    motor = {"drive_mode": 0, "homing_offset": 0, "range_min": 1024, "range_max": 3071}
+    calibration = {axis: {"id": id, **motor} for axis, id in IDS.items()}
+    arm = driver_of("so101", calibration=calibration)
+    where, _ = choose_provider("mock", "localhost", None, {})
+    assert robot_facts(where, arm) == {"axes": AXES}
+    facts = robot_facts(policies.PROVIDERS["lerobot_local"].where, arm)
+    half = (3071 - 1024) / 2 * 360 / 4095  # lerobot's degrees of the same file
+    assert facts["unit"] == UNIT
+    assert facts["travel"] == {axis: pytest.approx((-half, half)) for axis in AXES[:-1]} | {
+        "gripper": pytest.approx((0.0, 100.0))
+    }
+    assert driver_of("so101").travel() == {}
+    same = {"class": "strands_actors.drivers.feetech.driver:Feetech", "options": {"calibration": calibration}}
+    assert SimDriver("so101", "", same).travel() == facts["travel"]
+
+
+# -- what is refused
+
+
+def test_no_checkpoint_and_none_there(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no checkpoint\. give pretrained_name_or_path, a folder"):
+        load("")
+    with pytest.raises(
+        ValueError, match=r"there is no folder .*nowhere. give one that lerobot saved; .*hf download"
+    ):
+        load(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_half_a_checkpoint_is_named(save: Save, name: str) -> None:
+    folder = save()
+    (folder / name).unlink()
+    with pytest.raises(ValueError, match=rf"has no {name}\. give a checkpoint as lerobot >= 0\.4 saves one"):
+        load(folder)
+
+
+IMAGES = {f"observation.images.{name}": {"type": "VISUAL", "shape": [3, 480, 640]} for name in ("wrist", "top")}
+CUBE = {"observation.environment_state": {"type": "ENV", "shape": [3]}}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "text"),
+    [
+        (IMAGES, r"needs images \(observation.images.top, observation.images.wrist\). a policy is given positions"),
+        (CUBE, "needs observation.environment_state. a policy is given positions only"),
+    ],
+)
+def test_who_needs_more_than_positions(save: Save, inputs: Mapping[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        load(save(inputs))
+
+
+def test_another_robots_checkpoint(save: Save) -> None:
+    with pytest.raises(
+        ValueError, match=r"has observation.state of shape \[7\], the robot 6 axes. use .* shoulder_pan"
+    ):
+        load(save(size=7))
+
+
+@pytest.mark.parametrize("key", ["input_features", "output_features"])
+def test_a_checkpoint_without_state_or_action(save: Save, key: str) -> None:
+    with pytest.raises(ValueError, match=r"of shape \[\], the robot 6 axes"):
+        load(save(**{key: {}}))
+
+
+def test_a_policy_that_gives_too_little(save: Save) -> None:
+    policy = load(save(gives=5))
+    with pytest.raises(ValueError, match="the policy gave 5 numbers for 6 axes"):
+        policy.get_actions_sync(SEEN, "")
+
+
+# -- on the arm
+
+
+def test_a_checkpoint_drives_the_arm(save: Save, arm: RealRobot, twin: Twin) -> None:
+    folder = save(n_action_steps=4, step=0.02)
+    task = {"policy_provider": "lerobot_local", "pretrained_name_or_path": str(folder)}
+    began_ns = time.monotonic_ns()
+    json_of(arm.start_task("wave", **task, units="degrees"))
+    until(lambda: len(twin.log.host("setpoint", began_ns)) > 12, "it moves by chunks")
+    ended = json_of(arm.stop_task())
+    assert (ended["exit_reason"], ended["instruction"]) == ("stopped", "wave"), ended
+    assert holds(twin.log, began_ns)
+
+
+def test_a_task_whose_units_are_not_said_moves_nothing(save: Save, arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.start_task("wave", policy_provider="lerobot_local", pretrained_name_or_path=str(save())))
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "policy", ended
+    assert "give 'degrees' or 'normalized'" in ended["exit_detail"]
+    assert not twin.log.host("setpoint")
+    assert "takes no policy_port" in why(arm.start_task("wave", 8000, policy_provider="lerobot_local"))
