@@ -416,7 +416,8 @@ class RobotTree:
             if self._root_process is not None:
                 await self._root_process.fence()
             why = f"neither wire nor root answers ({failure}); the root was ended"
-            return Refused("unconfirmed", f"stop: {why}", "look at the robot")
+            named = ", ".join(self.driver.axes)
+            return Refused("unconfirmed", f"stop: {why}. not confirmed by {named}", "look at the robot")
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:

@@ -242,7 +242,12 @@ class Guardian(Actor):
             motors = await self._second.make_safe(rung)
             self._confirmed = all(motor.safe for motor in motors)
             self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
-        # Without a second path the wire had not come so far as to energise anything: all is as it was.
+        elif not self._confirmed:
+            # This wire had not come so far as to energise anything, and what the one before left is as it was.
+            motors = tuple(
+                MotorReport(axis, number, False, False, False, "the link is not back yet")
+                for axis, number in zip(self._driver.axes, self._driver.ids, strict=True)
+            )
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1

@@ -464,6 +464,21 @@ def test_saf_009_stop_during_bring_up_wins() -> None:
     run_virtual(run)
 
 
+def test_saf_005_a_fence_before_the_link_is_back_names_every_motor() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.plugged = False
+            tree.place._scope.cancel()
+            await trio.sleep(0.3)  # fenced, not confirmed; the next wire looks for the link
+            assert len(tree.places) > 1
+            report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 1.0)
+            assert isinstance(report, StopReport) and not report.confirmed
+            assert report.unconfirmed == ["a", "b"]
+
+    run_virtual(run)
+
+
 def test_saf_010_fence_makes_safe_when_the_gate_does_not_answer() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
