@@ -1,5 +1,9 @@
 """``python -m tests``: style, types, tests (two at a time: most of them wait for processes); stops at the first
-that fails. Arguments go to pytest."""
+that fails. Arguments go to pytest.
+
+A test that fails beside another is run once more, alone, and named: two robots on a machine that pauses may
+be late where one is not. Who fails alone fails.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +16,19 @@ STEPS = (
     ("mypy",),
     ("pytest", "-n", "2", "--dist", "worksteal", *sys.argv[1:]),
 )
+ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *sys.argv[1:])
+SOME_FAILED = 1
+"""Pytest's exit code; others say that it could not run."""
+
+
+def run(step: tuple[str, ...]) -> int:
+    print("$", *step, flush=True)
+    return subprocess.run([sys.executable, "-m", *step]).returncode
+
 
 for step in STEPS:
-    print("$", *step, flush=True)
-    code = subprocess.run([sys.executable, "-m", *step]).returncode
+    code = run(step)
+    if code == SOME_FAILED and step[0] == "pytest":
+        code = run(ALONE)
     if code:
         sys.exit(code)
