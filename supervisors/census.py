@@ -21,6 +21,16 @@ class Break(Message, frozen=True):
     how: str
 
 
+def fall(how: str) -> None:
+    """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else does nothing."""
+    if how == "exception":
+        raise RuntimeError("a fault was asked for")
+    if how == "exit":
+        sys.exit(3)
+    while how == "spin":
+        pass
+
+
 class CensusTaker(Actor):
     def receive(self, message: Describe | Break) -> Census | Refused | None:
         if isinstance(message, Break):
@@ -37,10 +47,5 @@ class CensusTaker(Actor):
     def _break(self, how: str) -> Refused | None:
         if os.environ.get(ALLOW_FAULTS) != "1":
             return Refused("not_allowed", "break: faults are not allowed", f"set {ALLOW_FAULTS}=1")
-        if how == "exception":
-            raise RuntimeError("a fault was asked for")
-        if how == "exit":
-            sys.exit(3)
-        while how == "spin":
-            pass
+        fall(how)
         return Refused("unknown_fault", f"break: {how} is no fault", "exception, exit or spin")

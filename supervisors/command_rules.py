@@ -10,14 +10,13 @@ import msgspec
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.messages import Refused
 
+from .lease import refuse_by_deadline
 from .mesh_json import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender
-from .messages import MAX_LIFETIME_S
 
 CLOCK_TTL_S = 30.0
 """A clock that was read is good for this long: two quartzes drift apart by 0.1 ms a second at worst."""
 
 _MAX_CLOCKS = 64
-_MAX_AHEAD_NS = round(MAX_LIFETIME_S * NS)
 
 _decode_envelope = msgspec.json.Decoder(Envelope).decode
 _decode_sender = msgspec.json.Decoder(Sender).decode
@@ -74,16 +73,7 @@ class Clocks:
         if clock != name or now_ns >= expires_ns:
             why = f"{sender} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
             return Refused("clock", why, "send sync first")
-        late_ns = now_ns - deadline_ns
-        if late_ns >= 0:
-            return Refused("expired", f"the command is {late_ns / 1e6:.1f} ms past its deadline")
-        if -late_ns > _MAX_AHEAD_NS:
-            return Refused(
-                "too_distant",
-                f"the deadline is {-late_ns / NS:.1f} s away",
-                f"ask for at most {MAX_LIFETIME_S:g} s",
-            )
-        return None
+        return refuse_by_deadline(deadline_ns, now_ns)
 
 
 class Shared:

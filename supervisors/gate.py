@@ -190,7 +190,7 @@ class Gate(Actor):
         refusal = (
             self._refuse_by_mode()
             or self._refuse_by_lease("move", message.lease, message.epoch)
-            or refuse_by_deadline(message, now_ns)
+            or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
         )
         if refusal is not None:
             return refusal

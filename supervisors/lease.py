@@ -7,7 +7,7 @@ import msgspec
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.messages import Refused
 
-from .messages import LEASE_TTL_S, MAX_LIFETIME_S, Setpoint
+from .messages import LEASE_TTL_S, MAX_LIFETIME_S
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
@@ -33,14 +33,15 @@ class Held(msgspec.Struct):
             self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
 
 
-def refuse_by_deadline(message: Setpoint, now_ns: int) -> Refused | None:
-    late_ns = now_ns - message.deadline_ns
+def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:
+    """None when that time has neither passed nor is far away. ``prefix``: of the reason, what was asked for."""
+    late_ns = now_ns - deadline_ns
     if late_ns >= 0:
-        return Refused("expired", f"move: the command is {late_ns / 1e6:.1f} ms past its deadline")
+        return Refused("expired", f"{prefix}the command is {late_ns / 1e6:.1f} ms past its deadline")
     if -late_ns > _MAX_LIFETIME_NS:
         return Refused(
             "too_distant",
-            f"move: the deadline is {-late_ns / NS:.1f} s away",
+            f"{prefix}the deadline is {-late_ns / NS:.1f} s away",
             f"ask for at most {MAX_LIFETIME_S:g} s",
         )
     return None

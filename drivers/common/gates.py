@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
+from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
@@ -63,7 +64,7 @@ def parse(
         if at in named:
             both = f"{name} and {name}.pos"
             return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, name)
-        number = _finite(value)
+        number = finite(value)
         if number is None:
             shown = str(value)[:40]
             return Refused(
@@ -220,16 +221,6 @@ def _readings(candidate: Candidate, seen: Observation, *names: str) -> Iterator[
     if len(rows) == len(names):
         for at in candidate.named:
             yield at, [row[at] for row in rows]
-
-
-def _finite(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _unit(axis: Joint) -> str:

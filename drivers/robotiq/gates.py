@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, GateCheck, GateState
 from strands_actors.runtime.messages import Refused
@@ -80,7 +81,7 @@ def parse(action: Mapping[str, object], robot: str, keys: Mapping[str, Key]) -> 
         if key.slot in given:
             both = f"{given[key.slot]} and {name}"
             return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, positions)
-        number = _finite(value)
+        number = finite(value)
         if number is None:
             shown = str(value)[:40]
             return Refused(
@@ -147,13 +148,3 @@ def fault_free(candidate: Candidate, state: GateState) -> Refused | None:
     else:
         remedy = "call stop(), then resume()"
     return Refused("fault", f"move: the gripper reports {fault_words(fault)}", remedy, str(fault), "0")
-
-
-def _finite(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
@@ -97,7 +98,7 @@ class Parser:
             if row is None:
                 return self._unknown_row(at, name)
             if type(part) is not float or not math.isfinite(part):
-                number = _finite(part)
+                number = finite(part)
                 if number is None:
                     return self._no_number(at, name, part)
                 part = number
@@ -137,16 +138,6 @@ def _spellings(key: str) -> tuple[str, ...]:
     """The models' names carry ``_joint``, the wire's do not always."""
     bare = key.removesuffix("_joint")
     return bare, f"{bare}_joint", f"{bare}.pos", f"{bare}_joint.pos"
-
-
-def _finite(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 # -- of the robot: asked before every setpoint, and all the time while one is live

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, GateCheck, GateState
 from strands_actors.runtime.messages import Refused
@@ -50,7 +51,7 @@ def parse(action: Mapping[str, object], robot: str, state: GateState) -> Candida
         if at in named:
             both = f"{name} and {name}.pos"
             return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, name)
-        number = _finite(value)
+        number = finite(value)
         if number is None:
             shown = str(value)[:40]
             return Refused("not_finite", f"move: {name} is {shown}", "send a finite number", shown, "radians")
@@ -157,13 +158,3 @@ def too_fast(arm: Arm) -> GateCheck:
 def _sensor(state: GateState, name: str, missing: int) -> int:
     row = state.observation.sensors.get(name)
     return round(row[0]) if row else missing
-
-
-def _finite(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None

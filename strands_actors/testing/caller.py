@@ -17,6 +17,7 @@ import time
 from typing import Any
 
 from strands_actors import Robot
+from strands_actors.supervisors.census import fall
 
 from .registering import register
 
@@ -98,12 +99,7 @@ class Caller:
                 print(json.dumps({"at_ns": at_ns, "confirmed": answer["status"] == "success"}), flush=True)
             case [how]:
                 print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
-                if how == "exception":
-                    raise RuntimeError("a fault was asked for")
-                if how == "exit":
-                    sys.exit(3)
-                while how == "spin":
-                    pass
+                fall(how)
 
 
 def main(text: str) -> None:

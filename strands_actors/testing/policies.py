@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from strands_actors.policies import Sine
+from strands_actors.supervisors.census import fall
 
 
 class Faulty(Sine):
@@ -22,10 +22,5 @@ class Faulty(Sine):
         if self._trigger.exists():
             how = self._trigger.read_text()
             Path(f"{self._trigger}.t").write_text(str(time.monotonic_ns()))
-            if how == "exception":
-                raise RuntimeError("a fault was asked for")
-            if how == "exit":
-                sys.exit(3)
-            while how == "spin":
-                pass
+            fall(how)
         return super().step(observation)
