@@ -17,3 +17,11 @@ def register(where: str, robot: str) -> None:
     driver_class = load(where)
     if get_native_driver_class(robot) is not driver_class:
         register_native_driver(robot, driver_class, overwrite=True)
+
+
+def prepare(robot: str, where: str) -> None:
+    """Have the driver of ``robot`` imported; ``where``: of one that has to be registered, else empty."""
+    if where:
+        register(where, robot)
+    else:
+        get_native_driver_class(robot)
