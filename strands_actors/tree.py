@@ -63,8 +63,6 @@ BEAT_S = 0.04
 COMMAND_S = 0.25
 """A command that has not reached the wire by then never will."""
 ASK_S = 0.5
-FIRST_ASK_S = 0.05
-"""A gate that is there answers sooner; a busy one gets more time at each further question."""
 STOP_S = 2.0
 CONNECT_S = 12.0
 RETRY_S = 3.0
@@ -233,18 +231,14 @@ class RobotTree:
         began = trio.current_time()
         deadline = began + CONNECT_S
         status: Status | None = None
-        within_s = FIRST_ASK_S
         while trio.current_time() < deadline:
             assert self._root_process is not None
             if not self._root_process.alive:
                 raise NotConnected("the root process ended")
             try:
-                answer = await self._gate.ask(GetStatus(), within_s)
-            except Unreachable:
+                answer = await self._gate.ask(GetStatus(), ASK_S)
+            except (AskTimeout, Unreachable):
                 await trio.sleep(0.005)
-                continue
-            except AskTimeout:  # put to a gate that is gone: its successor was not yet known
-                within_s = min(2 * within_s, ASK_S)
                 continue
             assert isinstance(answer, Status)
             status = answer

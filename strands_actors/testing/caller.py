@@ -112,4 +112,3 @@ def main(wanted: dict[str, Any]) -> None:
             if not line:
                 return
             caller.obey(line)
-

@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import monotonic_ns
 from typing import TypeVar
@@ -41,6 +41,8 @@ T = TypeVar("T")
 
 SETTLE_S = 0.4
 """How long the wire is watched after the safe frame."""
+MOST = 2
+"""Times as many trials as were asked for, when some are disturbed."""
 STARTS = 3
 """A machine that pauses may stop the robot before anything was broken: then begin again."""
 PATIENCE_S = 5.0
@@ -82,8 +84,8 @@ class Outcome:
 
 
 def _motion(cell: Cell, driver: Driver) -> str:
-    if driver.TASKS:
-        return "rollout"
+    if driver.TASKS:  # a rollout goes on beside a thread that computes
+        return "loop" if (cell.victim, cell.fault) == (Victims.CALLER, Faults.SPIN) else "rollout"
     return "loop" if cell.victim in (Victims.CALLER, Victims.TWIN) or driver.ROLLOUTS else "task"
 
 
@@ -107,6 +109,20 @@ def _run_cell(cell: Cell, bench: Bench, settle_s: float) -> Outcome:
     finally:
         if cell.victim is Victims.CALLER:
             bench.drop()
+
+
+def tries(cell: Cell, bench: Bench, trials: int) -> Iterator[Outcome]:
+    """Until that many were not disturbed, or twice as many were made. Raise ``NotMoving``."""
+    undisturbed = 0
+    for _ in range(MOST * trials):
+        try:
+            outcome = run_cell(cell, bench)
+        except NotMoving as why:
+            raise NotMoving(f"{bench.robot}, {cell}: {why}") from why
+        yield outcome
+        undisturbed += not outcome.disturbed
+        if undisturbed == trials:
+            return
 
 
 # -- a process of the tree

@@ -26,7 +26,9 @@ class Queue:
 
     def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:
         after = dict(_threads(pid))
-        return max((after[thread].waited_ns - before[thread].waited_ns for thread in before.keys() & after), default=0)
+        return max(
+            (after[thread].waited_ns - before[thread].waited_ns for thread in before.keys() & after), default=0
+        )
 
 
 def _threads(pid: int) -> Iterator[tuple[int, Standing]]:

@@ -12,6 +12,12 @@ def where_is(driver_class: type[Driver]) -> str:
     return f"{driver_class.__module__}:{driver_class.__qualname__}"
 
 
+def class_of(where: str) -> type[Driver] | None:
+    """None for an empty ``where``: a robot that this package knows by itself."""
+    found: type[Driver] | None = load(where) if where else None
+    return found
+
+
 def register(where: str, robot: str) -> None:
     """Serve ``robot`` by the class at ``module:Class``, unless it is so already."""
     driver_class = load(where)

@@ -48,7 +48,8 @@ class Forked:
 
 
 class Template:
-    """``environment``: of the callers. ``robot``, ``where`` (``module:Class``, or empty): whose driver they import."""
+    """``environment``: of the callers. ``robot``, ``where`` (``module:Class``, or empty): whose driver they
+    import."""
 
     def __init__(self, environment: Mapping[str, str], robot: str, where: str, errors: Path) -> None:
         self._errors = errors
