@@ -63,6 +63,8 @@ BEAT_S = 0.04
 COMMAND_S = 0.25
 """A command that has not reached the wire by then never will."""
 ASK_S = 0.5
+LOOK_S = 0.02
+"""Between two looks for a tree that starts; it takes half a second of computing, which the looks should leave it."""
 STOP_S = 2.0
 CONNECT_S = 12.0
 RETRY_S = 3.0
@@ -238,7 +240,7 @@ class RobotTree:
             try:
                 answer = await self._gate.ask(GetStatus(), ASK_S)
             except (AskTimeout, Unreachable):
-                await trio.sleep(0.005)
+                await trio.sleep(LOOK_S)
                 continue
             assert isinstance(answer, Status)
             status = answer
