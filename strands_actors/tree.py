@@ -64,7 +64,7 @@ COMMAND_S = 0.25
 """A command that has not reached the wire by then never will."""
 ASK_S = 0.5
 LOOK_S = 0.02
-"""Between two looks for a tree that starts; it takes half a second of computing, which the looks should leave it."""
+"""Between two looks for a tree that starts. It has half a second to compute, which the looks should leave it."""
 STOP_S = 2.0
 CONNECT_S = 12.0
 RETRY_S = 3.0

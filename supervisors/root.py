@@ -15,6 +15,7 @@ import trio
 from strands_actors.runtime.actor import Actor, Deferred, describe
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.forked import Standby
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
@@ -90,8 +91,9 @@ class Root(Actor):
 class Tree:
     """What runs in the root process."""
 
-    def __init__(self, args: dict[str, Any], spawner: Spawner) -> None:
+    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby) -> None:
         self.spawner = spawner
+        self.standby = standby
         self.robot: str = args["robot"]
         self.args = args
         self.at = addresses.of(self.robot)
@@ -120,7 +122,7 @@ class Tree:
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
         }
-        self.wire = ProcessPlace(self.node, self.nursery, args)
+        self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
 
@@ -225,8 +227,9 @@ class Tree:
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
     spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
-    trio.run(_main, args, sock, spawner)
+    standby = Standby()  # for the first wire; when another is needed, this process has threads
+    trio.run(_main, args, sock, spawner, standby)
 
 
-async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner) -> None:
-    await Tree(args, spawner).run(sock)
+async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby) -> None:
+    await Tree(args, spawner, standby).run(sock)
