@@ -73,6 +73,12 @@ class Caller:
     def line(self) -> dict[str, Any]:
         """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for ``START_S``."""
         deadline_s = time.monotonic() + START_S
+        while not (text := self._next_line(deadline_s)).startswith(b"{"):
+            pass  # a vendor's library prints there, too
+        told: dict[str, Any] = json.loads(text)
+        return told
+
+    def _next_line(self, deadline_s: float) -> bytes:
         while b"\n" not in self._said:
             left_s = max(0.0, deadline_s - time.monotonic())
             if not select.select([self._output], [], [], left_s)[0]:
@@ -82,8 +88,7 @@ class Caller:
                 raise NotMoving(self._errors.read_text().strip() or "the caller ended before its robot moved")
             self._said += data
         text, _, self._said = self._said.partition(b"\n")
-        told: dict[str, Any] = json.loads(text)
-        return told
+        return text
 
     def tell(self, line: str) -> None:
         with contextlib.suppress(BrokenPipeError):  # its end is seen at the next line it does not say
@@ -191,9 +196,9 @@ class Bench:
             "far": str(self.far),
         }
 
-    def queue(self, caller: Caller) -> Queue:
+    def queue(self, caller: Caller, victim: int = 0) -> Queue:
         """Who may stand in line for a processor from now on: the tree, its caller, the robot and this process."""
-        return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()])
+        return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
 
     def _wait_for_silence(self) -> None:
         """Until nobody of the tree before writes any more: its processes were killed one after the other."""

@@ -139,9 +139,9 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     async with trio.open_nursery() as nursery:
         nursery.start_soon(watch)
         await trio.lowlevel.checkpoint()
-        queue = bench.queue(caller)
+        queue = bench.queue(caller, pid)
         began_ns = await _inflict(caller, cell, pid)
-        await _until_safe(bench.log, began_ns)
+        await _until_safe(bench.log, began_ns, queue)
         stood_ms = queue.stood_ms()
         await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
@@ -210,7 +210,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
         caller.tell("stop")
         told = await trio.to_thread.run_sync(caller.line)
         since_ns, confirmed = told["at_ns"], told["confirmed"] or cell.fault not in CONFIRMED
-    await _until_safe(bench.log, since_ns)
+    await _until_safe(bench.log, since_ns, queue)
     stood_ms = queue.stood_ms()
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
@@ -274,10 +274,11 @@ def _read(
     return Outcome(cell.victim, cell.fault, rung, safe_ms, bound_ms, after, True, gone_ms, stood_ms)
 
 
-async def _until_safe(log: WireLog, since_ns: int) -> None:
+async def _until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
     tail = log.tail()
 
     def look() -> bool:
+        queue.look()
         return any(
             entry.kind == "safe" and entry.sender == "host" and entry.t_ns >= since_ns for entry in tail.new()
         )

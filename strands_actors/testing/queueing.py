@@ -15,10 +15,16 @@ DISTURBED_MS = 10.0
 
 
 class Queue:
-    """Of some processes, from now on. One that ends meanwhile, or begins, counts as never having waited."""
+    """Of some processes, from now on. ``mortal``: one that may end before the others are asked: ``look`` at it
+    meanwhile. Any other that ends, or begins, counts as never having waited."""
 
-    def __init__(self, pids: Iterable[int]) -> None:
+    def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
         self._before = {pid: dict(_threads(pid)) for pid in pids}
+        self._mortal = mortal
+        self._seen = self._before.get(mortal, {}).get(mortal)
+
+    def look(self) -> None:
+        self._seen = standing(self._mortal) or self._seen
 
     def stood_ms(self) -> float:
         """Together; of each process the thread that stood longest."""
@@ -26,9 +32,10 @@ class Queue:
 
     def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:
         after = dict(_threads(pid))
-        return max(
-            (after[thread].waited_ns - before[thread].waited_ns for thread in before.keys() & after), default=0
-        )
+        if pid == self._mortal and not after and self._seen is not None:
+            after = {pid: self._seen}
+        threads = before.keys() & after
+        return max((after[thread].waited_ns - before[thread].waited_ns for thread in threads), default=0)
 
 
 def _threads(pid: int) -> Iterator[tuple[int, Standing]]:
