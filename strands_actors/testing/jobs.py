@@ -53,6 +53,10 @@ class Plan:
                 for order in _orders(robot, where, cell, _missing(trials, robot, cell, repeats))
             )
 
+        for number, orders in enumerate(self._left.values()):
+            # not every robot's callers spin at once: each begins elsewhere in the table
+            orders.rotate(-number * len(orders) // len(self._left))
+
     def next_for(self, robot: str) -> Order | None:
         """For a worker with a bench of ``robot``, or with none yet (empty)."""
         if robot and self._left[robot]:
