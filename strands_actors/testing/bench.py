@@ -126,8 +126,8 @@ class Bench:
         with contextlib.ExitStack() as stack:
             self._directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sa-")))
             self.twin = stack.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
-            self._template = self._make_template()
-            stack.callback(self._template.close)
+            self.template = self._make_template()
+            stack.callback(self.template.close)
             self._stack = stack.pop_all()
         return self
 
@@ -165,7 +165,7 @@ class Bench:
         self.drop()
         self._wait_for_silence()
         os.truncate(self.log.path, 0)
-        caller = self._caller = Caller(self._directory, self._template, self._wanted(motion))
+        caller = self._caller = Caller(self._directory, self.template, self._wanted(motion))
         caller.forget_trigger()
         try:
             caller.tree = caller.line()

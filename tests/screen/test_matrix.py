@@ -16,7 +16,7 @@ import trio
 from strands_actors.cli.matrix import one_of_each
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.runtime.contract import Driver
-from strands_actors.testing import Cell, Faults, Outcome, Victims, cells_of
+from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, cells_of
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import proves
 from strands_actors.testing.jobs import Plan, measure_all
@@ -168,6 +168,23 @@ class Given(Plan):
 
     def next_for(self, robot: str) -> Order | None:
         return self._orders.pop(0) if self._orders else None
+
+
+def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
+    with Bench("blinky", Blinky) as bench:
+        template = bench.template.pid
+        assert len(os.listdir(f"/proc/{template}/task")) == 1
+        caller = bench.moving("loop")
+        assert len(os.listdir(f"/proc/{template}/task")) == 1
+        pid = caller.process.pid
+        assert os.getsid(pid) == pid
+        root = caller.pids()["root"]
+        caller.tell("exit")
+        caller.line()
+        deadline_s = time.monotonic() + 20.0
+        while caller.process.alive or Path(f"/proc/{root}").exists():
+            assert time.monotonic() < deadline_s
+            time.sleep(0.005)
 
 
 def test_by_default_there_is_one_robot_of_each_driver() -> None:
