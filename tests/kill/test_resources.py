@@ -8,21 +8,17 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import trio
-import trio.lowlevel
-
 from strands_actors.robot import RealRobot
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.process import ChildProcess
-from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, TaskStatus
-from strands_actors.supervisors.tasks import Tasks
-from strands_actors.testing import Twin, open_inline_tree, run_virtual
+from strands_actors.testing import Twin
+
+from .restarts import private_kb
 
 PATIENCE_S = 20.0
 RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
@@ -43,12 +39,6 @@ def until(condition: Callable[[], Any], what: str) -> Any:
 
 def pids(arm: RealRobot) -> dict[str, int]:
     return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}
-
-
-def private_kb(pid: int) -> int:
-    """What the process has for itself; what it shares with others is no growth of its own."""
-    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
 
 
 def only_those_it_has(pid: int) -> tuple[int, int]:
@@ -117,60 +107,15 @@ def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_r
         assert after[role] <= before[role] * GROWTH, role
 
 
-class Ended(ChildProcess):
-    """A policy process that has ended as soon as it was started."""
-
-    def __init__(self, number: int) -> None:
-        self.pid = number
-
-    @property
-    def alive(self) -> bool:
-        return False
-
-    def kill(self, sig: int = signal.SIGKILL) -> None:
-        pass
-
-    async def wait(self) -> int:
-        return -signal.SIGKILL
-
-    def link(self, node: Node) -> Any:
-        return Silent()
-
-
-class Silent:
-    async def run(self) -> None:
-        await trio.sleep_forever()
-
-
 def test_restarts_of_a_policy_leave_the_memory_of_gate_and_tasks_as_it_was() -> None:
-    """The actors of root and wire in one process, in virtual time: each policy's end is told to the gate."""
-    before_kb = 0
-
-    async def restart_many() -> None:
-        nonlocal before_kb
-        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
-            robot = tree.gate.address.split("/")[1]
-            at, starts = addresses.of(robot), 0
-
-            async def start(entry: str, args: dict[str, Any]) -> ChildProcess:
-                nonlocal starts
-                starts += 1
-                return Ended(starts)
-
-            cell = tree.node.cell(at.path("tasks"), lambda: Tasks(robot, list, start))
-            await nursery.start(cell.run)
-            tasks = tree.node.ref(at.tasks, Tasks)
-            rollout = Rollout(robot, tree.driver.axes, "", 0.02, 0.1, 1.0)
-            for number in range(RESTARTS + RESTARTS // 10):
-                if number == RESTARTS // 10:
-                    before_kb = private_kb(os.getpid())
-                assert isinstance(await tasks.ask(StartTask("no:where", {}, rollout), 1.0), TaskStatus)
-                while (await tasks.ask(GetTask(), 1.0)).running:
-                    await trio.lowlevel.checkpoint()
-            assert starts == RESTARTS + RESTARTS // 10
-            nursery.cancel_scope.cancel()
-
-    run_virtual(restart_many)
-    after_kb = private_kb(os.getpid())
+    """In a process of their own: what a test runner keeps is not theirs."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.kill.restarts", str(RESTARTS)],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    before_kb, after_kb = map(int, done.stdout.split())
     print(f"{before_kb} kB, after {RESTARTS} more {after_kb} kB")
     assert after_kb <= before_kb * GROWTH
