@@ -110,6 +110,15 @@ class Mailbox:
             self._waiter = None
             trio.lowlevel.reschedule(waiter)
 
+    def first(self) -> Entry | None:
+        """What ``pop`` would return; it stays."""
+        if self._urgent:
+            return self._urgent[0]
+        if not self._queue:
+            return None
+        item = self._queue[0]
+        return item.entry if type(item) is _Slot else item  # type: ignore[return-value]
+
     def pop(self) -> Entry | None:
         """The next message by lane, or None."""
         if self._urgent:
