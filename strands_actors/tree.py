@@ -319,7 +319,7 @@ class RobotTree:
             raise NotConnected("not connected. call connect_eagerly() first")
 
     async def _acquire(self) -> Refused | None:
-        answer = await self._gate.ask(Acquire(self._holder), ASK_S)
+        answer = await self._gate.ask(Acquire(self._holder, pid=os.getpid()), ASK_S)
         if isinstance(answer, Lease):
             self._lease = answer
             return None

@@ -102,7 +102,9 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
-        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state)
+        self.guardian = Guardian(
+            self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+        )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -124,6 +126,11 @@ class Tree:
         self.wire = ProcessPlace(self.node, self.nursery, args)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
+
+    def writers(self) -> list[int]:
+        """Processes whose setpoints may be on their way to the wire."""
+        policy = self.tasks.process
+        return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
 
     def tap_keeper(self) -> TapKeeper:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
