@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import aclosing
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import trio
@@ -147,7 +148,9 @@ class Cell:
         self.actor: Actor = factory()
         self.protocol: Protocol = protocol_of(type(self.actor))
         can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
-        self.mailbox = Mailbox(offer=self._offer if can_be_helped else None)
+        self.plain = self.protocol.accepts - self.protocol.carriers
+        """What goes into the mailbox as it is."""
+        self.mailbox = Mailbox(offer=partial(node.turn.offer, self) if can_be_helped else None)
         self._error: Exception | None = None
         self.incarnations = 0
         self.state = "starting"
@@ -174,9 +177,6 @@ class Cell:
         finally:
             self.state = "stopped"
             self.node.unhost(self, reason)
-
-    def _offer(self) -> bool:
-        return self.node.turn.offer(self)
 
     # -- handling: in its own task, or in a turn of somebody else's
 

@@ -29,11 +29,16 @@ Entry = tuple[Message, ReplyTo | None]
 
 
 class _Slot:
-    __slots__ = ("entry", "key")
+    """The place of one sender's messages of one type; kept when it is empty, for the next."""
 
-    def __init__(self, key: tuple[str, type], entry: Entry) -> None:
-        self.key = key
-        self.entry = entry
+    __slots__ = ("entry",)
+
+    def __init__(self) -> None:
+        self.entry: Entry | None = None
+
+
+_SLOTS = 64
+"""Kept ready; senders come and go."""
 
 
 SUPERSEDED = Refused("superseded", "a newer message of the same sender took this one's place")
@@ -73,18 +78,16 @@ class Mailbox:
                 return False
             self._urgent.append((message, reply))
         elif lane == "latest":
-            key = (sender, type(message))
-            slot = self._slots.get(key)
-            if slot is not None:
-                superseded = slot.entry[1]
-                slot.entry = (message, reply)
-                self.conflated += 1
-                if superseded is not None:
-                    superseded.send(SUPERSEDED)
-                return True
-            if len(self._queue) >= self.capacity:
+            slot = self._slots.get((sender, type(message))) or self._new_slot((sender, type(message)))
+            before = slot.entry
+            if before is None and len(self._queue) >= self.capacity:
                 return False
-            slot = self._slots[key] = _Slot(key, (message, reply))
+            slot.entry = (message, reply)
+            if before is not None:
+                self.conflated += 1
+                if before[1] is not None:
+                    before[1].send(SUPERSEDED)
+                return True
             self._queue.append(slot)
         else:
             if len(self._queue) >= self.capacity:
@@ -96,6 +99,12 @@ class Mailbox:
             else:
                 self.wake()
         return True
+
+    def _new_slot(self, key: tuple[str, type]) -> _Slot:
+        if len(self._slots) >= _SLOTS:
+            self._slots = {key: slot for key, slot in self._slots.items() if slot.entry is not None}
+        slot = self._slots[key] = _Slot()
+        return slot
 
     def take_up(self) -> bool:
         """What was offered is taken up now. Whether the reader waits, so that somebody may read in its place."""
@@ -127,8 +136,8 @@ class Mailbox:
             return None
         item = self._queue.popleft()
         if type(item) is _Slot:
-            del self._slots[item.key]
-            return item.entry
+            entry, item.entry = item.entry, None
+            return entry
         return item  # type: ignore[return-value]  # the union's other arm
 
     async def wait(self) -> None:

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from .clock import Clock
 
-LONGEST_NS = 200_000
+LONGEST_NS = 400_000
 
 
 class Worker(Protocol):
