@@ -20,6 +20,7 @@ from .kernel import (
     Boom,
     LateAnswer,
     Never,
+    Newest,
     Number,
     Recorder,
     Unwanted,
