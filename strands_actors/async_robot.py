@@ -48,12 +48,13 @@ class AsyncRobot:
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
+        self._plan = tree.plan
         self._approval = approval
         self.driver = tree.driver
 
     @property
     def tool_name(self) -> str:
-        return self._tree.tool_name
+        return self._plan.tool_name
 
     @property
     def name(self) -> str:
@@ -63,11 +64,11 @@ class AsyncRobot:
     @property
     def engine(self) -> Engine | None:
         """The twin's process, where there is one."""
-        return self._tree.engine
+        return self._plan.engine
 
     @property
     def transport(self) -> str | None:
-        return self._tree.transport
+        return self._plan.transport
 
     @property
     def tool_spec(self) -> dict[str, Any]:
@@ -177,21 +178,7 @@ async def open_robot(
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
     """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
     async with open_caller() as (node, nursery, endpoint):
-        tree = RobotTree(
-            node,
-            nursery,
-            endpoint,
-            wanted.driver_class,
-            wanted.robot,
-            wanted.tool_name,
-            wanted.port,
-            wanted.options,
-            wanted.transport,
-            engine=wanted.engine,
-            owns_engine=wanted.owns_engine,
-            mesh=wanted.mesh,
-            drill_age_s=wanted.drill_age_s,
-        )
+        tree = RobotTree(node, nursery, endpoint, wanted)
         try:
             problem = await tree.connect(arm)
             if problem is not None:

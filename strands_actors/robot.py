@@ -155,23 +155,8 @@ class RealRobot(RobotTool):
 
     async def _connect(self) -> str | None:
         if self._tree is None:
-            shared, plan = portal(), self._plan
-            self._tree = RobotTree(
-                shared.node,
-                shared.nursery,
-                shared.endpoint,
-                plan.driver_class,
-                plan.robot,
-                plan.tool_name,
-                plan.port,
-                plan.options,
-                plan.transport,
-                self._liveness.look,
-                plan.engine,
-                plan.owns_engine,
-                plan.mesh,
-                plan.drill_age_s,
-            )
+            shared = portal()
+            self._tree = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
         return await self._tree.connect()
 
     @property

@@ -17,7 +17,8 @@ from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
 from .supervisors.policy import as_infer
-from .tree import NotConnected, RobotTree
+from .tree import RobotTree
+from .tree_processes import NotConnected
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
 """On a tree, with what else it takes."""
@@ -97,7 +98,7 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or "the wire does not answer"
-    return answers.status(tree.tool_name, tree.kind, tree.driver, problem, status, tree.facts)
+    return answers.status(tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts)
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
@@ -112,7 +113,7 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
 async def run_policy(
     tree: RobotTree, policy: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
 ) -> Answer:
-    return _begun(await tree.run_policy(policy, instruction, duration, n_steps or 0, hz))
+    return _begun(await tree.rollouts.run_policy(policy, instruction, duration, n_steps or 0, hz))
 
 
 def check_tasks(driver: Driver) -> None:
@@ -125,15 +126,15 @@ async def start_task(
     tree: RobotTree, provider: str, options: dict[str, Any], instruction: str, duration: float, hz: float | None
 ) -> Answer:
     given = {**robot_facts(provider, tree.driver), **options}
-    return _begun(await tree.start_task(provider, given, instruction, duration, hz))
+    return _begun(await tree.rollouts.start_task(provider, given, instruction, duration, hz))
 
 
 async def get_task_status(tree: RobotTree) -> Answer:
-    return answers.success(answers.task(await tree.task()))
+    return answers.success(answers.task(await tree.rollouts.task()))
 
 
 async def stop_task(tree: RobotTree) -> Answer:
-    return _begun(await tree.stop_task())
+    return _begun(await tree.rollouts.stop_task())
 
 
 def _begun(status: TaskStatus | Refused) -> Answer:
