@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import pytest
 import trio
-from memory_port import MemoryPort, servos
-from trio.testing import MockClock
+from memory_port import MemoryPort, Permission, servos
 
 from strands_actors.drivers.common.servo.driver import ServoDriver
 from strands_actors.drivers.common.servo.wire import ServoWire
@@ -23,30 +22,13 @@ from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.feetech.wire import FeetechWire
 from strands_actors.runtime.clock import VirtualClock
-from strands_actors.runtime.contract import MotorReport, Observation, PermitDenied, WireDown
+from strands_actors.runtime.contract import MotorReport, Observation, WireDown
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 VICTIM = 3  # elbow_flex
 MOVED = (20.0, -10.0, 15.0, 10.0, -20.0, 40.0)
 
 RigT = TypeVar("RigT", bound="Rig")
-
-
-class Permission:
-    """Denies from check number ``denied_at`` on, and notes how much had been written at each check."""
-
-    def __init__(self, port: MemoryPort | None = None, denied_at: int | None = None) -> None:
-        self.checks = 0
-        self.written_before: list[int] = []
-        self._port = port
-        self._denied_at = denied_at
-
-    def check(self) -> None:
-        if self._port is not None:
-            self.written_before.append(len(self._port.written))
-        if self.checks == self._denied_at:
-            raise PermitDenied
-        self.checks += 1
 
 
 class Rig:
@@ -141,10 +123,6 @@ async def until(wire: ServoWire[Any], true: Callable[[Observation], bool]) -> Ob
             if true(seen):
                 return seen
             await trio.sleep(0.01)
-
-
-def virtual(test: Callable[[], Awaitable[None]]) -> None:
-    trio.run(test, clock=MockClock(autojump_threshold=0))
 
 
 def verdicts(reports: Iterable[MotorReport]) -> dict[str, bool]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from servo_rig import JOINTS, VICTIM, DynamixelRig, Permission, refused, verdicts, virtual
+from memory_port import Permission, virtual
+from servo_rig import JOINTS, VICTIM, DynamixelRig, refused, verdicts
 
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.dynamixel import protocol, table, watchdog

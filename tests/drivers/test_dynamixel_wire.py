@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 import trio
-from servo_rig import JOINTS, MOVED, VICTIM, DynamixelRig, Permission, verdicts, virtual
+from memory_port import Permission, virtual
+from servo_rig import JOINTS, MOVED, VICTIM, DynamixelRig, verdicts
 
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault

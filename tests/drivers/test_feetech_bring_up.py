@@ -6,7 +6,8 @@ import json
 from collections.abc import Callable
 
 import pytest
-from servo_rig import JOINTS, VICTIM, FeetechRig, Permission, refused, verdicts, virtual
+from memory_port import Permission, virtual
+from servo_rig import JOINTS, VICTIM, FeetechRig, refused, verdicts
 
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol

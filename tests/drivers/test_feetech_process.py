@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 import trio
-from servo_rig import JOINTS, VICTIM, Permission, until, verdicts
+from memory_port import Permission
+from servo_rig import JOINTS, VICTIM, until, verdicts
 from twin_process import TwinProcess, wait_until
 
 from strands_actors.drivers.feetech import protocol

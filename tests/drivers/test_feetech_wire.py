@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 import trio
-from servo_rig import JOINTS, VICTIM, FeetechRig, Permission, until, verdicts, virtual
+from memory_port import Permission, virtual
+from servo_rig import JOINTS, VICTIM, FeetechRig, until, verdicts
 
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault

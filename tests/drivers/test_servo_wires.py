@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 import trio
-from servo_rig import JOINTS, DynamixelRig, FeetechRig, Rig, virtual
+from memory_port import virtual
+from servo_rig import JOINTS, DynamixelRig, FeetechRig, Rig
 
 both = pytest.mark.parametrize("rig_class", [FeetechRig, DynamixelRig])
 
