@@ -37,13 +37,12 @@ async def ours(short: bool) -> Figures:
             ages_ns.append(time.monotonic_ns() - message.made_ns)
             await trio.sleep(READER_S)
 
-    async with hosted(Reader) as one:
-        mailbox = one._node.cells[one.address].mailbox
+    async with hosted(Reader) as (one, cell):
         with trio.move_on_after(span_s(short)):
             async with aclosing(MonotonicClock().ticks(PERIOD_S)) as ticks:
                 async for _ in ticks:
                     one.tell(Setpoint(time.monotonic_ns()))
-                    waiting.append(len(mailbox))
+                    waiting.append(len(cell.mailbox))
     return {**percentiles("age", ages_ns), "waiting_most": float(max(waiting))}
 
 

@@ -32,7 +32,7 @@ async def timed(n: int, ask: Callable[[], Awaitable[object]]) -> Figures:
 
 
 async def ours(short: bool) -> Figures:
-    async with hosted(Counter) as one:
+    async with hosted(Counter) as (one, _):
         assert await one.ask(GetCount(), DEADLINE_S) == Count(0)
         return await timed(amount(short), lambda: one.ask(GetCount(), DEADLINE_S))
 

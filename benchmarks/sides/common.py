@@ -11,7 +11,7 @@ from typing import Any
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.actor import Actor, Cell
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Node, Ref
@@ -53,8 +53,8 @@ STATE = State(1, 2, "arm/left", (0.1,) * 7, (0.2,) * 7, (0.3,) * 7)
 
 
 @asynccontextmanager
-async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> AsyncIterator[Ref]:
-    """A node with one actor, and a reference to it."""
+async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> AsyncIterator[tuple[Ref, Cell]]:
+    """A node with one actor: a reference to it, and its cell."""
     node = Node("bench", MonotonicClock())
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -62,7 +62,7 @@ async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> Asy
         if capacity is not None:
             cell.mailbox.capacity = capacity
         await nursery.start(cell.run)
-        yield node.ref(cell.address, type(cell.actor))
+        yield node.ref(cell.address, type(cell.actor)), cell
         nursery.cancel_scope.cancel()
 
 

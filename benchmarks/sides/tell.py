@@ -27,13 +27,13 @@ def rate(n: int, began_s: float) -> float:
 
 async def ours(short: bool) -> Figures:
     n = amount(short)
-    async with hosted(Counter, capacity=n + 1) as one:
+    async with hosted(Counter, capacity=n + 1) as (one, _):
         began_s = time.perf_counter()
         for _ in range(n):
             one.tell(STATE)
         assert await one.ask(GetCount(), 60.0) == Count(n)
         told_per_s = rate(n, began_s)
-    async with hosted(Counter) as one:
+    async with hosted(Counter) as (one, _):
         n -= n % WINDOW
         began_s = time.perf_counter()
         for _ in range(n // WINDOW):

@@ -62,7 +62,7 @@ async def ours(short: bool) -> Figures:
                 self.worker.work()
 
     for _ in range(trials(short)):
-        async with hosted(Busy, capacity=QUEUED) as one:
+        async with hosted(Busy, capacity=QUEUED) as (one, _):
             for _ in range(QUEUED):
                 one.tell(Work())
             await trio.sleep(0.002)  # it is at work
