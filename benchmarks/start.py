@@ -1,0 +1,26 @@
+"""How long does it take from ``import strands_actors`` to an armed robot?"""
+
+from __future__ import annotations
+
+from benchmarks.house import Figures, Goal, Question, Side, beside
+
+
+def _side(name: str) -> Side:
+    def side(short: bool) -> Figures:
+        return beside("benchmarks.sides.start", name, *(["short"] if short else []))
+
+    return side
+
+
+QUESTION = Question(
+    name="start",
+    title="How long does it take from the import to an armed robot?",
+    sides={name: _side(name) for name in ("ours", "trio and msgspec")},
+    goals=(
+        Goal("import_ms", "trio and msgspec", at_most=1.3),
+        Goal("armed_ms", "", at_most=800.0),
+        Goal("armed_on_wire_ms", "", at_most=800.0),
+    ),
+    limit="",
+    short=False,
+)
