@@ -14,21 +14,21 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from contextlib import aclosing
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import trio
 
 from .clock import Clock
 from .frames import Protocol, protocol_of
-from .mailbox import Entry, Mailbox, ReplyTo
+from .mailbox import Mailbox, ReplyTo
 from .messages import Message, Refused
+from .turn import LONGEST_NS
 
 if TYPE_CHECKING:
     from .node import Node, Ref
 
 BURST = 64
-"""Messages handled before the loop lets other tasks run: one scheduler tick costs more than a message."""
-BURST_NS = 200_000
+"""Messages handled before the loop lets other tasks run: one scheduler pass costs more than a message."""
 
 
 class Deferred:
@@ -118,9 +118,11 @@ class Context:
         """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own."""
 
         async def tick() -> None:
+            put, turn, address = self._cell.mailbox.put, self.node.turn, self.address
             async with aclosing(self.clock.ticks(period_s)) as ticks:
                 async for now_ns in ticks:
-                    self._cell.mailbox.put(make(now_ns), None, self.address)
+                    with turn:
+                        put(make(now_ns), None, address)
 
         self._nursery.start_soon(tick)
 
@@ -137,9 +139,10 @@ class Cell:
         self.address = address
         self.role = role or address.rsplit("/", 1)[-1]
         self.factory = factory
-        self.mailbox = Mailbox()
         self.actor: Actor = factory()
         self.protocol: Protocol = protocol_of(type(self.actor))
+        self.mailbox = Mailbox(offer=None if self.protocol.is_async else self._offer)
+        self._error: Exception | None = None
         self.incarnations = 0
         self.state = "starting"
 
@@ -149,15 +152,16 @@ class Cell:
             self.actor = self.factory()
         self.incarnations += 1
         self.state = "starting"
+        self._error = None
         self.node.host(self)
         reason = "stopped"
         try:
             async with trio.open_nursery() as nursery:
-                self.actor.context = context = Context(self, nursery)
+                self.actor.context = Context(self, nursery)
                 await self.actor.started()
                 self.state = "running"
                 task_status.started()
-                await self._loop(context)
+                await self._loop()
         except Exception as error:
             reason = describe(error)
             raise
@@ -165,43 +169,89 @@ class Cell:
             self.state = "stopped"
             self.node.unhost(self, reason)
 
-    async def _loop(self, context: Context) -> None:
-        mailbox, protocol = self.mailbox, self.protocol
-        receive = cast(Callable[[Message], Any], self.actor.receive)
-        now_ns = self.node.clock.now_ns
-        while True:
-            at_ns = now_ns()
-            yield_at_ns = at_ns + BURST_NS
-            for _ in range(BURST):
-                entry = mailbox.pop()
-                if entry is None:
-                    await mailbox.wait()
-                    break
-                context.received_ns = at_ns
-                await self._handle(entry, context, receive, protocol.is_async)
-                at_ns = now_ns()
-                if at_ns > yield_at_ns:
-                    await trio.lowlevel.checkpoint()
-                    break
-            else:
-                await trio.lowlevel.checkpoint()
+    def _offer(self) -> bool:
+        return self.node.turn.offer(self)
 
-    async def _handle(
-        self, entry: Entry, context: Context, receive: Callable[[Message], Any], is_async: bool
-    ) -> None:
-        message, reply = entry
-        context.reply = reply
-        tap = self.node.tap
-        if tap is not None:
-            tap.took(self.address, context.received_ns, message, reply is not None)
+    # -- handling: in its own task, or in a turn of somebody else's
+
+    async def _loop(self) -> None:
+        mailbox, turn = self.mailbox, self.node.turn
+        while True:
+            if self.protocol.is_async:
+                await self._work_slowly()
+            else:
+                with turn:
+                    self.work(self.node.clock.now_ns() + LONGEST_NS)
+            try:
+                await mailbox.wait()
+            finally:
+                if self._error is not None:
+                    raise self._error
+
+    def help(self, until_ns: int) -> bool:
+        if not self.mailbox.take_up():
+            return True  # it has been woken, or ends
         try:
-            answer = receive(message)
-            if is_async:
-                answer = await answer
+            return self.work(until_ns)
         except Exception as error:
-            if reply is not None:
-                reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
-            raise
+            self._error = error  # its own task raises it
+            self.wake()
+            return True
+
+    def wake(self) -> None:
+        self.mailbox.wake()
+
+    def work(self, until_ns: int) -> bool:
+        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor raises."""
+        pop, now_ns, tap = self.mailbox.pop, self.node.clock.now_ns, self.node.tap
+        context, receive = self.actor.context, self.actor.receive
+        at_ns = now_ns()
+        for _ in range(BURST):
+            entry = pop()
+            if entry is None:
+                return True
+            message, reply = entry
+            context.received_ns = at_ns
+            context.reply = reply
+            if tap is not None:
+                tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = receive(message)
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            if tap is not None or reply is not None:
+                self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                break
+        return not self.mailbox
+
+    async def _work_slowly(self) -> None:
+        pop, now_ns, node, context = self.mailbox.pop, self.node.clock.now_ns, self.node, self.actor.context
+        at_ns = now_ns()
+        until_ns = at_ns + LONGEST_NS
+        for _ in range(BURST):
+            entry = pop()
+            if entry is None:
+                return
+            message, reply = entry
+            context.received_ns = at_ns
+            context.reply = reply
+            if node.tap is not None:
+                node.tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = await node.turn.of(self.actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                return
+
+    def _answered(self, reply: ReplyTo | None, answer: Any) -> None:
+        tap = self.node.tap
         if tap is not None:
             if type(answer) is Deferred:
                 tap.deferred(self.address, answer.number)
@@ -209,6 +259,10 @@ class Cell:
                 tap.answered(self.address, answer)
         if reply is not None and type(answer) is not Deferred:
             reply.send(answer)
+
+    def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
+        if reply is not None:
+            reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
 
 
 def describe(error: BaseException) -> str:

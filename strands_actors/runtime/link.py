@@ -16,6 +16,7 @@ import trio
 from .node import Node
 
 BACKLOG_BYTES = 256 * 1024
+_READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
 _HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
@@ -137,7 +138,7 @@ class Link:
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
-                data, received, _, _ = socket.recv_fds(self._socket, 65536, _MAX_DESCRIPTORS, _CLOEXEC)
+                data, received, _, _ = socket.recv_fds(self._socket, _READ_BYTES, _MAX_DESCRIPTORS, _CLOEXEC)
             except BlockingIOError:
                 continue
             except ConnectionError:
@@ -146,19 +147,26 @@ class Link:
             if not data:
                 return
             buffer += data
-            start = 0
-            while len(buffer) - start >= _HEADER:
-                size = int.from_bytes(buffer[start : start + 4], "little")
-                if size > _MAX_FRAME:
+            with self._node.turn:
+                if not self._take_frames(buffer, descriptors):
                     return
-                end = start + _HEADER + size
-                if len(buffer) < end:
-                    break
-                count = buffer[start + 4]
-                taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
-                self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
-                start = end
-            del buffer[:start]
+
+    def _take_frames(self, buffer: bytearray, descriptors: deque[int]) -> bool:
+        """All that are whole; False when the other end cannot be what it should be."""
+        start = 0
+        while len(buffer) - start >= _HEADER:
+            size = int.from_bytes(buffer[start : start + 4], "little")
+            if size > _MAX_FRAME:
+                return False
+            end = start + _HEADER + size
+            if len(buffer) < end:
+                break
+            count = buffer[start + 4]
+            taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
+            self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
+            start = end
+        del buffer[:start]
+        return True
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

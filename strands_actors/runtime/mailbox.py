@@ -9,6 +9,7 @@ and type, whose content is replaced: a slow reader sees the newest setpoint, nev
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -39,12 +40,17 @@ SUPERSEDED = Refused("superseded", "a newer message of the same sender took this
 
 
 class Mailbox:
-    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a mesh."""
+    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a mesh.
 
-    __slots__ = ("_queue", "_slots", "_urgent", "_waiter", "capacity", "conflated")
+    ``offer``: called when a message comes while the reader waits; True: it will be read without waking the reader,
+    or the reader woken after all."""
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
+    __slots__ = ("_offer", "_offered", "_queue", "_slots", "_urgent", "_waiter", "capacity", "conflated")
+
+    def __init__(self, capacity: int = CAPACITY, offer: Callable[[], bool] | None = None) -> None:
         self.capacity = capacity
+        self._offer = offer
+        self._offered = False
         self.conflated = 0
         self._urgent: deque[Entry] = deque()
         self._queue: deque[Entry | _Slot] = deque()
@@ -84,11 +90,25 @@ class Mailbox:
             if len(self._queue) >= self.capacity:
                 return False
             self._queue.append((message, reply))
+        if self._waiter is not None and not self._offered:
+            if self._offer is not None and self._offer():
+                self._offered = True
+            else:
+                self.wake()
+        return True
+
+    def take_up(self) -> bool:
+        """What was offered is taken up now. Whether the reader waits, so that somebody may read in its place."""
+        self._offered = False
+        return self._waiter is not None
+
+    def wake(self) -> None:
+        """Let the reader run, whatever there is to read."""
+        self._offered = False
         waiter = self._waiter
         if waiter is not None:
             self._waiter = None
             trio.lowlevel.reschedule(waiter)
-        return True
 
     def pop(self) -> Entry | None:
         """The next message by lane, or None."""
@@ -103,14 +123,14 @@ class Mailbox:
         return item  # type: ignore[return-value]  # the union's other arm
 
     async def wait(self) -> None:
-        """Return when a message is there. One reader only."""
+        """Return when a message is there, or after ``wake``. One reader only."""
         if self._urgent or self._queue:
             await trio.lowlevel.checkpoint()
             return
 
-        def abort(_: object) -> trio.lowlevel.Abort:
-            self._waiter = None
-            return trio.lowlevel.Abort.SUCCEEDED
-
         self._waiter = trio.lowlevel.current_task()
-        await trio.lowlevel.wait_task_rescheduled(abort)
+        await trio.lowlevel.wait_task_rescheduled(self._abort)
+
+    def _abort(self, _: object) -> trio.lowlevel.Abort:
+        self._waiter = None
+        return trio.lowlevel.Abort.SUCCEEDED

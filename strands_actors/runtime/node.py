@@ -37,8 +37,11 @@ from .frames import (
 from .mailbox import ReplyTo
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
 from .tap import Tap
+from .turn import Turn
 
 PREFIX = "strands"
+PROMPT = 32
+"""Answers that were there at once before an asker lets other tasks run all the same."""
 
 
 class AskTimeout(Exception):
@@ -188,9 +191,12 @@ class Ref:
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            node.put_local(cell, message, answer, self._sender)
+            with node.turn:
+                node.put_local(cell, message, answer, self._sender)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
+            elif next(node.prompt) % PROMPT == 0:
+                await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
         node.pending[cid] = answer
@@ -212,6 +218,7 @@ class Node:
         self.address = f"{PREFIX}/node/{name}"
         self.clock = clock
         self.mesh = mesh
+        self.turn = Turn(clock)
         self.cells: dict[str, Cell] = {}
         self.pending: dict[int, Answer] = {}
         self.deadlines = _Deadlines()
@@ -224,6 +231,7 @@ class Node:
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
         self._cids = itertools.count(1)
+        self.prompt = itertools.count(1)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Serve deadlines; runs as long as the node."""

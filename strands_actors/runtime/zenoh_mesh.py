@@ -56,8 +56,9 @@ class ZenohMesh:
         inbox, lost = self._inbox, self._lost
         while True:
             await self._waker.wait()
-            for _ in range(min(len(inbox), _WAKE_BATCH)):
-                self.node.receive_frame(inbox.popleft(), self)
+            with self.node.turn:
+                for _ in range(min(len(inbox), _WAKE_BATCH)):
+                    self.node.receive_frame(inbox.popleft(), self)
             while lost:
                 self.node.lost(lost.popleft())
             if inbox:
