@@ -17,5 +17,8 @@ QUESTION = Question(
         Goal("age_p99_us", "", at_most=1_500.0, gross=10.0),
         Goal("waiting_most", "", at_most=1.0),
     ),
-    limit="",
+    limit=(
+        "The reader waits for the producer's next tick, and the newest setpoint has taken the place of the "
+        "others: what remains is one wake-up of the loop."
+    ),
 )

@@ -18,5 +18,7 @@ QUESTION = Question(
         "pykka": lambda short: _side("pykka", short),
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0, gross=10.0),),
-    limit="",
+    limit=(
+        "The handler that runs (20 µs), and at most a turn of 200 µs when the sender is a task of the same loop."
+    ),
 )

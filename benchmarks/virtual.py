@@ -18,5 +18,9 @@ QUESTION = Question(
         Goal("replayed_x", "", at_least=100.0, gross=8.0),
         Goal("same_trace", "", at_least=1.0, gross=1.0),
     ),
-    limit="",
+    limit=(
+        "Two tickers of 100 Hz alone, without a tree, make 212 simulated seconds a second: trio's timers "
+        "and its virtual clock. The tree is 500 passes of the scheduler and 600 messages a simulated "
+        "second, each message reading the clock five times."
+    ),
 )

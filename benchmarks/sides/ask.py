@@ -1,4 +1,4 @@
-"""Asks of one actor of the same process, with a deadline of a second: ``python -m benchmarks.sides.ask SIDE [short]``."""
+"""Asks with a deadline in one process: ``python -m benchmarks.sides.ask SIDE [short]``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Asks and tells between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
 
-An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way as a mailbox holds:
-after each window the sender asks how many came.
+An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way as a
+mailbox holds: after each window the sender asks how many came.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Steps of an SO-101's physics: ``python -m benchmarks.sides.steps SIDE [short]``.
 
-Through the verbs the simulation is commanded and read in turn, as fast as it answers; the physics keeps to wall time,
-so that its steps a second are what one over the time step is. How many it could do, its processor time says.
+Through the verbs the simulation is commanded and read in turn, as fast as it answers; the physics keeps to
+wall time, so that its steps a second are what one over the time step is. How many it could do, its processor
+time says.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A robot's whole tree in virtual time: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
-Guardian, gate, watchdog, transport and a robot in memory, commanded at 50 Hz: how many of its seconds pass in one of
-ours; the same recorded and replayed; and whether two runs write the same at the same times.
+Guardian, gate, watchdog, transport and a robot in memory, commanded at 50 Hz: how many of its seconds pass in
+one of ours; the same recorded and replayed; and whether two runs write the same at the same times.
 """
 
 from __future__ import annotations
