@@ -157,6 +157,7 @@ def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
     else:
         panel.barh(rows, medians, color=colours)
         panel.set_xlim(0, max(s.highest for s in each) * 1.15 or 1.0)
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:,.10g}")
     away = [[s.median - s.lowest for s in each], [s.highest - s.median for s in each]]
     panel.errorbar(medians, rows, xerr=away, fmt="none", ecolor="#0f172a", capsize=3, lw=1, zorder=4)
     panel.set_yticks(rows, [OUR_NAME if side == OURS else side for side in sides])

@@ -12,10 +12,19 @@ def _side(name: str) -> Side:
     return side
 
 
+def _reference(short: bool) -> Figures:
+    from benchmarks.peers import python
+
+    return beside("benchmarks.sides.start_strands", *(["short"] if short else []), python=python("strands"))
+
+
 QUESTION = Question(
     name="start",
     title="How long does it take from the import to an armed robot?",
-    sides={name: _side(name) for name in ("ours", "trio and msgspec")},
+    sides={
+        **{name: _side(name) for name in ("ours", "trio and msgspec")},
+        "strands-robots 0.5.3": _reference,
+    },
     goals=(
         Goal("import_ms", "trio and msgspec", at_most=1.3),
         Goal("armed_ms", "", at_most=800.0),

@@ -79,7 +79,7 @@ async def asyncio_queue(short: bool) -> Figures:
 def pykka(short: bool) -> Figures:
     import pykka
 
-    class Server(pykka.ThreadingActor):  # type: ignore[misc]
+    class Server(pykka.ThreadingActor):
         def on_receive(self, message: object) -> Count:
             return Count(0)
 

@@ -44,6 +44,7 @@ def verbs(short: bool) -> Figures:
     with Robot("so101") as robot:
         problem = robot.connect_eagerly()
         assert problem is None, problem
+        assert robot.engine is not None
         pid = robot.engine.pid
         cycles = 0
         began_s, before_s = time.perf_counter(), processor_s(pid)

@@ -107,7 +107,7 @@ def pykka(short: bool) -> Figures:
 
     n = amount(short) // 8
 
-    class Counter(pykka.ThreadingActor):  # type: ignore[misc]
+    class Counter(pykka.ThreadingActor):
         def __init__(self) -> None:
             super().__init__()
             self.n = 0

@@ -99,7 +99,7 @@ def pykka(short: bool) -> Figures:
 
     spans_ns: list[int] = []
 
-    class Busy(pykka.ThreadingActor):  # type: ignore[misc]
+    class Busy(pykka.ThreadingActor):
         def __init__(self) -> None:
             super().__init__()
             self.worker = Worker(spans_ns)

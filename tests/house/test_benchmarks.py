@@ -1,5 +1,5 @@
-"""The benchmarks' short form: fast questions, beside peers that the tests install, and only a goal that is missed by
-far fails. Figures for people are in docs/benchmarks.md."""
+"""The benchmarks' short form: fast questions, beside peers that the tests install; only what misses a goal by far
+fails. Figures for people are in docs/benchmarks.md."""
 
 from __future__ import annotations
 
