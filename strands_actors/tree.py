@@ -26,6 +26,7 @@ from .supervisors.actions import plain
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.gate import Gate
 from .supervisors.guardian import Guardian
+from .supervisors.lines import keep_line
 from .supervisors.loading import describe_driver
 from .supervisors.messages import (
     Accepted,
@@ -222,6 +223,7 @@ class RobotTree:
         with scope:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(process.link(self._node).run)
+                nursery.start_soon(keep_line, self._node, self.robot)
                 nursery.start_soon(self._beat)
                 await process.wait()
                 nursery.cancel_scope.cancel()
@@ -317,7 +319,7 @@ class RobotTree:
             raise NotConnected("not connected. call connect_eagerly() first")
 
     async def _acquire(self) -> Refused | None:
-        answer = await self._gate.ask(Acquire(self._holder), ASK_S)
+        answer = await self._gate.ask(Acquire(self._holder, pid=os.getpid()), ASK_S)
         if isinstance(answer, Lease):
             self._lease = answer
             return None

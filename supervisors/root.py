@@ -29,6 +29,7 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
+from .lines import Switchboard
 from .loading import load_driver
 from .mesh_place import MeshPlace
 from .messages import (
@@ -101,7 +102,9 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
-        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state)
+        self.guardian = Guardian(
+            self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+        )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -124,6 +127,11 @@ class Tree:
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
 
+    def writers(self) -> list[int]:
+        """Processes whose setpoints may be on their way to the wire."""
+        policy = self.tasks.process
+        return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
+
     def tap_keeper(self) -> TapKeeper:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
         at, driver = self.at, self.driver
@@ -138,6 +146,8 @@ class Tree:
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
+            switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
+            nursery.start_soon(switchboard.run)
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
             nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])

@@ -28,6 +28,7 @@ from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
+from .lines import WireEnd
 from .loading import load_driver
 from .messages import RootGone
 from .tap import Attached, TapKeeper, name_of
@@ -164,6 +165,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: standing(root))
+        await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

@@ -12,8 +12,9 @@ is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import aclosing
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import trio
@@ -61,6 +62,11 @@ class Actor:
 
     def receive(self, message: Any) -> Any:
         raise NotImplementedError
+
+    def is_prompt(self, message: Any) -> bool:
+        """Of an actor whose ``receive`` is asynchronous: whether it would return now without waiting for anything.
+        Such a message can be handled in the turn of whoever sent it (``turn``)."""
+        return False
 
 
 class Context:
@@ -141,7 +147,10 @@ class Cell:
         self.factory = factory
         self.actor: Actor = factory()
         self.protocol: Protocol = protocol_of(type(self.actor))
-        self.mailbox = Mailbox(offer=None if self.protocol.is_async else self._offer)
+        can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
+        self.plain = self.protocol.accepts - self.protocol.carriers
+        """What goes into the mailbox as it is."""
+        self.mailbox = Mailbox(offer=partial(node.turn.offer, self) if can_be_helped else None)
         self._error: Exception | None = None
         self.incarnations = 0
         self.state = "starting"
@@ -169,9 +178,6 @@ class Cell:
             self.state = "stopped"
             self.node.unhost(self, reason)
 
-    def _offer(self) -> bool:
-        return self.node.turn.offer(self)
-
     # -- handling: in its own task, or in a turn of somebody else's
 
     async def _loop(self) -> None:
@@ -192,7 +198,7 @@ class Cell:
         if not self.mailbox.take_up():
             return True  # it has been woken, or ends
         try:
-            return self.work(until_ns)
+            return self._work_promptly(until_ns) if self.protocol.is_async else self.work(until_ns)
         except Exception as error:
             self._error = error  # its own task raises it
             self.wake()
@@ -203,14 +209,18 @@ class Cell:
 
     def work(self, until_ns: int) -> bool:
         """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor raises."""
-        pop, now_ns, tap = self.mailbox.pop, self.node.clock.now_ns, self.node.tap
+        urgent, queue = self.mailbox.urgent, self.mailbox.queue
+        now_ns, tap = self.node.clock.now_ns, self.node.tap
         context, receive = self.actor.context, self.actor.receive
         at_ns = now_ns()
         for _ in range(BURST):
-            entry = pop()
-            if entry is None:
+            if urgent:  # as Mailbox.pop; a call less for each message
+                message, reply = urgent.popleft()
+            elif queue:
+                item = queue.popleft()
+                message, reply = item if isinstance(item, tuple) else item.take()
+            else:
                 return True
-            message, reply = entry
             context.received_ns = at_ns
             context.reply = reply
             if tap is not None:
@@ -226,6 +236,29 @@ class Cell:
             if at_ns > until_ns:
                 break
         return not self.mailbox
+
+    def _work_promptly(self, until_ns: int) -> bool:
+        """As ``work``, of an asynchronous actor, as long as it is prompt."""
+        mailbox, now_ns, context, actor = self.mailbox, self.node.clock.now_ns, self.actor.context, self.actor
+        tap = self.node.tap
+        at_ns = now_ns()
+        while (entry := mailbox.first()) is not None:
+            message, reply = entry
+            if at_ns > until_ns or not actor.is_prompt(message):
+                return False
+            mailbox.pop()
+            context.received_ns = at_ns
+            context.reply = reply
+            if tap is not None:
+                tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = _at_once(actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+        return True
 
     async def _work_slowly(self) -> None:
         pop, now_ns, node, context = self.mailbox.pop, self.node.clock.now_ns, self.node, self.actor.context
@@ -263,6 +296,16 @@ class Cell:
     def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
         if reply is not None:
             reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
+
+
+def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
+    """What it returns. Raise ``RuntimeError`` when it waits all the same."""
+    try:
+        handler.send(None)
+    except StopIteration as done:
+        return done.value
+    handler.close()
+    raise RuntimeError(f"{handler} waits, of a message that it called prompt")
 
 
 def describe(error: BaseException) -> str:

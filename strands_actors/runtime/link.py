@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import socket
+import struct
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import trio
 
@@ -20,6 +21,8 @@ _READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at
 _HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
+_INT = struct.calcsize("i")
+_ANCILLARY_BYTES = socket.CMSG_LEN(_MAX_DESCRIPTORS * _INT)
 _CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
 
 
@@ -138,12 +141,13 @@ class Link:
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
-                data, received, _, _ = socket.recv_fds(self._socket, _READ_BYTES, _MAX_DESCRIPTORS, _CLOEXEC)
+                data, ancillary, _, _ = self._socket.recvmsg(_READ_BYTES, _ANCILLARY_BYTES, _CLOEXEC)
             except BlockingIOError:
                 continue
             except ConnectionError:
                 return
-            descriptors.extend(received)
+            if ancillary:
+                descriptors.extend(_descriptors(ancillary))
             if not data:
                 return
             buffer += data
@@ -167,6 +171,12 @@ class Link:
             start = end
         del buffer[:start]
         return True
+
+
+def _descriptors(ancillary: Sequence[tuple[int, int, bytes]]) -> Iterator[int]:
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+            yield from memoryview(data[: len(data) // _INT * _INT]).cast("i")
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

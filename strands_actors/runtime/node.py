@@ -181,7 +181,8 @@ class Ref:
             tap.sent(self._sender, self.address, message)
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            self._node.put_local(cell, message, None, self._sender)
+            if type(message) not in cell.plain or not cell.mailbox.put(message, None, self._sender):
+                self._node.put_local(cell, message, None, self._sender)
         elif not self._node.send_frame(self.address, TELL, 0, self._sender, message):
             self._node.dead(self.address, message, "nobody hosts it")
 
@@ -192,7 +193,8 @@ class Ref:
         cell = self._node.cells.get(self.address)
         if cell is not None:
             with node.turn:
-                node.put_local(cell, message, answer, self._sender)
+                if type(message) not in cell.plain or not cell.mailbox.put(message, answer, self._sender):
+                    node.put_local(cell, message, answer, self._sender)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
             elif next(node.prompt) % PROMPT == 0:

@@ -6,7 +6,8 @@ not wake the actor's own task, but is handled in its place, at the end of the tu
 sender's handler has returned. What an actor sees is the same: one message at a time, in the same order, never
 from within a handler; and what it raises is its own.
 
-Only synchronous handlers are run so. A turn gives way after ``LONGEST_NS``: who still has mail is woken.
+Only handlers that wait for nothing are run so: synchronous ones, and what an actor calls prompt. A turn gives
+way after ``LONGEST_NS``: who still has mail is woken.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any, Protocol
 
 from .clock import Clock
 
-LONGEST_NS = 200_000
+LONGEST_NS = 400_000
 
 
 class Worker(Protocol):
