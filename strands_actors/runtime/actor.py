@@ -21,15 +21,12 @@ import trio
 
 from .clock import Clock
 from .frames import Protocol, protocol_of
-from .mailbox import Mailbox, ReplyTo
+from .mailbox import Item, Mailbox, ReplyTo, Slot
 from .messages import Message, Refused
 from .turn import LONGEST_NS
 
 if TYPE_CHECKING:
     from .node import Node, Ref
-
-BURST = 64
-"""Messages handled before the loop lets other tasks run: one scheduler pass costs more than a message."""
 
 
 class Deferred:
@@ -213,14 +210,19 @@ class Cell:
         now_ns, tap = self.node.clock.now_ns, self.node.tap
         context, receive = self.actor.context, self.actor.receive
         at_ns = now_ns()
-        for _ in range(BURST):
+        while at_ns <= until_ns:
             if urgent:  # as Mailbox.pop; a call less for each message
-                message, reply = urgent.popleft()
+                item: Item | Slot = urgent.popleft()
             elif queue:
                 item = queue.popleft()
-                message, reply = item if isinstance(item, tuple) else item.take()
             else:
                 return True
+            if isinstance(item, Message):
+                message, reply = item, None
+            elif isinstance(item, tuple):
+                message, reply = item
+            else:
+                message, reply = item.take()
             context.received_ns = at_ns
             context.reply = reply
             if tap is not None:
@@ -233,8 +235,6 @@ class Cell:
             if tap is not None or reply is not None:
                 self._answered(reply, answer)
             at_ns = now_ns()
-            if at_ns > until_ns:
-                break
         return not self.mailbox
 
     def _work_promptly(self, until_ns: int) -> bool:
@@ -264,7 +264,7 @@ class Cell:
         pop, now_ns, node, context = self.mailbox.pop, self.node.clock.now_ns, self.node, self.actor.context
         at_ns = now_ns()
         until_ns = at_ns + LONGEST_NS
-        for _ in range(BURST):
+        while at_ns <= until_ns:
             entry = pop()
             if entry is None:
                 return
@@ -280,8 +280,6 @@ class Cell:
                 raise
             self._answered(reply, answer)
             at_ns = now_ns()
-            if at_ns > until_ns:
-                return
 
     def _answered(self, reply: ReplyTo | None, answer: Any) -> None:
         tap = self.node.tap

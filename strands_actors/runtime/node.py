@@ -122,6 +122,7 @@ class _Deadlines:
 
     def __init__(self) -> None:
         self._queues: dict[float, deque[Answer]] = {}
+        self._next_at = float("inf")
         self._wake = trio.Event()
 
     def add(self, answer: Answer, duration_s: float) -> None:
@@ -130,7 +131,7 @@ class _Deadlines:
             queue.popleft()
         answer.expires_at = trio.current_time() + duration_s
         queue.append(answer)
-        if len(queue) == 1:
+        if answer.expires_at < self._next_at:  # else the sweeper looks early enough
             self._wake.set()
 
     async def run(self) -> None:
@@ -146,6 +147,7 @@ class _Deadlines:
                 else:
                     del self._queues[duration_s]
             self._wake = trio.Event()
+            self._next_at = next_at
             with trio.move_on_at(next_at):
                 await self._wake.wait()
 
