@@ -23,6 +23,7 @@ from strands_actors.runtime.realtime import ROOT_PRIORITY, run_first
 from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
@@ -57,6 +58,8 @@ from .wire import ProcessPlace
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
+LAST_WORDS_S = 0.02
+"""For what has been told to leave, before its process ends."""
 
 _DULL = frozenset({Tick, WireBeat, RootBeat, Describe, TreeReport, GetTask, TaskStatus})
 
@@ -195,6 +198,7 @@ class Tree:
             answer = None
         if isinstance(answer, StopReport) and answer.confirmed:
             report = answer
+            await trio.sleep(LAST_WORDS_S)
         self.guardian.leave(confirmed=report is not None)
         if self.tasks.process is not None:
             self.tasks.process.kill()
@@ -205,7 +209,7 @@ class Tree:
         report = report or self.guardian.last_report
         for waiting in self._waiting:
             waiting.send(report)
-        await trio.sleep(0.02)  # let the report leave
+        await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 
     # -- the tree, described
@@ -234,6 +238,7 @@ class Tree:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
+    hand_over()
     spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
     trio.run(_main, args, sock, spawner)
 

@@ -23,6 +23,7 @@ from strands_actors.runtime.processor import Standing, standing
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
@@ -138,6 +139,7 @@ class InlinePlace:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the wire process."""
+    hand_over()
     trio.run(_main, args, sock)
 
 

@@ -346,7 +346,7 @@ class Node:
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        return way.send(to, data, descriptors, kind != TELL)
+        return way.send(to, data, descriptors, kind != TELL or (body is not None and body.lane == "urgent"))
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
