@@ -30,6 +30,7 @@ RATES = (30, 125, 500, 1000)
 LOADS = ("idle", "computing", "busy")
 SECONDS = {30: 4.0, 125: 2.5, 500: 2.0, 1000: 2.0}
 SETTLE_S = 0.3
+MINIMUM = 10
 PRIORITY = 11
 HERE = Path(__file__).resolve().parent
 NS = 1_000_000_000
@@ -42,7 +43,7 @@ Play = Callable[[int, str, float], dict[str, Stamps]]
 def steadiness(stamps_ns: Stamps, hz: int) -> dict[str, float]:
     period_us = 1e6 / hz
     gaps_us = [(after - before) / 1e3 for before, after in itertools.pairwise(stamps_ns)]
-    if len(gaps_us) < hz * 0.2:
+    if len(gaps_us) < MINIMUM:
         raise RuntimeError(f"only {len(gaps_us)} setpoints at {hz} Hz")
     off_us = [abs(gap - period_us) for gap in gaps_us]
     late = sum(gap > 1.25 * period_us for gap in gaps_us)
