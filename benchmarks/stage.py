@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 from benchmarks import peers
-from benchmarks.house import Figures, Side, beside
+from benchmarks.house import HOUSE, Figures, Side, beside
 from strands_actors.testing import Twin
 
 
@@ -33,6 +36,23 @@ def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", ti
         return figures
 
     return side
+
+
+def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
+    """As ``at_twin``, at a servo bus that is never late (``sides.line``); there is no log."""
+    python = {"python": peers.python(peer)} if peer else {}
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory:
+        where = Path(directory) / "port"
+        with subprocess.Popen([sys.executable, "-m", "benchmarks.sides.line", robot, str(where)], cwd=HOUSE.parent) as line:
+            try:
+                while not where.exists():
+                    if line.poll() is not None:
+                        raise RuntimeError(f"the line of {robot} ended with {line.returncode}")
+                    time.sleep(0.01)
+                port = where.read_text()
+                return beside(f"benchmarks.sides.{module}", *args, port, timeout_s=timeout_s, **python)
+            finally:
+                line.kill()
 
 
 def at_home() -> None:
