@@ -1,4 +1,4 @@
-"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot.
+"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot, floor.
 
 The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the positions of all servos in
 one sync read, and write the same goals in one sync write; ``wire`` is what a robot of ours does in every cycle: it
@@ -156,6 +156,43 @@ def _without_torch() -> None:
         sys.modules[name] = module
 
 
+# -- the least there is
+
+
+def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
+    """Frames made in advance, answers counted and not looked at, blocking: what terminal and machine leave."""
+    import os
+    import termios
+
+    import serial
+
+    if robot == FEETECH:
+        from strands_actors.drivers.feetech import protocol as feetech
+
+        ask, answer_bytes = feetech.sync_read(MOTORS, 56, 2), 6 * 8
+        frames = [feetech.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    else:
+        from strands_actors.drivers.dynamixel import protocol as dynamixel
+
+        ask, answer_bytes = dynamixel.fast_sync_read(MOTORS, 132, 4), 8 + 6 * 8
+        frames = [dynamixel.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    device = serial.Serial(port, BAUD)
+    fd = device.fileno()
+    os.set_blocking(fd, True)
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN] = 1  # wait for a byte
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
+
+    def cycle(number: int) -> None:
+        os.write(fd, ask)
+        missing = answer_bytes
+        while missing > 0:
+            missing -= len(os.read(fd, 4096))
+        os.write(fd, frames[number % 20])
+
+    return told(cycle, seconds)
+
+
 # -- ours
 
 
@@ -237,6 +274,8 @@ def main(who: str, length: str, robot: str, port: str) -> None:
     match who:
         case "ours" | "wire":
             found = ours(robot, port, seconds, who == "wire")
+        case "floor":
+            found = floor(robot, port, seconds)
         case "sdk" if robot == FEETECH:
             found = feetech_sdk(port, seconds)
         case "sdk":

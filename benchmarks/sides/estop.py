@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -73,23 +74,25 @@ def other(who: str, robot: str, port: str) -> Iterator[None]:
 
 @contextmanager
 def our_estop() -> Iterator[Callable[[], None]]:
+    """The mesh is joined once, as the reference's is, and the button pressed often."""
+    import trio
+
     from strands_actors.mesh import open_mesh
     from strands_actors.portal import portal
 
-    client: Any = None
-    opened: Any = None
+    joined: Future[Any] = Future()
 
-    async def open_() -> None:
-        nonlocal client, opened
-        opened = open_mesh()
-        client = await opened.__aenter__()
+    async def join() -> None:
+        async with open_mesh() as client:
+            joined.set_result(client)
+            await trio.sleep_forever()
 
-    async def press() -> None:
-        await client.estop("a benchmark")
-
-    portal().call(open_)
-    yield lambda: portal().call(press)
-    portal().call(opened.__aexit__, None, None, None)
+    member = portal().submit(join)
+    client = joined.result(10.0)
+    try:
+        yield lambda: portal().call(client.estop, "a benchmark")
+    finally:
+        member.cancel()
 
 
 def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
