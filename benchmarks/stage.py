@@ -43,7 +43,9 @@ def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
         where = Path(directory) / "port"
-        with subprocess.Popen([sys.executable, "-m", "benchmarks.sides.line", robot, str(where)], cwd=HOUSE.parent) as line:
+        with subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.sides.line", robot, str(where)], cwd=HOUSE.parent
+        ) as line:
             try:
                 while not where.exists():
                     if line.poll() is not None:

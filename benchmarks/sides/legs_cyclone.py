@@ -4,7 +4,6 @@ Nothing else is in this process: no policy, no gate, no limits, nobody who watch
 (unitree_hg), written down here; the checksum is made as the SDK makes it, over the packed C struct.
 """
 
-
 import array
 import json
 import struct
@@ -131,7 +130,9 @@ def main(length: str, port: str, log_path: str) -> None:
     writer = DataWriter(participant, Topic(participant, "rt/lowcmd", LowCmd), qos)
     state = first_state(reader)
     stand = [motor.q for motor in state.motor_state]
-    command = LowCmd(0, state.mode_machine, [MotorCmd(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0) for _ in range(SLOTS)], [0] * 4, 0)
+    command = LowCmd(
+        0, state.mode_machine, [MotorCmd(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0) for _ in range(SLOTS)], [0] * 4, 0
+    )
     heard = 0
     log = Log(log_path)
     began_s, used_s, began_ns = time.monotonic(), time.process_time(), time.monotonic_ns()

@@ -27,7 +27,14 @@ from strands_actors.runtime.contract import (
 from strands_actors.runtime.messages import Refused
 
 ROBOT = "stamper"
-AXES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+AXES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
 LIMIT = 6.28
 RECORD = struct.Struct("<qd?7x")
 """CLOCK_MONOTONIC ns, the first value, whether it is a safe frame."""

@@ -52,7 +52,9 @@ def steadiness(stamps_ns: Stamps, hz: int) -> dict[str, float]:
 def cores_taken(taken: bool) -> Iterator[None]:
     spinners = [
         # ordinary, though this process may not be
-        subprocess.Popen([sys.executable, "-c", "import os\nos.sched_setscheduler(0, 0, os.sched_param(0))\nwhile 1: 0"])
+        subprocess.Popen(
+            [sys.executable, "-c", "import os\nos.sched_setscheduler(0, 0, os.sched_param(0))\nwhile 1: 0"]
+        )
         for _ in range((os.cpu_count() or 1) if taken else 0)
     ]
     try:

@@ -13,13 +13,13 @@ class RTDEControlInterface:
     def __init__(self, host: str, frequency: float | None = None) -> None:
         pass
 
-    def servoJ(  # noqa: N802  # the SDK's name
+    def servoJ(  # the SDK's name
         self, q: Sequence[float], speed: float, acceleration: float, period: float, lookahead: float, gain: float
     ) -> bool:
         FRAMES.append((time.monotonic_ns(), q[2]))
         return True
 
-    def servoStop(self, deceleration: float = 10.0) -> bool:  # noqa: N802
+    def servoStop(self, deceleration: float = 10.0) -> bool:
         STOPS.append(time.monotonic_ns())
         return True
 

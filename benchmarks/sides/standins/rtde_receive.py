@@ -9,25 +9,25 @@ class RTDEReceiveInterface:
     def __init__(self, host: str, frequency: float | None = None) -> None:
         pass
 
-    def getRobotMode(self) -> int:  # noqa: N802  # the SDK's names
+    def getRobotMode(self) -> int:  # the SDK's names
         return RUNNING
 
-    def getSafetyMode(self) -> int:  # noqa: N802
+    def getSafetyMode(self) -> int:
         return NORMAL
 
-    def getActualQ(self) -> list[float]:  # noqa: N802
+    def getActualQ(self) -> list[float]:
         return [0.0] * 6
 
-    def getActualQd(self) -> list[float]:  # noqa: N802
+    def getActualQd(self) -> list[float]:
         return [0.0] * 6
 
-    def getActualTCPPose(self) -> list[float]:  # noqa: N802
+    def getActualTCPPose(self) -> list[float]:
         return [0.0] * 6
 
-    def getActualTCPSpeed(self) -> list[float]:  # noqa: N802
+    def getActualTCPSpeed(self) -> list[float]:
         return [0.0] * 6
 
-    def getActualTCPForce(self) -> list[float]:  # noqa: N802
+    def getActualTCPForce(self) -> list[float]:
         return [0.0] * 6
 
     def disconnect(self) -> None:
