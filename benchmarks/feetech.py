@@ -13,10 +13,10 @@ def side(robot: str, who: str, peer: str = "") -> Side:
     return ask
 
 
-LIMIT = """Bytes on the wire: {bytes} µs a cycle at 1 Mbaud. Of the rest `floor` is the share of the machine: the same
-bytes, made in advance, through a blocking file descriptor; what we add to it is one turn of trio's loop and some 15 µs of
-encoding and decoding. `wire` is what a robot of ours does in every cycle: it reads {whole}, so its own limit is
-{own} Hz, and is asked at the control rate, not flat out."""
+LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is what this machine leaves of that: the same
+bytes, made in advance, through a blocking descriptor. What we add is one turn of trio's loop and some 20 µs of
+encoding and decoding. `our wire` is what a robot of ours does in every cycle: it reads {whole}, so its own limit
+is {own} Hz, and is asked at the control rate, not flat out."""
 
 QUESTION = Question(
     name="feetech",

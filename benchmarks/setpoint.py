@@ -21,7 +21,7 @@ QUESTION = Question(
         Goal("ur_late_us", "strands-robots", at_most=1.0),
     ),
     limit="""Ours crosses two process boundaries to the wire process, the reference none: the caller's loop, a zenoh
-put (0.12 ms alone on this machine), gate and transport; on a UR also a worker thread for ur-rtde, whose calls may hang.
-What that buys: the caller can be killed, frozen or computing, and the wire still shows the safe state.
+put (0.12 ms alone on this machine), gate and transport; on a UR also a worker thread for ur-rtde, whose calls may
+hang. What that buys: the caller can be killed, frozen or computing, and the wire still shows the safe state.
 `late` is the p99; beside us it is that of the reference plus the millisecond that the goal allows.""",
 )

@@ -36,9 +36,9 @@ QUESTION = question(
     "steady",
     "How evenly a rollout's setpoints come",
     "no",
-    """A setpoint is made by the policy's actor in the caller, on a timerfd tick, and crosses a process boundary to the
-wire: the C loop does neither. `p99` is how far the time between two new setpoints is from the period, `wire` that between
-any two frames (the tree sends the last again when a new one is late), `late` the share that is missing or off by more
-than a quarter period. `computing` works 30 of 50 ms in the process of the policy, which in Python passes the
-interpreter's lock on every 5 ms only.""",
+    """A setpoint is made by the policy's actor in the caller, on a timerfd tick, and crosses a process boundary to
+the wire: the C loop does neither. `p99` is how far the time between two new setpoints is from the period, `wire`
+that between any two frames (the tree sends the last again when a new one is late), `late` the share that is
+missing or off by more than a quarter period. `computing` works 30 of 50 ms in the process of the policy, which in
+Python passes the interpreter's lock on every 5 ms only.""",
 )

@@ -1,12 +1,14 @@
-"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot, floor.
+"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot,
+floor.
 
-The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the positions of all servos in
-one sync read, and write the same goals in one sync write; ``wire`` is what a robot of ours does in every cycle: it
-reads all that a servo reports of itself, decodes it into an observation, and writes behind a permit.
-"""
+The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the
+positions of all servos in one sync read, and write the same goals in one sync write; ``wire`` is what a robot of
+ours does in every cycle: it reads all that a servo reports of itself, decodes it into an observation, and writes
+behind a permit."""
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import time
@@ -211,6 +213,7 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
     wire = driver.open_wire(MonotonicClock())
     await wire.open()
     await wire.arm(_Permit())
+    gc.freeze()  # as the wire process does
     cycle = _whole(wire, driver) if whole_wire else _bus(wire, robot)
     took_us: list[float] = []
     for number in range(50):

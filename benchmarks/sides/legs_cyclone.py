@@ -5,6 +5,7 @@ Nothing else is in this process: no policy, no gate, no limits, nobody who watch
 """
 
 import array
+import itertools
 import json
 import struct
 import sys
@@ -149,7 +150,7 @@ def main(length: str, port: str, log_path: str) -> None:
     times_ns = [frame.t_ns for frame in log.setpoints() if frame.t_ns >= began_ns]
     if heard < 0.5 * HZ * seconds or len(times_ns) < 0.5 * HZ * seconds:
         raise RuntimeError(f"{heard} states heard, {len(times_ns)} commands on the wire")
-    gaps_ms = [(after - before) / 1e6 for before, after in zip(times_ns, times_ns[1:])]
+    gaps_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(times_ns)]
     figures = {
         "lowcmd_hz": len(gaps_ms) / (sum(gaps_ms) / 1e3),
         "gap_p99_ms": percentile(gaps_ms, 0.99),

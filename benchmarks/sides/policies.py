@@ -1,4 +1,5 @@
-"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a little each step."""
+"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a little each
+step."""
 
 from __future__ import annotations
 

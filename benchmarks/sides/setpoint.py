@@ -1,4 +1,5 @@
-"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO: ours, strands, sdk.
+"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO: ours,
+strands, sdk.
 
 All speak to the same twin over the same wire, in units of their own.
 """

@@ -1,9 +1,9 @@
 """``steady WHO LENGTH FIFO``: how evenly a rollout's setpoints come. WHO: ours, strands, trio, c. FIFO: yes or no.
 
 Of each rate and load: the ``p99`` of how far the time between two setpoints is from the period, and the share of
-setpoints that were ``late``: not there at all, or off by more than a quarter of the period. Loads: ``idle``; ``computing``, 30 ms of work in the same process
-for each 50 ms of actions; ``busy``, as many other processes as cores that compute.
-"""
+setpoints that were ``late``: not there at all, or off by more than a quarter of the period. Loads: ``idle``;
+``computing``, 30 ms of work in the same process for each 50 ms of actions; ``busy``, as many other processes as
+cores that compute."""
 
 from __future__ import annotations
 

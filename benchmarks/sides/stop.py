@@ -1,9 +1,8 @@
 """``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO: ours, strands.
 
-A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s, as from a server
-that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process).
-``stop`` is the verb that a user, or an agent, stops a robot with; ``task`` is ``stop_task``.
-"""
+A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s, as from a
+server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). ``stop``
+is the verb that a user, or an agent, stops a robot with; ``task`` is ``stop_task``."""
 
 from __future__ import annotations
 
