@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from benchmarks.house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
 
@@ -117,7 +118,8 @@ def section(question: Question, result: Result) -> str:
 
 
 def plot(question: Question, result: Result, path: Path) -> None:
-    """One panel per figure that a goal names (or all): a bar to the median, a line from lowest to highest."""
+    """One panel per figure that a goal names (or all). Bars begin at zero; where the sides are too far apart for
+    that the axis is logarithmic and has points, since the length of a bar would mean nothing there."""
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
 
@@ -126,42 +128,51 @@ def plot(question: Question, result: Result, path: Path) -> None:
 
     named = list(dict.fromkeys(goal.figure for goal in question.goals)) or result.figures()
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
-    height = sum(0.32 * len(with_figure(result, sides, figure)) + 0.85 for figure in named)
-    drawing = Figure(figsize=(8, height), layout="constrained")
-    ratios = [len(with_figure(result, sides, figure)) + 2 for figure in named]
-    panels = drawing.subplots(len(named), 1, squeeze=False, height_ratios=ratios)[:, 0]
-    for panel, figure in zip(panels, named, strict=True):
-        spreads = with_figure(result, sides, figure)
-        names = list(spreads)[::-1]
-        medians = [spreads[side].median for side in names]
-        away = [
-            [spreads[side].median - spreads[side].lowest for side in names],
-            [spreads[side].highest - spreads[side].median for side in names],
-        ]
-        colours = ["#c2410c" if side == OURS else "#94a3b8" for side in names]
-        positive = min(medians) > 0
-        scaled = positive and max(medians) / min(medians) > LOG_FROM
-        panel.barh([OUR_NAME if side == OURS else side for side in names], medians, color=colours)
-        panel.errorbar(medians, range(len(names)), xerr=away, fmt="none", ecolor="#1e293b", capsize=3, lw=1)
-        if scaled:
-            panel.set_xscale("log")
-            lowest = min(spread.lowest for spread in spreads.values())
-            panel.set_xlim(left=lowest / 2 if lowest > 0 else None)
-        for row, side in enumerate(names):
-            panel.annotate(
-                number(spreads[side].median),
-                (spreads[side].highest, row),
-                xytext=(5, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-            )
-        panel.margins(x=0.12)
-        panel.set_title(label(figure) + (" (logarithmic axis)" if scaled else ""), fontsize=10, loc="left")
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.tick_params(labelsize=9)
+    spreads = {figure: with_figure(result, sides, figure) for figure in named}
+    drawing = Figure(figsize=(8, sum(0.32 * len(each) + 0.85 for each in spreads.values())), layout="constrained")
+    panels = drawing.subplots(
+        len(named), 1, squeeze=False, height_ratios=[len(each) + 2 for each in spreads.values()]
+    )[:, 0]
+    for panel, (figure, each) in zip(panels, spreads.items(), strict=True):
+        far_apart = _draw(panel, each)
+        panel.set_title(label(figure) + (" (logarithmic axis)" if far_apart else ""), fontsize=10, loc="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+
+
+def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
+    """Median, lowest and highest of each side; whether on a logarithmic axis."""
+    sides = list(spreads)[::-1]
+    each = [spreads[side] for side in sides]
+    medians = [spread.median for spread in each]
+    far_apart = min(spread.lowest for spread in each) > 0 and max(medians) / min(medians) > LOG_FROM
+    colours = ["#c2410c" if side == OURS else "#64748b" for side in sides]
+    rows = range(len(sides))
+    if far_apart:
+        panel.set_xscale("log")
+        panel.scatter(medians, rows, color=colours, s=45, zorder=3)
+        panel.grid(axis="x", color="#e2e8f0", lw=0.8)
+        panel.set_xlim(min(s.lowest for s in each) / 2, max(s.highest for s in each) * 4)
+        panel.set_ylim(-0.6, len(sides) - 0.4)
+    else:
+        panel.barh(rows, medians, color=colours)
+        panel.set_xlim(0, max(s.highest for s in each) * 1.15 or 1.0)
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:,.10g}")
+    away = [[s.median - s.lowest for s in each], [s.highest - s.median for s in each]]
+    panel.errorbar(medians, rows, xerr=away, fmt="none", ecolor="#0f172a", capsize=3, lw=1, zorder=4)
+    panel.set_yticks(rows, [OUR_NAME if side == OURS else side for side in sides])
+    for row, spread in zip(rows, each, strict=True):
+        panel.annotate(
+            number(spread.median),
+            (spread.highest, row),
+            xytext=(8, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+        )
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.tick_params(labelsize=9)
+    return far_apart
 
 
 def with_figure(result: Result, sides: list[str], figure: str) -> dict[str, Spread]:

@@ -212,7 +212,7 @@ def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) ->
         if not first:
             first = {
                 "threads_per_robot": (threads() - base_threads) / (count - 1),
-                "mb_per_robot_mb": (memory_mb(pids) - base_mb) / (count - 1),
+                "memory_per_robot_mb": (memory_mb(pids) - base_mb) / (count - 1),
                 "cpu_per_robot_pct": share / count,
                 "age_p99_ms": seen["age_p99_ms"],
                 "lost_pct": seen["lost_pct"],
