@@ -8,6 +8,6 @@ QUESTION = question(
     "steady_fifo",
     "How evenly a rollout's setpoints come, with SCHED_FIFO",
     "yes",
-    """As above. Caller, root and wire run before everything else; what is left is the wake-up of a second core, once
-for each process boundary, and Python's work in between.""",
+    """As above. Caller, root and wire run before everything else; what is left is the wake-up of a second core,
+once for each process boundary, and Python's work in between.""",
 )
