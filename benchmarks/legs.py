@@ -23,8 +23,8 @@ QUESTION = Question(
         Goal("process_pct", "cyclonedds 0.10.2", at_most=0.5),
     ),
     limit="""`process` is the wire process: RTPS, decoding, 29 limits and gains checked at every step, gate,
-watchdog and beats; `root` is the one that watches it. The policy in the caller keeps its interpreter's lock for 30 of
-every 50 ms. The process of cyclonedds has no policy and checks nothing: its time goes into the encoding of 35
+watchdog and beats; `root` is the one that watches it. The policy in the caller keeps its interpreter's lock for
+30 of every 50 ms. The process of cyclonedds has no policy and checks nothing: its time goes into the encoding of 35
 motors field by field, in Python. Gaps are what the twin read; it shares the two cores.""",
     rounds=3,
 )

@@ -23,7 +23,7 @@ QUESTION = Question(
         Goal("threads_per_robot", "", at_most=0.0),
     ),
     limit="""Each of our robots is two processes that look at deadlines 100 times a second and beat 50 times,
-whether it moves or not; each of the reference's is 15 threads of the caller, which do nothing between their 10 Hz, and
-nobody watches them. What that costs stands in `cpu per robot`; what it buys in the kill matrix.""",
+whether it moves or not; each of the reference's is 15 threads of the caller, which do nothing between their 10 Hz,
+and nobody watches them. What that costs stands in `cpu per robot`; what it buys in the kill matrix.""",
     rounds=3,
 )
