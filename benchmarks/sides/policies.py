@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 CHUNK_S = 0.05
-STEP_RAD = 1e-4
+STEP_RAD = 1e-5
+"""A whole chunk of them is within a UR's step at 1 kHz: the reference takes the first action of each only."""
 COMPUTE_S = 0.03
 ELBOW = "elbow_joint"
 

@@ -43,9 +43,13 @@ Play = Callable[[int, str, float], dict[str, Stamps]]
 def steadiness(stamps_ns: Stamps, hz: int, seconds: float) -> dict[str, float]:
     """Of what came after the first ``SETTLE_S``."""
     period_us = 1e6 / hz
+    if not stamps_ns:
+        raise RuntimeError(f"no setpoint came at {hz} Hz")
     settled = [t_ns for t_ns in stamps_ns if t_ns > stamps_ns[0] + SETTLE_S * NS]
     off_us = [abs((after - before) / 1e3 - period_us) for before, after in itertools.pairwise(settled)]
     expected = hz * (seconds - SETTLE_S) - 2  # the first and the last are cut
+    if not off_us:  # the rollout ended before
+        return {"p99_us": seconds * 1e6, "late_pct": 100.0}
     on_time = sum(off <= period_us / 4 for off in off_us)
     return {"p99_us": percentile(off_us, 0.99), "late_pct": max(0.0, 100 * (1 - on_time / expected))}
 
