@@ -15,7 +15,7 @@ from .agents.use import use
 from .answers import Answer
 from .engine import Engine
 from .factory import Plan, plan
-from .policies import DEFAULT_PROVIDER, choose_provider
+from .policies import DEFAULT_PROVIDER
 from .portal import open_caller
 from .runtime.contract import Observation
 from .runtime.messages import Refused
@@ -48,12 +48,13 @@ class AsyncRobot:
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
+        self._plan = tree.plan
         self._approval = approval
         self.driver = tree.driver
 
     @property
     def tool_name(self) -> str:
-        return self._tree.tool_name
+        return self._plan.tool_name
 
     @property
     def name(self) -> str:
@@ -63,11 +64,11 @@ class AsyncRobot:
     @property
     def engine(self) -> Engine | None:
         """The twin's process, where there is one."""
-        return self._tree.engine
+        return self._plan.engine
 
     @property
     def transport(self) -> str | None:
-        return self._tree.transport
+        return self._plan.transport
 
     @property
     def tool_spec(self) -> dict[str, Any]:
@@ -106,14 +107,8 @@ class AsyncRobot:
         policy_object: Any = None,
     ) -> Answer:
         """As ``Robot.run_policy``: it returns at once; the policy runs in a worker thread."""
-        try:
-            verbs.check_length(duration, n_steps, control_frequency)
-            chosen = verbs.choose_policy(policy, policy_object)
-        except (TypeError, ValueError) as failure:
-            return answers.error(f"run_policy: {failure}")
-        return await answered(
-            "run_policy", verbs.run_policy, self._tree, chosen, instruction, duration, n_steps, control_frequency
-        )
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
 
     async def start_task(
         self,
@@ -126,15 +121,17 @@ class AsyncRobot:
         **options: Any,
     ) -> Answer:
         """As ``Robot.start_task``."""
-        try:
-            verbs.check_tasks(self.driver)
-            verbs.check_length(duration, None, control_frequency)
-            where, options = choose_provider(policy_provider, policy_host, policy_port, options)
-        except ValueError as failure:
-            return answers.error(f"start_task: {failure}")
-        return await answered(
-            "start_task", verbs.start_task, self._tree, where, options, instruction, duration, control_frequency
+        start = verbs.start_task(
+            self.driver,
+            policy_provider,
+            policy_host,
+            policy_port,
+            options,
+            instruction,
+            duration,
+            control_frequency,
         )
+        return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
 
     async def get_task_status(self) -> Answer:
         return await answered("task", verbs.get_task_status, self._tree)
@@ -177,21 +174,7 @@ async def open_robot(
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
     """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
     async with open_caller() as (node, nursery, endpoint):
-        tree = RobotTree(
-            node,
-            nursery,
-            endpoint,
-            wanted.driver_class,
-            wanted.robot,
-            wanted.tool_name,
-            wanted.port,
-            wanted.options,
-            wanted.transport,
-            engine=wanted.engine,
-            owns_engine=wanted.owns_engine,
-            mesh=wanted.mesh,
-            drill_age_s=wanted.drill_age_s,
-        )
+        tree = RobotTree(node, nursery, endpoint, wanted)
         try:
             problem = await tree.connect(arm)
             if problem is not None:

@@ -15,13 +15,13 @@ from collections.abc import AsyncIterator, Sequence
 
 import trio
 
+from .nodes import open_node
 from .rundir import Note, notes
 from .runtime.actor import Actor
 from .runtime.clock import MonotonicClock
 from .runtime.contract import Reason
 from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Unreachable
-from .runtime.zenoh_mesh import ZenohMesh
 from .supervisors import addresses
 from .supervisors.gate import Gate
 from .supervisors.guardian import Guardian
@@ -119,15 +119,6 @@ async def join() -> AsyncIterator[Directory]:
     if not found:  # no session for nobody
         yield Directory(Node("nobody", MonotonicClock()), found)
         return
-    node = Node(f"visitor.{os.getpid()}", MonotonicClock())
-    mesh = await ZenohMesh.open(connect=[endpoint for note in found for endpoint in note.endpoints])
-    try:
-        async with trio.open_nursery() as nursery:
-            await nursery.start(node.run)
-            mesh.attach(node)
-            await nursery.start(mesh.run)
-            yield Directory(node, found)
-            nursery.cancel_scope.cancel()
-    finally:
-        with trio.CancelScope(shield=True):
-            await trio.to_thread.run_sync(mesh.close)
+    endpoints = [endpoint for note in found for endpoint in note.endpoints]
+    async with open_node(f"visitor.{os.getpid()}", connect=endpoints) as (node, _):
+        yield Directory(node, found)

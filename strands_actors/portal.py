@@ -12,16 +12,16 @@ import gc
 import itertools
 import os
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
 import trio
 
+from .nodes import open_node
 from .rundir import run_dir
-from .runtime.clock import MonotonicClock
 from .runtime.node import Node
-from .runtime.zenoh_mesh import ZenohMesh, unix_endpoint
+from .runtime.zenoh_mesh import unix_endpoint
 
 T = TypeVar("T")
 
@@ -96,32 +96,15 @@ class Portal:
 
 
 @contextlib.asynccontextmanager
-async def open_caller() -> Any:
+async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, str]]:
     """A node with a mesh for a process that starts robots: (node, nursery, endpoint)."""
     number = next(_callers)  # a program may have several, in one loop or in many
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
     endpoint = unix_endpoint(path)
-    node = Node(f"caller.{os.getpid()}.{number}", MonotonicClock())
-    mesh = await ZenohMesh.open([endpoint])
-    failure: Exception | None = None
     try:
-        async with trio.open_nursery() as nursery:
-            await nursery.start(node.run)
-            mesh.attach(node)
-            await nursery.start(mesh.run)
-            try:
-                yield node, nursery, endpoint
-            except Exception as error:  # the caller's own: outside of our nursery, which would wrap it in a group
-                failure = error
-            nursery.cancel_scope.cancel()
-        if failure is not None:
-            raise failure
+        async with open_node(f"caller.{os.getpid()}.{number}", listen=[endpoint]) as (node, nursery):
+            yield node, nursery, endpoint
     finally:
-        with trio.CancelScope(shield=True):
-            try:
-                await trio.to_thread.run_sync(mesh.close)
-            except RuntimeError:
-                mesh.close()  # at the end of a script no thread can be started any more
         for leftover in (path, f"{path}.lock"):
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(leftover)

@@ -23,7 +23,7 @@ from .async_robot import AsyncRobot, open_robot
 from .engine import SIM, Engine
 from .factory import Plan, plan, standalone
 from .liveness import Liveness
-from .policies import DEFAULT_PROVIDER, choose_provider
+from .policies import DEFAULT_PROVIDER
 from .portal import portal
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
@@ -155,23 +155,8 @@ class RealRobot(RobotTool):
 
     async def _connect(self) -> str | None:
         if self._tree is None:
-            shared, plan = portal(), self._plan
-            self._tree = RobotTree(
-                shared.node,
-                shared.nursery,
-                shared.endpoint,
-                plan.driver_class,
-                plan.robot,
-                plan.tool_name,
-                plan.port,
-                plan.options,
-                plan.transport,
-                self._liveness.look,
-                plan.engine,
-                plan.owns_engine,
-                plan.mesh,
-                plan.drill_age_s,
-            )
+            shared = portal()
+            self._tree = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
         return await self._tree.connect()
 
     @property
@@ -251,12 +236,8 @@ class RealRobot(RobotTool):
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable. Returns at
         once; ``n_steps`` wins over ``duration`` (seconds)."""
-        try:
-            verbs.check_length(duration, n_steps, control_frequency)
-            chosen = verbs.choose_policy(policy, policy_object)
-        except (TypeError, ValueError) as failure:
-            return answers.error(f"run_policy: {failure}")
-        return self._verb(verbs.run_policy, "run_policy", chosen, instruction, duration, n_steps, control_frequency)
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
     def start_task(
         self,
@@ -270,13 +251,17 @@ class RealRobot(RobotTool):
     ) -> Answer:
         """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another package) in a
         process of its own, built there from ``options``. Returns at once."""
-        try:
-            verbs.check_tasks(self._driver)
-            verbs.check_length(duration, None, control_frequency)
-            where, options = choose_provider(policy_provider, policy_host, policy_port, options)
-        except ValueError as failure:
-            return answers.error(f"start_task: {failure}")
-        return self._verb(verbs.start_task, "start_task", where, options, instruction, duration, control_frequency)
+        start = verbs.start_task(
+            self._driver,
+            policy_provider,
+            policy_host,
+            policy_port,
+            options,
+            instruction,
+            duration,
+            control_frequency,
+        )
+        return start if isinstance(start, Answer) else self._verb(start, "start_task")
 
     def get_task_status(self) -> Answer:
         """The present rollout, or the last one: the same keys for every driver."""

@@ -11,13 +11,14 @@ from typing import Any
 
 from . import answers
 from .answers import Answer
-from .policies import robot_facts
+from .policies import choose_provider, robot_facts
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
 from .supervisors.policy import as_infer
-from .tree import NotConnected, RobotTree
+from .tree import RobotTree
+from .tree_processes import NotConnected
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
 """On a tree, with what else it takes."""
@@ -97,7 +98,7 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or "the wire does not answer"
-    return answers.status(tree.tool_name, tree.kind, tree.driver, problem, status, tree.facts)
+    return answers.status(tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts)
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
@@ -109,31 +110,12 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
     return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
 
 
-async def run_policy(
-    tree: RobotTree, policy: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
-) -> Answer:
-    return _begun(await tree.run_policy(policy, instruction, duration, n_steps or 0, hz))
-
-
-def check_tasks(driver: Driver) -> None:
-    """Raise ``ValueError`` for a robot that runs no policy of the kind, whatever provider is named."""
-    if why := driver.ROLLOUTS or driver.TASKS:
-        raise ValueError(f"{driver.robot}: {why}")
-
-
-async def start_task(
-    tree: RobotTree, provider: str, options: dict[str, Any], instruction: str, duration: float, hz: float | None
-) -> Answer:
-    given = {**robot_facts(provider, tree.driver), **options}
-    return _begun(await tree.start_task(provider, given, instruction, duration, hz))
-
-
 async def get_task_status(tree: RobotTree) -> Answer:
-    return answers.success(answers.task(await tree.task()))
+    return answers.success(answers.task(await tree.rollouts.task()))
 
 
 async def stop_task(tree: RobotTree) -> Answer:
-    return _begun(await tree.stop_task())
+    return _begun(await tree.rollouts.stop_task())
 
 
 def _begun(status: TaskStatus | Refused) -> Answer:
@@ -142,10 +124,52 @@ def _begun(status: TaskStatus | Refused) -> Answer:
     return answers.success(answers.task(status))
 
 
-# -- what is refused before a tree is asked
+# -- what begins a rollout: refused before a tree is asked, or a verb for it
 
 
-def check_length(duration: object, n_steps: object = None, hz: object = None) -> None:
+def run_policy(
+    policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
+) -> Verb | Answer:
+    """The arguments as ``Robot.run_policy`` has them."""
+    try:
+        _check_length(duration, n_steps, hz)
+        chosen = _choose_policy(policy, policy_object)
+    except (TypeError, ValueError) as failure:
+        return answers.error(f"run_policy: {failure}")
+
+    async def run(tree: RobotTree) -> Answer:
+        return _begun(await tree.rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz))
+
+    return run
+
+
+def start_task(
+    driver: Driver,
+    provider: str,
+    host: str,
+    port: int | None,
+    options: dict[str, Any],
+    instruction: str,
+    duration: float,
+    hz: float | None,
+) -> Verb | Answer:
+    """The arguments as ``Robot.start_task`` has them."""
+    try:
+        if why := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {why}")
+        _check_length(duration, None, hz)
+        where, chosen = choose_provider(provider, host, port, options)
+    except ValueError as failure:
+        return answers.error(f"start_task: {failure}")
+
+    async def run(tree: RobotTree) -> Answer:
+        given = {**robot_facts(where, tree.driver), **chosen}
+        return _begun(await tree.rollouts.start_task(where, given, instruction, duration, hz))
+
+    return run
+
+
+def _check_length(duration: object, n_steps: object, hz: object) -> None:
     """Raise ``ValueError`` when a rollout of this length and rate cannot be."""
     if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
         raise ValueError(f"duration is {duration!r}. give seconds, finite and above 0")
@@ -155,7 +179,7 @@ def check_length(duration: object, n_steps: object = None, hz: object = None) ->
         raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most 1000")
 
 
-def choose_policy(policy: Any, policy_object: Any) -> Any:
+def _choose_policy(policy: Any, policy_object: Any) -> Any:
     """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there is none."""
     if policy is not None and policy_object is not None:
         raise TypeError("policy and policy_object are both given. give one of them")

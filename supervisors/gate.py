@@ -19,7 +19,7 @@ from strands_actors.runtime.node import Ref
 
 from . import failsafe
 from .failsafe import Action, Event, Mode
-from .lease import LEASE_TTL_NS, Held, refuse_by_deadline
+from .lease import LEASE_TTL_NS, Leases, refuse_by_deadline
 from .messages import (
     Accepted,
     Acquire,
@@ -47,6 +47,7 @@ from .messages import (
     StateIs,
     Status,
     Stop,
+    Stopped,
     StopReport,
     Write,
 )
@@ -60,8 +61,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     names."""
 
     state: failsafe.State
-    lease: Held | None
-    leases: int
+    leases: Leases
     observation: Observation | None
     target: tuple[float, ...]
     target_ns: int
@@ -73,7 +73,6 @@ class GateMemory(msgspec.Struct, frozen=True):
     facts: dict[str, Any]
     last_stop: StopReport | None
     last_stop_ns: int
-    stopped_lease: int
     services: dict[int, Deferred]
     service: int
     writes: int
@@ -92,9 +91,7 @@ class Gate(Actor):
         self._driver = driver
         self._addresses = transport, watchdog, guardian
         self._state = start
-        self._lease: Held | None = None
-        self._leases = start.epoch << 20  # no lease of an earlier incarnation can pass for one of ours
-        self._stopped_lease = 0  # the newest when it was last stopped: a rollout of before begins no more
+        self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
@@ -126,6 +123,7 @@ class Gate(Actor):
         | Acquire
         | Beat
         | Release
+        | Stopped
         | GetObservation
         | GetStatus
         | Perform
@@ -149,7 +147,9 @@ class Gate(Actor):
             case Resume():
                 return self._resume(message)
             case Beat():
-                self._beat(message)
+                self._leases.beat(message, self.context.received_ns)
+            case Stopped():
+                self._writer_stopped(message.pid)
             case Acquire():
                 return self._acquire(message)
             case Release():
@@ -175,7 +175,7 @@ class Gate(Actor):
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        held = self._lease
+        held = self._leases.held
         kept = held.refused if held is not None and held.id == message.lease else None
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
@@ -215,8 +215,8 @@ class Gate(Actor):
         self._advance(Event.SETPOINT)
         self._target, self._target_ns = candidate.values, now_ns
         self._live_until_ns = -1 if message.latched else message.deadline_ns
-        if self._lease is not None:
-            self._lease.beat(now_ns + LEASE_TTL_NS)
+        if self._leases.held is not None:
+            self._leases.held.beat(now_ns + LEASE_TTL_NS)
         expires_ns = 0 if message.latched else message.deadline_ns
         self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
         return Accepted(self._state.epoch, candidate.values)
@@ -238,12 +238,8 @@ class Gate(Actor):
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
 
     def _refuse_by_lease(self, what: str, lease: int, epoch: int) -> Refused | None:
-        held = self._lease
-        if held is None:
-            return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
-        if held.id != lease:
-            return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
-        if epoch != self._state.epoch:
+        refusal = self._leases.refuse(what, lease)
+        if refusal is None and epoch != self._state.epoch:
             return Refused(
                 "stale_epoch",
                 f"{what}: prepared in epoch {epoch}, now it is {self._state.epoch} ({self._cause})",
@@ -251,7 +247,7 @@ class Gate(Actor):
                 str(epoch),
                 str(self._state.epoch),
             )
-        return None
+        return refusal
 
     def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
         for condition in self._driver.conditions:
@@ -294,61 +290,39 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
-        now_ns = self.context.received_ns
-        if 0 < message.over <= self._stopped_lease:
-            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
-        held = self._lease
-        under: Held | None = None
-        if held is not None and held.owner.expires_ns > now_ns:
-            if held.id == message.over:
-                under = held.owner
-            elif held.holder != message.holder or held.under is not None:
-                return Refused(
-                    "lease",
-                    f"acquire: {held.holder} holds the lease",
-                    "wait until it is released, or stop it",
-                )
-        elif message.over:
-            return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
-        self._leases += 1
-        until_ns = now_ns + LEASE_TTL_NS
-        self._lease = Held(self._leases, message.holder, until_ns, until_ns, under)
-        return Lease(self._leases, self._state.epoch)
-
-    def _beat(self, message: Beat) -> None:
-        until_ns = self.context.received_ns + LEASE_TTL_NS
-        held = self._lease
-        while held is not None:
-            if held.id == message.lease:
-                held.beat(until_ns, message.answered_ago_s)
-            held = held.under
+        answer = self._leases.acquire(message, self.context.received_ns)
+        return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
     def _release(self, lease: int) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
-        held = self._lease
-        if held is None or held.id != lease:
+        held = self._leases.release(lease)
+        if held is None:
             return None
-        self._lease = held.under
         deferred = self.context.defer()
         if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
             self._stops.append((self._state.epoch, deferred))
             return deferred
         return None
 
+    def _writer_stopped(self, pid: int) -> None:
+        """What its silence would become is known already."""
+        held = self._leases.held
+        if held is None or not self._live_until_ns:
+            return
+        if held.owner.pid == pid:
+            self._trip(Reason.LEASE, f"the process of {held.owner.holder} is stopped")
+        elif held.pid == pid:
+            self._trip(Reason.EXPIRED, f"the process of {held.holder} is stopped")
+
     # -- time
 
     def _probe(self, probe: Probe) -> None:
         live_until = self._live_until_ns
         if live_until:
-            held = self._lease
             if live_until > 0 and probe.now_ns >= live_until:
                 self._trip(Reason.EXPIRED, "the setpoint expired")
-            elif (
-                held is None
-                or probe.now_ns >= held.owner.expires_ns
-                or (live_until < 0 and probe.now_ns >= held.latches_until_ns)
-            ):
-                self._trip(Reason.LEASE, f"{held.holder if held else 'the writer'} stopped answering")
+            elif silent := self._leases.lapsed(probe.now_ns, live_until < 0):
+                self._trip(Reason.LEASE, f"{silent} stopped answering")
             elif self._driver.conditions and self._observation is not None:
                 refusal = self._refuse_by_condition(self._observation, probe.now_ns)
                 if refusal is not None:
@@ -363,9 +337,7 @@ class Gate(Actor):
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
-        self._stopped_lease = self._leases
-        if self._lease is not None:
-            self._lease = self._lease.owner  # a stop ends the rollout; a dead policy could not release its lease
+        self._leases.stop()
         if self._trip(message.reason, by, lock):
             self._stops.append((self._state.epoch, deferred))
             return deferred
@@ -495,7 +467,7 @@ class Gate(Actor):
             self._connect_error,
             self._state.locked_by,
             self._cause,
-            self._lease.holder if self._lease else "",
+            self._leases.held.holder if self._leases.held else "",
             observation,
             age_s,
             self._target,

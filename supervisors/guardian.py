@@ -7,7 +7,7 @@ let the supervisor start the wire anew, closed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 import trio
@@ -17,7 +17,7 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
-from strands_actors.runtime.processor import Standing
+from strands_actors.runtime.processor import Standing, is_stopped
 from strands_actors.runtime.silence import Silence
 
 from .failsafe import Mode, State
@@ -30,9 +30,11 @@ from .messages import (
     RootBeat,
     SilentUntil,
     StateIs,
+    Stopped,
     StopReport,
     WireBeat,
 )
+from .stoppage import Stoppage
 from .watchdog import BEAT_EVERY, Tick
 
 START_DEADLINE_S = 10.0
@@ -61,7 +63,7 @@ class Place(Protocol):
 
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
-    its place."""
+    its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped."""
 
     def __init__(
         self,
@@ -69,11 +71,16 @@ class Guardian(Actor):
         watchdog: str,
         start_wire: Callable[[State, str], Place],
         on_state: Callable[[StateIs], None] | None = None,
+        gate: str = "",
+        writers: Callable[[], Iterable[int]] = tuple,
     ) -> None:
         self._driver = driver
         self._watchdog_address = watchdog
         self._start_wire = start_wire
         self._on_state = on_state
+        self._gate_address = gate
+        self._writers = writers
+        self._stoppage = Stoppage(is_stopped)
         self._second: SecondPath | None = None
         self._second_scope = trio.CancelScope()
         self.state = StateIs(Mode.DOWN, 0, "", "")
@@ -92,6 +99,7 @@ class Guardian(Actor):
 
     async def started(self) -> None:
         self._watchdog: Ref = self.context.ref(self._watchdog_address)
+        self._gate: Ref = self.context.ref(self._gate_address)
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
@@ -127,6 +135,8 @@ class Guardian(Actor):
         self._beats += 1
         if self._beats % BEAT_EVERY == 0:
             self._watchdog.tell(RootBeat(self._beats))
+            for pid in self._stoppage.look(self._writers()):
+                self._gate.tell(Stopped(pid))
         if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):
             self._break(Reason.WIRE, "the wire process stopped answering")
 

@@ -7,7 +7,7 @@ import msgspec
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.messages import Refused
 
-from .messages import LEASE_TTL_S, MAX_LIFETIME_S
+from .messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
@@ -20,6 +20,7 @@ class Held(msgspec.Struct):
     holder: str
     expires_ns: int  # unless its process is heard of
     latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
+    pid: int  # of its process; 0: of another host
     under: Held | None = None
     refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
 
@@ -31,6 +32,71 @@ class Held(msgspec.Struct):
         self.expires_ns = until_ns
         if answered_ago_s >= 0.0:
             self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
+
+
+class Leases(msgspec.Struct):
+    """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it was last stopped:
+    a rollout of before begins no more."""
+
+    given: int
+    held: Held | None = None
+    ended: int = 0
+
+    def acquire(self, message: Acquire, now_ns: int) -> int | Refused:
+        """The number of a new lease."""
+        if 0 < message.over <= self.ended:
+            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
+        held = self.held
+        under: Held | None = None
+        if held is not None and held.owner.expires_ns > now_ns:
+            if held.id == message.over:
+                under = held.owner
+            elif held.holder != message.holder or held.under is not None:
+                why = f"acquire: {held.holder} holds the lease"
+                return Refused("lease", why, "wait until it is released, or stop it")
+        elif message.over:
+            return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
+        self.given += 1
+        until_ns = now_ns + LEASE_TTL_NS
+        self.held = Held(self.given, message.holder, until_ns, until_ns, message.pid, under)
+        return self.given
+
+    def beat(self, message: Beat, now_ns: int) -> None:
+        held = self.held
+        while held is not None:
+            if held.id == message.lease:
+                held.beat(now_ns + LEASE_TTL_NS, message.answered_ago_s)
+            held = held.under
+
+    def release(self, lease: int) -> Held | None:
+        """The one that was given back; None: it was not held."""
+        held = self.held
+        if held is None or held.id != lease:
+            return None
+        self.held = held.under
+        return held
+
+    def stop(self) -> None:
+        """A stop ends the rollout; a dead policy could not release its lease."""
+        self.ended = self.given
+        if self.held is not None:
+            self.held = self.held.owner
+
+    def lapsed(self, now_ns: int, latched: bool) -> str:
+        """Who no longer beats for what stands; empty: somebody does."""
+        held = self.held
+        if held is None:
+            return "the writer"
+        over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
+        return held.holder if over else ""
+
+    def refuse(self, what: str, lease: int) -> Refused | None:
+        held = self.held
+        if held is None:
+            return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
+        if held.id != lease:
+            return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
+        return None
 
 
 def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:

@@ -24,10 +24,12 @@ MAX_LIFETIME_S = 10.0
 
 
 class Acquire(Message, frozen=True):
-    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under."""
+    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under. ``pid``: the
+    process that will write, if it is one of this host."""
 
     holder: str
     over: int = 0
+    pid: int = 0
 
 
 class Lease(Message, frozen=True):
@@ -43,6 +45,14 @@ class Beat(Message, frozen=True):
 
     lease: int
     answered_ago_s: float = 0.0
+
+
+class Stopped(Message, frozen=True):
+    """The system has stopped a process that writes (SIGSTOP, Ctrl-Z, a debugger): it cannot say so itself."""
+
+    lane = "urgent"
+
+    pid: int
 
 
 class Release(Message, frozen=True):

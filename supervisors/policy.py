@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -224,7 +225,7 @@ class Policy(Actor):
         async with self._acquiring:
             if self._ended is not None:
                 return False
-            lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over), ASK_S)
+            lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid()), ASK_S)
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True

@@ -24,12 +24,14 @@ from strands_actors.runtime.realtime import ROOT_PRIORITY, run_first
 from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
+from .lines import Switchboard
 from .loading import load_driver
 from .mesh_place import MeshPlace
 from .messages import (
@@ -57,6 +59,8 @@ from .wire import ProcessPlace
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
+LAST_WORDS_S = 0.02
+"""For what has been told to leave, before its process ends."""
 
 _DULL = frozenset({Tick, WireBeat, RootBeat, Describe, TreeReport, GetTask, TaskStatus})
 
@@ -103,7 +107,9 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
-        self.guardian = Guardian(self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state)
+        self.guardian = Guardian(
+            self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+        )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -126,6 +132,11 @@ class Tree:
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
 
+    def writers(self) -> list[int]:
+        """Processes whose setpoints may be on their way to the wire."""
+        policy = self.tasks.process
+        return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
+
     def tap_keeper(self) -> TapKeeper:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
         at, driver = self.at, self.driver
@@ -140,6 +151,8 @@ class Tree:
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
+            switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
+            nursery.start_soon(switchboard.run)
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
             nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])
@@ -187,6 +200,7 @@ class Tree:
             answer = None
         if isinstance(answer, StopReport) and answer.confirmed:
             report = answer
+            await trio.sleep(LAST_WORDS_S)
         self.guardian.leave(confirmed=report is not None)
         if self.tasks.process is not None:
             self.tasks.process.kill()
@@ -197,7 +211,7 @@ class Tree:
         report = report or self.guardian.last_report
         for waiting in self._waiting:
             waiting.send(report)
-        await trio.sleep(0.02)  # let the report leave
+        await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 
     # -- the tree, described
@@ -226,6 +240,7 @@ class Tree:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
+    hand_over()
     spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
     standby = Standby()  # for the first wire; when another is needed, this process has threads
     trio.run(_main, args, sock, spawner, standby)

@@ -22,6 +22,7 @@ from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from . import addresses
 from .census import CensusTaker
 from .gate import Gate
+from .lines import keep_line
 from .loading import load
 from .messages import GetStatus, GetTask, Happened, Rollout, StartTask, Stop, StopTask, TaskStatus
 from .policy import Policy
@@ -148,6 +149,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh = await ZenohMesh.open(connect=args["connect"])
         mesh.attach(node)
         await nursery.start(mesh.run)
+        nursery.start_soon(keep_line, node, robot)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
         nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)

@@ -25,7 +25,7 @@ from strands_actors.runtime.contract import (
     Wire,
     WireDown,
 )
-from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 from strands_actors.runtime.realtime import scheduling
 
@@ -53,6 +53,8 @@ HANDOVER_S = 3.0
 """Of these five: what the root may take to have its own path ready."""
 SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+_PROMPT = (Write, Cycle)
 
 
 class _Permit:
@@ -98,6 +100,9 @@ class Transport(Actor):
         self._gate: Ref = self.context.ref(gate)
         self._watchdog: Ref = self.context.ref(watchdog)
         self._guardian: Ref = self.context.ref(guardian)
+
+    def is_prompt(self, message: Message) -> bool:
+        return type(message) in _PROMPT and self._wire is not None and self._wire.prompt
 
     async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
         try:

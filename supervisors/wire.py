@@ -24,11 +24,13 @@ from strands_actors.runtime.processor import Standing, standing
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
+from .lines import WireEnd
 from .loading import load_driver
 from .messages import RootGone
 from .tap import Attached, TapKeeper, name_of
@@ -139,6 +141,7 @@ class InlinePlace:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the wire process."""
+    hand_over()
     trio.run(_main, args, sock)
 
 
@@ -166,6 +169,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: standing(root))
+        await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

@@ -1,5 +1,5 @@
 """MuJoCo, imported without OpenGL: physics needs none, and a word in ``MUJOCO_GL`` that MuJoCo does not know would
-otherwise keep a robot from moving. Whoever renders picks a platform when it does (see ``common.twin.picture``)."""
+otherwise keep a robot from moving. Whoever renders picks a platform when it does (see ``common.door.studio``)."""
 
 from __future__ import annotations
 

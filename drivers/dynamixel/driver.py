@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import GateCheck, SecondPath
+from strands_actors.runtime.contract import SecondPath
 
 from . import watchdog
-from .gates import all_gates
+from .gates import FAULT_CODES, REMEDIES
 from .robots import TABLES
 from .table import BAUD_RATES
 
@@ -36,14 +35,13 @@ class Dynamixel(ServoDriver):
     DEFAULT_BAUD: ClassVar[int] = DEFAULT_BAUD
     MAX_OFFSET: ClassVar[int] = 1_044_479
     HOST_INVERTS: ClassVar[bool] = False  # drive mode is a register of the servo, which obeys it
+    FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
+    REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
 
     firmware_watchdog = (
         f"bus watchdog (register 98) armed at {watchdog.SECONDS:g} s and read back whenever the arm is energised: "
         "a servo that hears nothing for so long stops where it is, torque on, and takes no goal until resume()"
     )
-
-    def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
-        return all_gates(joints, self.timing.state_ttl_s)
 
     def preload(self) -> None:
         importlib.import_module(f"{__package__}.wire")

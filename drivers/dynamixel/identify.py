@@ -10,6 +10,7 @@ from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import TOP, Axis
 from strands_actors.drivers.common.servo.hello import block, check_calibration, check_model
+from strands_actors.drivers.common.servo.identity import facts_of
 from strands_actors.runtime.contract import WireDown
 
 from . import protocol, table, watchdog
@@ -105,15 +106,11 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object] | float]:
     """For ``status``: by axis key."""
-    rows = [(axis.key, servos[axis.id]) for axis in axes]
+    by_key = {axis.key: servos[axis.id] for axis in axes}
     return {
-        "model": {key: servo.model_name for key, servo in rows},
-        "firmware": {key: servo.firmware for key, servo in rows},
-        "operating_mode": {key: table.MODE_NAMES[servo.mode] for key, servo in rows},
-        "return_delay_us": {key: servo.return_delay * 2 for key, servo in rows},
-        "voltage_v": {key: servo.voltage_v for key, servo in rows},
-        "temperature_c": {key: servo.temperature_c for key, servo in rows},
-        "energised": {key: servo.torque for key, servo in rows},
-        "hardware_alert": {key: table.error_words(servo.hardware_error) for key, servo in rows},
+        **facts_of(by_key),
+        "operating_mode": {key: table.MODE_NAMES[servo.mode] for key, servo in by_key.items()},
+        "return_delay_us": {key: servo.return_delay * 2 for key, servo in by_key.items()},
+        "hardware_alert": {key: table.error_words(servo.hardware_error) for key, servo in by_key.items()},
         "bus_watchdog_s": watchdog.SECONDS,
     }

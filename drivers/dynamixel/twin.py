@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.twin import Exchange, Reply
+from strands_actors.drivers.common.twin import Exchange, Reply, Start
 from strands_actors.drivers.common.twin.servo_bus import ServoBus, serve
 
 from . import protocol as p
@@ -169,6 +169,6 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     return said._replace(data=p.status(said.unit or 0, error | servo.alert))
 
 
-def main(robot: str, **arguments: Any) -> None:
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    serve(DynamixelBus.for_robot(robot), **arguments)
+    serve(DynamixelBus.for_robot(robot), options=options, **start)

@@ -10,6 +10,7 @@ import trio
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.hello import command
+from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.safing import LIMP
 from strands_actors.drivers.common.servo.wire import Hello, ServoSecondPath, ServoWire
 from strands_actors.runtime.clock import NS, Clock
@@ -52,12 +53,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             servo = await identify(bus, axis)
             check(axis, servo, calibration[axis.key] if calibration else None)
             servos[axis.id] = servo
-        ordered = [servos[axis.id] for axis in self.axes]
-        limits = {
-            "voltage_min_v": tuple(servo.min_voltage_v for servo in ordered),
-            "voltage_max_v": tuple(servo.max_voltage_v for servo in ordered),
-            "temperature_max_c": tuple(servo.max_temperature_c for servo in ordered),
-        }
+        limits = limits_of([servos[axis.id] for axis in self.axes])
         self._readings = DynamixelReadings(self.axes, limits)
         return Hello(
             readings=self._readings,

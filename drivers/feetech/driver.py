@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import GateCheck, SecondPath
+from strands_actors.runtime.contract import SecondPath
 
-from .gates import all_gates
+from .gates import FAULT_CODES, REMEDIES
 from .protocol import BAUD_RATES, HOMING_OFFSET
 from .robots import TABLES
 
@@ -34,11 +33,10 @@ class Feetech(ServoDriver):
     HOST_INVERTS: ClassVar[bool] = True
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"so100": ("so_follower",), "so101": ("so_follower",)}
     """Since lerobot 0.5 both arms share one folder."""
+    FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
+    REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
 
     firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"
-
-    def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
-        return all_gates(joints, self.timing.state_ttl_s)
 
     def preload(self) -> None:
         importlib.import_module(f"{__package__}.wire")

@@ -10,6 +10,7 @@ from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import TOP, Axis
 from strands_actors.drivers.common.servo.hello import block, check_calibration, check_model, command
+from strands_actors.drivers.common.servo.identity import facts_of
 from strands_actors.runtime.contract import WireDown
 
 from . import protocol
@@ -102,11 +103,4 @@ async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) ->
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
     """For ``status``: by axis key."""
-    rows = [(axis.key, servos[axis.id]) for axis in axes]
-    return {
-        "model": {key: servo.model_name for key, servo in rows},
-        "firmware": {key: servo.firmware for key, servo in rows},
-        "voltage_v": {key: servo.voltage_v for key, servo in rows},
-        "temperature_c": {key: servo.temperature_c for key, servo in rows},
-        "energised": {key: servo.torque for key, servo in rows},
-    }
+    return facts_of({axis.key: servos[axis.id] for axis in axes})

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.twin import Exchange, Reply
+from strands_actors.drivers.common.twin import Exchange, Reply, Start
 from strands_actors.drivers.common.twin.servo_bus import ServoBus, serve
 
 from . import protocol as p
@@ -106,6 +106,6 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     return reply if servo.get(p.STATUS_LEVEL) else None
 
 
-def main(robot: str, **arguments: Any) -> None:
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    serve(FeetechBus.for_robot(robot), **arguments)
+    serve(FeetechBus.for_robot(robot), options=options, **start)

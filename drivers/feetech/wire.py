@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.axes import Axis
+from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.readings import Readings, Sample
 from strands_actors.drivers.common.servo.wire import Hello, ServoSecondPath, ServoWire
 from strands_actors.runtime.clock import Clock
@@ -49,11 +48,6 @@ class FeetechWire(ServoWire[protocol.Packet]):
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 27)
     """40 to 66."""
 
-    def __init__(
-        self, driver: Feetech, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
-    ) -> None:
-        super().__init__(driver, clock, open_port)
-
     async def hello(self, bus: HalfDuplexBus[protocol.Packet]) -> Hello[protocol.Packet]:
         servos: dict[int, Identity] = {}
         calibration = self.driver.calibration
@@ -63,12 +57,7 @@ class FeetechWire(ServoWire[protocol.Packet]):
             servos[axis.id] = servo
         for axis in self.axes:
             await answer_at_once(bus, axis, servos[axis.id])
-        ordered = [servos[axis.id] for axis in self.axes]
-        limits = {
-            "voltage_min_v": tuple(servo.min_voltage_v for servo in ordered),
-            "voltage_max_v": tuple(servo.max_voltage_v for servo in ordered),
-            "temperature_max_c": tuple(servo.max_temperature_c for servo in ordered),
-        }
+        limits = limits_of([servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
         return Hello(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import msgspec
 from pymodbus.constants import ExcCodes
@@ -25,9 +25,11 @@ from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
     Reply,
+    Start,
     TcpServer,
     WireLog,
     answering,
+    known_options,
     run_server,
 )
 
@@ -174,24 +176,13 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
-def main(
-    robot: str,
-    *,
-    port_file: str | None = None,
-    log: str | None = None,
-    fault: str | None = None,
-    parent_fd: int | None = None,
-    door: str | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> None:
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    bench = dict(options or {})
-    if unknown := bench.keys() - OPTIONS.keys():
-        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
-    host, port = bench.pop("host", None), int(bench.pop("port", 0))
-    twin = twin_of(robot, **bench)
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", 0))
+    twin = twin_of(robot, **given)
 
     def build(wire_log: WireLog) -> TcpServer:
         return TcpServer(twin, {port: answering(lambda: ModbusSession(twin))}, wire_log, host)
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)
+    run_server(build, **start)

@@ -168,6 +168,12 @@ class UnitreeWire(Wire):
     async def read(self) -> Observation:
         return await self._read(self._session())
 
+    @property
+    def prompt(self) -> bool:
+        """Until it has been silent for long: then the robot is brought down."""
+        session = self._session_or_none
+        return session is not None and self._clock.now_ns() - session.link.state_ns < SILENT_S / 2 * NS
+
     async def _read(self, session: _Session) -> Observation:
         now_ns = self._clock.now_ns()
         session.poll(now_ns)

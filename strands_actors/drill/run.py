@@ -19,7 +19,8 @@ from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
 from ..runtime.node import AskTimeout, Unreachable
 from ..testing.twin import Twin
-from ..tree import NotConnected, RobotTree
+from ..tree import RobotTree
+from ..tree_processes import NotConnected
 from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed
 

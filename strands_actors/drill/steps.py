@@ -24,7 +24,8 @@ from ..supervisors.messages import Resumed, StopReport
 from ..supervisors.transport import BACKOFF_S, SAFE_DEADLINE_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
-from ..tree import NotConnected, RobotTree
+from ..tree import RobotTree
+from ..tree_processes import NotConnected
 from .certificate import Figure
 
 PROVIDER = "strands_actors.drill.policy:Still"
@@ -148,11 +149,11 @@ class Drill:
                 yield
                 nursery.cancel_scope.cancel()
             return
-        started = await tree.start_task(PROVIDER, {"axes": list(self._driver.axes)}, "drill", 3600.0, None)
+        started = await tree.rollouts.start_task(PROVIDER, {"axes": list(self._driver.axes)}, "drill", 3600.0, None)
         if isinstance(started, Refused):
             raise Failed(f"no policy starts: {started.text}")
         with trio.move_on_after(PATIENCE_S):
-            while (task := await tree.task()).running and task.steps < STEPS_BEFORE:  # noqa: ASYNC110  # remote
+            while (task := await tree.rollouts.task()).running and task.steps < STEPS_BEFORE:  # noqa: ASYNC110  # remote
                 await trio.sleep(0.02)
         if task.steps < STEPS_BEFORE:
             raise Failed(f"the policy writes nothing: {task.exit_reason} {task.refusal or task.exit_detail}")

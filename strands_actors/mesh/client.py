@@ -24,6 +24,7 @@ import msgspec
 import trio
 import zenoh
 
+from ..background import open_background
 from ..rundir import notes
 from ..runtime.clock import NS
 from ..runtime.messages import Refused
@@ -327,19 +328,13 @@ async def open_mesh(
     if config is None:
         config = MeshConfig.from_environment()
     config.check()
-    failure: Exception | None = None
-    async with trio.open_nursery() as nursery:
+    async with open_background() as nursery:
         client = MeshClient(config, nursery, now_ns)
         try:
             await client.join_configured()
             await client.look()
             nursery.start_soon(client.keep_looking)
             yield client
-        except Exception as error:  # the caller's own: outside of our nursery, which would wrap it in a group
-            failure = error
         finally:
             with trio.CancelScope(shield=True):
                 await client.close()
-            nursery.cancel_scope.cancel()
-    if failure is not None:
-        raise failure

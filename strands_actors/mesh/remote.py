@@ -16,6 +16,7 @@ from typing import Any
 
 import trio
 
+from ..background import open_background
 from ..runtime.clock import NS
 from ..runtime.messages import Refused
 from ..supervisors import mesh_json
@@ -129,16 +130,10 @@ async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIt
     refused = await (remote.resume() if resume else remote.acquire())
     if refused is not None:
         raise PermissionError(refused.text)
-    failure: Exception | None = None
-    async with trio.open_nursery() as nursery:
+    async with open_background() as nursery:
         nursery.start_soon(remote.beat)
         try:
             yield remote
-        except Exception as error:  # the caller's own: outside of our nursery, which would wrap it in a group
-            failure = error
         finally:
             with trio.CancelScope(shield=True):
                 await remote.release()
-            nursery.cancel_scope.cancel()
-    if failure is not None:
-        raise failure

@@ -15,13 +15,13 @@ from pathlib import Path
 import msgspec
 import trio
 
+from ..background import open_background
+from ..nodes import open_node
 from ..rundir import notes
 from ..runtime.actor import Actor, Cell
-from ..runtime.clock import MonotonicClock
 from ..runtime.frames import Down
 from ..runtime.messages import Refused
 from ..runtime.node import PREFIX, AskTimeout, Node, Unreachable
-from ..runtime.zenoh_mesh import ZenohMesh
 from ..supervisors import addresses
 from ..supervisors.tap import SILENT_S, Acknowledge, Attach, Attached, Batch, Detach, Detached, TapKeeper
 from .code import driver_class_of, fingerprint
@@ -297,18 +297,8 @@ async def visit(robot: str) -> AsyncIterator[Node]:
     if robot not in running:
         there = f". there are {', '.join(running)}" if running else ""
         raise RecordingError(f"no robot {robot!r} of this user is running{there}")
-    mesh = await ZenohMesh.open(connect=running[robot].endpoints)
-    node = Node(f"recorder.{os.getpid()}", MonotonicClock())
-    try:
-        async with trio.open_nursery() as nursery:
-            await nursery.start(node.run)
-            mesh.attach(node)
-            await nursery.start(mesh.run)
-            yield node
-            nursery.cancel_scope.cancel()
-    finally:
-        with trio.CancelScope(shield=True):
-            await trio.to_thread.run_sync(mesh.close)
+    async with open_node(f"recorder.{os.getpid()}", connect=running[robot].endpoints) as (node, _):
+        yield node
 
 
 async def record_until_told(
@@ -321,9 +311,7 @@ async def record_until_told(
     """Until Ctrl-C, SIGTERM, or as ``Recorder.run``. In the main thread."""
     _require_free(path)
     with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        failure: Exception | None = None
-        summary: Summary | None = None
-        async with visit(robot) as node, trio.open_nursery() as nursery:
+        async with visit(robot) as node, open_background() as nursery:
             recorder = Recorder(robot, path, on_started, on_progress)
 
             async def listen() -> None:
@@ -331,11 +319,4 @@ async def record_until_told(
                     recorder.end("interrupted")
 
             nursery.start_soon(listen)
-            try:
-                summary = await recorder.run(node, seconds)
-            except (RecordingError, OSError) as error:  # raised outside, where no nursery makes a group of it
-                failure = error
-            nursery.cancel_scope.cancel()
-    if summary is None:
-        raise failure or RecordingError(f"{robot}: it could not be recorded")
-    return summary
+            return await recorder.run(node, seconds)

@@ -12,23 +12,21 @@ is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import aclosing
-from typing import TYPE_CHECKING, Any, cast
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import trio
 
 from .clock import Clock
 from .frames import Protocol, protocol_of
-from .mailbox import Entry, Mailbox, ReplyTo
+from .mailbox import Item, Mailbox, ReplyTo, Slot
 from .messages import Message, Refused
+from .turn import BURST, LONGEST_NS
 
 if TYPE_CHECKING:
     from .node import Node, Ref
-
-BURST = 64
-"""Messages handled before the loop lets other tasks run: one scheduler tick costs more than a message."""
-BURST_NS = 200_000
 
 
 class Deferred:
@@ -61,6 +59,11 @@ class Actor:
 
     def receive(self, message: Any) -> Any:
         raise NotImplementedError
+
+    def is_prompt(self, message: Any) -> bool:
+        """Of an actor whose ``receive`` is asynchronous: whether it would return now without waiting for anything.
+        Such a message can be handled in the turn of whoever sent it (``turn``)."""
+        return False
 
 
 class Context:
@@ -118,9 +121,11 @@ class Context:
         """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own."""
 
         async def tick() -> None:
+            put, turn, address = self._cell.mailbox.put, self.node.turn, self.address
             async with aclosing(self.clock.ticks(period_s)) as ticks:
                 async for now_ns in ticks:
-                    self._cell.mailbox.put(make(now_ns), None, self.address)
+                    with turn:
+                        put(make(now_ns), None, address)
 
         self._nursery.start_soon(tick)
 
@@ -137,9 +142,13 @@ class Cell:
         self.address = address
         self.role = role or address.rsplit("/", 1)[-1]
         self.factory = factory
-        self.mailbox = Mailbox()
         self.actor: Actor = factory()
         self.protocol: Protocol = protocol_of(type(self.actor))
+        can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
+        self.plain = self.protocol.accepts - self.protocol.carriers
+        """What goes into the mailbox as it is."""
+        self.mailbox = Mailbox(offer=partial(node.turn.offer, self) if can_be_helped else None)
+        self._error: Exception | None = None
         self.incarnations = 0
         self.state = "starting"
 
@@ -149,15 +158,16 @@ class Cell:
             self.actor = self.factory()
         self.incarnations += 1
         self.state = "starting"
+        self._error = None
         self.node.host(self)
         reason = "stopped"
         try:
             async with trio.open_nursery() as nursery:
-                self.actor.context = context = Context(self, nursery)
+                self.actor.context = Context(self, nursery)
                 await self.actor.started()
                 self.state = "running"
                 task_status.started()
-                await self._loop(context)
+                await self._loop()
         except Exception as error:
             reason = describe(error)
             raise
@@ -165,43 +175,118 @@ class Cell:
             self.state = "stopped"
             self.node.unhost(self, reason)
 
-    async def _loop(self, context: Context) -> None:
-        mailbox, protocol = self.mailbox, self.protocol
-        receive = cast(Callable[[Message], Any], self.actor.receive)
-        now_ns = self.node.clock.now_ns
-        while True:
-            at_ns = now_ns()
-            yield_at_ns = at_ns + BURST_NS
-            for _ in range(BURST):
-                entry = mailbox.pop()
-                if entry is None:
-                    await mailbox.wait()
-                    break
-                context.received_ns = at_ns
-                await self._handle(entry, context, receive, protocol.is_async)
-                at_ns = now_ns()
-                if at_ns > yield_at_ns:
-                    await trio.lowlevel.checkpoint()
-                    break
-            else:
-                await trio.lowlevel.checkpoint()
+    # -- handling: in its own task, or in a turn of somebody else's
 
-    async def _handle(
-        self, entry: Entry, context: Context, receive: Callable[[Message], Any], is_async: bool
-    ) -> None:
-        message, reply = entry
-        context.reply = reply
-        tap = self.node.tap
-        if tap is not None:
-            tap.took(self.address, context.received_ns, message, reply is not None)
+    async def _loop(self) -> None:
+        mailbox, turn = self.mailbox, self.node.turn
+        while True:
+            if self.protocol.is_async:
+                await self._work_slowly()
+            else:
+                with turn:
+                    self.work(self.node.clock.now_ns() + LONGEST_NS)
+            try:
+                await mailbox.wait()
+            finally:
+                if self._error is not None:
+                    raise self._error
+
+    def help(self, until_ns: int) -> bool:
+        if not self.mailbox.take_up():
+            return True  # it has been woken, or ends
         try:
-            answer = receive(message)
-            if is_async:
-                answer = await answer
+            return self._work_promptly(until_ns) if self.protocol.is_async else self.work(until_ns)
         except Exception as error:
-            if reply is not None:
-                reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
-            raise
+            self._error = error  # its own task raises it
+            self.wake()
+            return True
+
+    def wake(self) -> None:
+        self.mailbox.wake()
+
+    def work(self, until_ns: int) -> bool:
+        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor raises."""
+        urgent, queue = self.mailbox.urgent, self.mailbox.queue
+        now_ns, tap = self.node.clock.now_ns, self.node.tap
+        context, receive = self.actor.context, self.actor.receive
+        at_ns = now_ns()
+        for _ in range(BURST):
+            if urgent:  # as Mailbox.pop; a call less for each message
+                item: Item | Slot = urgent.popleft()
+            elif queue:
+                item = queue.popleft()
+            else:
+                return True
+            if isinstance(item, Message):
+                message, reply = item, None
+            elif isinstance(item, tuple):
+                message, reply = item
+            else:
+                message, reply = item.take()
+            context.received_ns = at_ns
+            context.reply = reply
+            if tap is not None:
+                tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = receive(message)
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            if tap is not None or reply is not None:
+                self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                break
+        return not self.mailbox
+
+    def _work_promptly(self, until_ns: int) -> bool:
+        """As ``work``, of an asynchronous actor, as long as it is prompt."""
+        mailbox, now_ns, context, actor = self.mailbox, self.node.clock.now_ns, self.actor.context, self.actor
+        tap = self.node.tap
+        at_ns = now_ns()
+        while (entry := mailbox.first()) is not None:
+            message, reply = entry
+            if at_ns > until_ns or not actor.is_prompt(message):
+                return False
+            mailbox.pop()
+            context.received_ns = at_ns
+            context.reply = reply
+            if tap is not None:
+                tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = _at_once(actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+        return True
+
+    async def _work_slowly(self) -> None:
+        pop, now_ns, node, context = self.mailbox.pop, self.node.clock.now_ns, self.node, self.actor.context
+        at_ns = now_ns()
+        until_ns = at_ns + LONGEST_NS
+        for _ in range(BURST):
+            entry = pop()
+            if entry is None:
+                return
+            message, reply = entry
+            context.received_ns = at_ns
+            context.reply = reply
+            if node.tap is not None:
+                node.tap.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = await node.turn.of(self.actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                return
+
+    def _answered(self, reply: ReplyTo | None, answer: Any) -> None:
+        tap = self.node.tap
         if tap is not None:
             if type(answer) is Deferred:
                 tap.deferred(self.address, answer.number)
@@ -209,6 +294,20 @@ class Cell:
                 tap.answered(self.address, answer)
         if reply is not None and type(answer) is not Deferred:
             reply.send(answer)
+
+    def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
+        if reply is not None:
+            reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
+
+
+def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
+    """What it returns. Raise ``RuntimeError`` when it waits all the same."""
+    try:
+        handler.send(None)
+    except StopIteration as done:
+        return done.value
+    handler.close()
+    raise RuntimeError(f"{handler} waits, of a message that it called prompt")
 
 
 def describe(error: BaseException) -> str:

@@ -64,8 +64,7 @@ class VirtualClock:
 class MonotonicClock:
     """CLOCK_MONOTONIC, with timerfd ticks where the system has them."""
 
-    def now_ns(self) -> int:
-        return time.monotonic_ns()
+    now_ns = staticmethod(time.monotonic_ns)
 
     async def sleep_until_ns(self, deadline_ns: int) -> None:
         await trio.sleep(max(0.0, (deadline_ns - time.monotonic_ns()) / NS))

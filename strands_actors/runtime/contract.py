@@ -135,6 +135,12 @@ class Wire(ABC):
         """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise ``WireDown``
         only when the link itself is gone."""
 
+    @property
+    def prompt(self) -> bool:
+        """Whether ``read`` and ``write`` would return now without waiting: the wire takes what has arrived, and
+        sends datagrams. Then no task is woken for them."""
+        return False
+
     @abstractmethod
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing before the bytes

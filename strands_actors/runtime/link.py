@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import os
 import socket
+import struct
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import trio
 
 from .node import Node
 
 BACKLOG_BYTES = 256 * 1024
+_READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
 _HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
+_INT = struct.calcsize("i")
+_ANCILLARY_BYTES = socket.CMSG_LEN(_MAX_DESCRIPTORS * _INT)
 _CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
 
 
@@ -137,28 +141,42 @@ class Link:
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
-                data, received, _, _ = socket.recv_fds(self._socket, 65536, _MAX_DESCRIPTORS, _CLOEXEC)
+                data, ancillary, _, _ = self._socket.recvmsg(_READ_BYTES, _ANCILLARY_BYTES, _CLOEXEC)
             except BlockingIOError:
                 continue
             except ConnectionError:
                 return
-            descriptors.extend(received)
+            if ancillary:
+                descriptors.extend(_descriptors(ancillary))
             if not data:
                 return
             buffer += data
-            start = 0
-            while len(buffer) - start >= _HEADER:
-                size = int.from_bytes(buffer[start : start + 4], "little")
-                if size > _MAX_FRAME:
+            with self._node.turn:
+                if not self._take_frames(buffer, descriptors):
                     return
-                end = start + _HEADER + size
-                if len(buffer) < end:
-                    break
-                count = buffer[start + 4]
-                taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
-                self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
-                start = end
-            del buffer[:start]
+
+    def _take_frames(self, buffer: bytearray, descriptors: deque[int]) -> bool:
+        """All that are whole; False when the other end cannot be what it should be."""
+        start = 0
+        while len(buffer) - start >= _HEADER:
+            size = int.from_bytes(buffer[start : start + 4], "little")
+            if size > _MAX_FRAME:
+                return False
+            end = start + _HEADER + size
+            if len(buffer) < end:
+                break
+            count = buffer[start + 4]
+            taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
+            self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
+            start = end
+        del buffer[:start]
+        return True
+
+
+def _descriptors(ancillary: Sequence[tuple[int, int, bytes]]) -> Iterator[int]:
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+            yield from memoryview(data[: len(data) // _INT * _INT]).cast("i")
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

@@ -9,6 +9,7 @@ and type, whose content is replaced: a slow reader sees the newest setpoint, nev
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -25,92 +26,137 @@ class ReplyTo(Protocol):
 
 
 Entry = tuple[Message, ReplyTo | None]
+Item = Message | Entry
+"""What waits: a message that nobody waits for stands for itself."""
 
 
-class _Slot:
-    __slots__ = ("entry", "key")
+class Slot:
+    """The place of one sender's messages of one type; kept when it is empty, for the next."""
 
-    def __init__(self, key: tuple[str, type], entry: Entry) -> None:
-        self.key = key
-        self.entry = entry
+    __slots__ = ("entry",)
+
+    def __init__(self) -> None:
+        self.entry: Entry | None = None
+
+    def take(self) -> Entry:
+        entry, self.entry = self.entry, None
+        assert entry is not None
+        return entry
+
+
+_SLOTS = 64
+"""Kept ready; senders come and go."""
 
 
 SUPERSEDED = Refused("superseded", "a newer message of the same sender took this one's place")
 
 
 class Mailbox:
-    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a mesh."""
+    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a mesh.
 
-    __slots__ = ("_queue", "_slots", "_urgent", "_waiter", "capacity", "conflated")
+    ``offer``: called when a message comes while the reader waits; True: it will be read without waking the reader,
+    or the reader woken after all."""
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
+    __slots__ = ("_offer", "_offered", "_slots", "_waiter", "capacity", "conflated", "queue", "urgent")
+
+    def __init__(self, capacity: int = CAPACITY, offer: Callable[[], bool] | None = None) -> None:
         self.capacity = capacity
+        self._offer = offer
+        self._offered = False
         self.conflated = 0
-        self._urgent: deque[Entry] = deque()
-        self._queue: deque[Entry | _Slot] = deque()
-        self._slots: dict[tuple[str, type], _Slot] = {}
+        self.urgent: deque[Item] = deque()
+        self.queue: deque[Item | Slot] = deque()
+        self._slots: dict[tuple[str, type], Slot] = {}
         self._waiter: trio.lowlevel.Task | None = None
 
     def __len__(self) -> int:
-        return len(self._urgent) + len(self._queue)
+        return len(self.urgent) + len(self.queue)
 
     @property
     def urgent_waiting(self) -> bool:
         """A long handler looks here between its steps, to let a stop through."""
-        return bool(self._urgent)
+        return bool(self.urgent)
 
     def put(self, message: Message, reply: ReplyTo | None, sender: str) -> bool:
         """Queue a message; False when its lane is full (nothing queued)."""
         lane = message.lane
-        if lane == "urgent":
-            if len(self._urgent) >= self.capacity:
+        if lane == "command":
+            if len(self.queue) >= self.capacity:
                 return False
-            self._urgent.append((message, reply))
+            self.queue.append(message if reply is None else (message, reply))
         elif lane == "latest":
-            key = (sender, type(message))
-            slot = self._slots.get(key)
-            if slot is not None:
-                superseded = slot.entry[1]
-                slot.entry = (message, reply)
+            slot = self._slots.get((sender, type(message))) or self._new_slot((sender, type(message)))
+            before = slot.entry
+            if before is None and len(self.queue) >= self.capacity:
+                return False
+            slot.entry = (message, reply)
+            if before is not None:
                 self.conflated += 1
-                if superseded is not None:
-                    superseded.send(SUPERSEDED)
+                if before[1] is not None:
+                    before[1].send(SUPERSEDED)
                 return True
-            if len(self._queue) >= self.capacity:
-                return False
-            slot = self._slots[key] = _Slot(key, (message, reply))
-            self._queue.append(slot)
+            self.queue.append(slot)
         else:
-            if len(self._queue) >= self.capacity:
+            if len(self.urgent) >= self.capacity:
                 return False
-            self._queue.append((message, reply))
+            self.urgent.append(message if reply is None else (message, reply))
+        if self._waiter is not None and not self._offered:
+            if self._offer is not None and self._offer():
+                self._offered = True
+            else:
+                self.wake()
+        return True
+
+    def _new_slot(self, key: tuple[str, type]) -> Slot:
+        if len(self._slots) >= _SLOTS:
+            self._slots = {key: slot for key, slot in self._slots.items() if slot.entry is not None}
+        slot = self._slots[key] = Slot()
+        return slot
+
+    def take_up(self) -> bool:
+        """What was offered is taken up now. Whether the reader waits, so that somebody may read in its place."""
+        self._offered = False
+        return self._waiter is not None
+
+    def wake(self) -> None:
+        """Let the reader run, whatever there is to read."""
+        self._offered = False
         waiter = self._waiter
         if waiter is not None:
             self._waiter = None
             trio.lowlevel.reschedule(waiter)
-        return True
+
+    def first(self) -> Entry | None:
+        """What ``pop`` would return; it stays."""
+        if self.urgent:
+            return _entry(self.urgent[0])
+        if not self.queue:
+            return None
+        item = self.queue[0]
+        return item.entry if isinstance(item, Slot) else _entry(item)
 
     def pop(self) -> Entry | None:
         """The next message by lane, or None."""
-        if self._urgent:
-            return self._urgent.popleft()
-        if not self._queue:
+        if self.urgent:
+            return _entry(self.urgent.popleft())
+        if not self.queue:
             return None
-        item = self._queue.popleft()
-        if type(item) is _Slot:
-            del self._slots[item.key]
-            return item.entry
-        return item  # type: ignore[return-value]  # the union's other arm
+        item = self.queue.popleft()
+        return item.take() if isinstance(item, Slot) else _entry(item)
 
     async def wait(self) -> None:
-        """Return when a message is there. One reader only."""
-        if self._urgent or self._queue:
+        """Return when a message is there, or after ``wake``. One reader only."""
+        if self.urgent or self.queue:
             await trio.lowlevel.checkpoint()
             return
 
-        def abort(_: object) -> trio.lowlevel.Abort:
-            self._waiter = None
-            return trio.lowlevel.Abort.SUCCEEDED
-
         self._waiter = trio.lowlevel.current_task()
-        await trio.lowlevel.wait_task_rescheduled(abort)
+        await trio.lowlevel.wait_task_rescheduled(self._abort)
+
+    def _abort(self, _: object) -> trio.lowlevel.Abort:
+        self._waiter = None
+        return trio.lowlevel.Abort.SUCCEEDED
+
+
+def _entry(item: Item) -> Entry:
+    return item if isinstance(item, tuple) else (item, None)

@@ -37,8 +37,11 @@ from .frames import (
 from .mailbox import ReplyTo
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
 from .tap import Tap
+from .turn import Turn
 
 PREFIX = "strands"
+PROMPT = 32
+"""Answers that were there at once before an asker lets other tasks run all the same."""
 
 
 class AskTimeout(Exception):
@@ -119,6 +122,7 @@ class _Deadlines:
 
     def __init__(self) -> None:
         self._queues: dict[float, deque[Answer]] = {}
+        self._next_at = float("inf")
         self._wake = trio.Event()
 
     def add(self, answer: Answer, duration_s: float) -> None:
@@ -127,7 +131,7 @@ class _Deadlines:
             queue.popleft()
         answer.expires_at = trio.current_time() + duration_s
         queue.append(answer)
-        if len(queue) == 1:
+        if answer.expires_at < self._next_at:  # else the sweeper looks early enough
             self._wake.set()
 
     async def run(self) -> None:
@@ -143,6 +147,7 @@ class _Deadlines:
                 else:
                     del self._queues[duration_s]
             self._wake = trio.Event()
+            self._next_at = next_at
             with trio.move_on_at(next_at):
                 await self._wake.wait()
 
@@ -178,7 +183,8 @@ class Ref:
             tap.sent(self._sender, self.address, message)
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            self._node.put_local(cell, message, None, self._sender)
+            if type(message) not in cell.plain or not cell.mailbox.put(message, None, self._sender):
+                self._node.put_local(cell, message, None, self._sender)
         elif not self._node.send_frame(self.address, TELL, 0, self._sender, message):
             self._node.dead(self.address, message, "nobody hosts it")
 
@@ -188,9 +194,13 @@ class Ref:
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
         cell = self._node.cells.get(self.address)
         if cell is not None:
-            node.put_local(cell, message, answer, self._sender)
+            with node.turn:
+                if type(message) not in cell.plain or not cell.mailbox.put(message, answer, self._sender):
+                    node.put_local(cell, message, answer, self._sender)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
+            elif next(node.prompt) % PROMPT == 0:
+                await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
         node.pending[cid] = answer
@@ -212,6 +222,7 @@ class Node:
         self.address = f"{PREFIX}/node/{name}"
         self.clock = clock
         self.mesh = mesh
+        self.turn = Turn(clock)
         self.cells: dict[str, Cell] = {}
         self.pending: dict[int, Answer] = {}
         self.deadlines = _Deadlines()
@@ -224,6 +235,7 @@ class Node:
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
         self._cids = itertools.count(1)
+        self.prompt = itertools.count(1)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Serve deadlines; runs as long as the node."""
@@ -334,7 +346,7 @@ class Node:
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        return way.send(to, data, descriptors, kind != TELL)
+        return way.send(to, data, descriptors, kind != TELL or (body is not None and body.lane == "urgent"))
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""

@@ -5,7 +5,12 @@ Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence 
 
 from __future__ import annotations
 
+import os
+
 import msgspec
+
+CAN_TELL = os.path.exists("/proc/self/stat")
+"""Whether this system tells of other processes."""
 
 
 class Standing(msgspec.Struct, frozen=True, gc=False):
@@ -14,6 +19,16 @@ class Standing(msgspec.Struct, frozen=True, gc=False):
     computed_ns: int
     waited_ns: int  # ready to run, and no processor free; counted when the wait is over
     ready: bool  # it runs, or would if there were a processor
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether the system has stopped a process, by a signal or for a debugger. False where it does not tell, or the
+    process is gone. Source: proc(5)."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as stat:
+            return stat.read().rpartition(b")")[2].split(None, 1)[0] in (b"T", b"t")
+    except OSError:
+        return False
 
 
 def standing(pid: int, thread: int | None = None) -> Standing | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from strands_actors.runtime.contract import Driver, Reason
 from strands_actors.supervisors.messages import LEASE_TTL_S
+from strands_actors.supervisors.stoppage import noticed_s
 from strands_actors.supervisors.transport import BACKOFF_S
 
 
@@ -143,7 +144,10 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
     beat_ttl_s = timing.beat_ttl_s
     caller_s = timing.oneshot_ttl_s or LEASE_TTL_S  # what it latched stands as long as its lease
     lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
-    return lapses_s[victim] + driver.bound_s
+    lapse_s = lapses_s[victim]
+    if fault == Faults.FREEZE and victim in (Victims.CALLER, Victims.POLICY):
+        lapse_s = min(lapse_s, noticed_s(timing))
+    return lapse_s + driver.bound_s
 
 
 def expected_rung(driver: Driver, victim: str, fault: str) -> str:

@@ -53,9 +53,9 @@ class InlineTree:
         with trio.fail_after(within_s):
             while True:
                 if self.gate.address in self.node.cells:
-                    status = await self.status()
-                    if status.mode == mode:
-                        return status
+                    answer = await self.gate.ask(GetStatus(), 1.0)  # or it has just ended
+                    if isinstance(answer, Status) and answer.mode == mode:
+                        return answer
                 await trio.sleep(0.002)
 
 

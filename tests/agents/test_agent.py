@@ -18,8 +18,9 @@ from strands_actors.robot import RealRobot
 from strands_actors.runtime.guard import ALLOW
 from strands_actors.testing import Twin
 
+from ..answers import json_of, state, status, task, until, why
 from ..robot.conftest import NewArm
-from ..robot.helpers import at, goals, json_of, limps, state, status, task, torque_now, until, why
+from ..robot.helpers import at, goals, limps, torque_now
 from .scripted import Scripted, Turn
 
 

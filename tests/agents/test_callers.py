@@ -17,8 +17,9 @@ from strands_actors.portal import portal
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
+from ..answers import json_of, state, status, task_ended, until, why
 from ..robot.conftest import NewArm
-from ..robot.helpers import at, json_of, limps, state, status, task_ended, until, why
+from ..robot.helpers import at, limps
 
 CLEANED_UP = "this robot was cleaned up. make a new one"
 

@@ -27,7 +27,8 @@ from strands_actors.robot import RealRobot
 from strands_actors.runtime.contract import Driver
 from strands_actors.testing import Twin
 
-from ..robot.helpers import IDS, holds, json_of, task_ended, until, why
+from ..answers import json_of, task_ended, until, why
+from ..robot.helpers import IDS, holds
 
 AXES = list(IDS)
 UNIT = "degrees (gripper: percent open)"

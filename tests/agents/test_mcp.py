@@ -17,8 +17,9 @@ from mcp.client.stdio import stdio_client
 
 from strands_actors.testing import Twin
 
+from ..answers import json_of, until, why
 from ..cli.command import MAIN, ROOT
-from ..robot.helpers import goals, json_of, limps, torque_now, until, why
+from ..robot.helpers import goals, limps, torque_now
 
 
 @contextlib.asynccontextmanager

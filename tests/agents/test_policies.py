@@ -25,7 +25,8 @@ from strands_actors.robot import RealRobot
 from strands_actors.supervisors.policy import as_infer, prepare
 from strands_actors.testing import Twin
 
-from ..robot.helpers import holds, json_of, task_ended, until, why
+from ..answers import json_of, task_ended, until, why
+from ..robot.helpers import holds
 
 AXES = ["a", "b"]
 

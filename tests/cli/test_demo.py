@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import signal
-import struct
-import threading
-from fcntl import ioctl
 from pathlib import Path
-from termios import TIOCSWINSZ
 
 from .command import PATIENCE_S, Command, wait_until
+from .terminal import ALT_SCREEN_OFF, Terminal
 
-ALT_SCREEN_OFF = b"\x1b[?1049l"
 CURSOR_ON = b"\x1b[?25h"
 
 
@@ -52,31 +46,11 @@ def test_without_faults_it_reports_the_pace(cli: Command, tmp_path: Path) -> Non
 
 
 def test_ctrl_c_leaves_a_sane_terminal_and_no_process(cli: Command, tmp_path: Path) -> None:
-    screen, terminal = pty.openpty()
-    ioctl(terminal, TIOCSWINSZ, struct.pack("HHHH", 45, 120, 0, 0))
-    cli.environment["TERM"] = "xterm-256color"
-    streams = {"stdin": terminal, "stdout": terminal, "stderr": terminal}
-    demo = cli.start("demo", cwd=tmp_path, start_new_session=True, **streams)
-    os.close(terminal)
-    shown = bytearray()
-
-    def read() -> None:
-        try:
-            while data := os.read(screen, 65536):
-                shown.extend(data)
-        except OSError:  # the last one has closed its end
-            pass
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    try:
-        wait_until(lambda: b"sine policy runs" in shown, "the arm moves")
-        demo.send_signal(signal.SIGINT)
-        assert demo.wait(PATIENCE_S) == 130
-    finally:
-        demo.kill()
-        reader.join(PATIENCE_S)
-        os.close(screen)
+    with Terminal(cli, "demo", cwd=tmp_path) as terminal:
+        wait_until(lambda: b"sine policy runs" in terminal.shown, "the arm moves")
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.process.wait(PATIENCE_S) == 130
+    shown = terminal.shown
     assert ALT_SCREEN_OFF in shown
     assert CURSOR_ON in shown[shown.index(ALT_SCREEN_OFF) - 20 :]
     assert b"Traceback" not in shown

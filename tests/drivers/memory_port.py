@@ -1,15 +1,16 @@
-"""A serial port in memory: what is on the other end answers in virtual time."""
+"""For wires in virtual time: a port in memory, with who is on the other end of it, and a permit to write."""
 
 from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 
 import trio
+from trio.testing import MockClock
 
 from strands_actors.drivers.common.twin import Robot
-from strands_actors.runtime.contract import WireDown
+from strands_actors.runtime.contract import PermitDenied, WireDown
 
 Peer = Callable[[bytes], Iterable[tuple[float, bytes]]]
 """Bytes of the master in, (delay in seconds, bytes) out."""
@@ -72,3 +73,24 @@ def servos(bus: Robot, bits_per_s: int = 1_000_000) -> Peer:
                 yield at + took + reply.late_s, reply.data
 
     return peer
+
+
+class Permission:
+    """Denies from check number ``denied_at`` on, and notes how much had been written at each check."""
+
+    def __init__(self, port: MemoryPort | None = None, denied_at: int | None = None) -> None:
+        self.checks = 0
+        self.written_before: list[int] = []
+        self._port = port
+        self._denied_at = denied_at
+
+    def check(self) -> None:
+        if self._port is not None:
+            self.written_before.append(len(self._port.written))
+        if self.checks == self._denied_at:
+            raise PermitDenied
+        self.checks += 1
+
+
+def virtual(test: Callable[[], Awaitable[None]]) -> None:
+    trio.run(test, clock=MockClock(autojump_threshold=0))

@@ -6,9 +6,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 
@@ -16,11 +16,9 @@ from strands_actors import Robot
 from strands_actors.drivers.dynamixel import protocol as p
 from strands_actors.drivers.dynamixel import table as t
 from strands_actors.testing.twin import Twin
-
-T = TypeVar("T")
+from tests.answers import PATIENCE_S, json_of, status, until
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-PATIENCE_S = 20.0
 
 
 @pytest.fixture
@@ -38,24 +36,6 @@ def arm(twin: Twin) -> Iterator[Any]:
         yield robot
     finally:
         robot.cleanup()
-
-
-def until(look: Callable[[], T | None], what: str) -> T:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not (seen := look()):
-        assert time.monotonic() < deadline_s, f"not within {PATIENCE_S:g} s: {what}"
-        time.sleep(0.01)
-    return seen
-
-
-def json_of(answer: Any) -> dict[str, Any]:
-    assert answer["status"] == "success", answer
-    json: dict[str, Any] = answer["content"][0]["json"]
-    return json
-
-
-def status(arm: Any) -> dict[str, Any]:
-    return json_of(arm.get_status())
 
 
 def settled(arm: Any, state: str) -> None:

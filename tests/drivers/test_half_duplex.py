@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 import trio
-from memory_port import MemoryPort
-from trio.testing import MockClock
+from memory_port import MemoryPort, virtual
 
 from strands_actors.drivers.common.half_duplex import (
     BACKOFF_S,
@@ -22,10 +21,6 @@ from strands_actors.runtime.clock import NS, VirtualClock
 from strands_actors.runtime.contract import WireDown
 
 Bus = HalfDuplexBus[protocol.Packet]
-
-
-def virtual(test: Callable[[], Awaitable[None]]) -> None:
-    trio.run(test, clock=MockClock(autojump_threshold=0))
 
 
 def status(motor: int, *params: int) -> bytes:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 import trio
 from hypothesis import given
 from hypothesis import strategies as st
-from memory_port import MemoryPort
+from memory_port import MemoryPort, virtual
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.register_message import (
@@ -17,17 +17,12 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersRequest,
     WriteMultipleRegistersResponse,
 )
-from trio.testing import MockClock
 
 from strands_actors.drivers.common.modbus import SILENT_S, Decoder, Garbled, ModbusClient, encode, exception_words
 from strands_actors.runtime.clock import VirtualClock
 from strands_actors.runtime.contract import WireDown
 
 UNIT = 9
-
-
-def virtual(test: Callable[[], Awaitable[None]]) -> None:
-    trio.run(test, clock=MockClock(autojump_threshold=0))
 
 
 # -- the codec

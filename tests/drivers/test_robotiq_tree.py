@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from strands_actors.robot import RealRobot
 from strands_actors.runtime.contract import Reason
 from strands_actors.supervisors.messages import StopReport
 from strands_actors.testing import WireLog
+from tests.answers import json_of, why
 
 STATUS_WITHIN_S = 0.5
 STOP_WITHIN_S = 3.0
@@ -48,18 +49,6 @@ def gripper(twin: TwinProcess) -> Iterator[RealRobot]:
 def armed(gripper: RealRobot) -> RealRobot:
     assert gripper.connect_eagerly() is None
     return gripper
-
-
-def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
-    assert answer["status"] == "success", answer
-    json: dict[str, Any] = answer["content"][0]["json"]
-    return json
-
-
-def why(answer: Mapping[str, Any]) -> str:
-    assert answer["status"] == "error", answer
-    text: str = answer["content"][0]["text"]
-    return text
 
 
 def status(robot: RealRobot) -> dict[str, Any]:
@@ -221,7 +210,7 @@ def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
     twin.command("power-cycle")
     until_state(armed, "disarmed")
     assert WireLog(twin.log_path).host("enable", since_ns) == []
-    assert status(armed)["sensors"]["activation"] == [0.0]
+    wait_until(lambda: status(armed)["sensors"]["activation"] == [0.0], "it is read again")
     works_again(armed, twin, since_ns)
 
 

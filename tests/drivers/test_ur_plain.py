@@ -7,13 +7,13 @@ from collections.abc import Iterator
 
 import pytest
 import trio
-from ur_arm import until
 
 from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.runtime.contract import WireDown
 from strands_actors.testing import Twin
+from tests.answers import until
 
 
 @pytest.fixture(scope="module")

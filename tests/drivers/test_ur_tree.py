@@ -11,12 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from ur_arm import ELBOW, PAN, arm_on, json_of, nudge, pid, state, status, until, wave, why
+from ur_arm import ELBOW, PAN, arm_on, nudge, pid, wave
 
 from strands_actors import Robot
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ur_arm import PATIENCE_S, until
 
 from strands_actors.testing import Twin
+from tests.answers import PATIENCE_S, until
 
 PRELUDE = """
 import json, os, sys, time

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from strands_actors import Robot
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
-
-T = TypeVar("T")
-
-PATIENCE_S = 20.0
-"""For a busy machine; nothing here takes a second on a free one."""
 
 PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
 STEP_RAD = 0.01
@@ -36,35 +30,6 @@ def arm_on(twin: Twin, robot: str = "ur5e") -> Iterator[RealRobot]:
         yield arm
     finally:
         arm.cleanup()
-
-
-def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
-    deadline_s = time.monotonic() + within_s
-    while not (seen := look()):
-        assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
-        time.sleep(0.005)
-    return seen
-
-
-def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
-    assert answer["status"] == "success", answer
-    json: dict[str, Any] = answer["content"][0]["json"]
-    return json
-
-
-def why(answer: Mapping[str, Any]) -> str:
-    assert answer["status"] == "error", answer
-    text: str = answer["content"][0]["text"]
-    return text
-
-
-def status(arm: Any) -> dict[str, Any]:
-    return json_of(arm.get_status())
-
-
-def state(arm: Any) -> str | None:
-    """None while the wire does not answer."""
-    return status(arm).get("state")
 
 
 def pid(arm: RealRobot, role: str) -> int:

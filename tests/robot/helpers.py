@@ -1,16 +1,14 @@
-"""What the tests of a robot read: envelopes, and the twin's wire log."""
+"""What the tests of an SO-101 read: the twin's wire log."""
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Entry, WireLog
 
-T = TypeVar("T")
+from ..answers import json_of, until
 
 IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, "wrist_roll": 5, "gripper": 6}
 COUNTS_PER_DEGREE = 4095 / 360
@@ -18,50 +16,6 @@ COUNTS_PER_DEGREE = 4095 / 360
 FEEDBACK = (11, 27)
 """Sizes of the blocks that are read in turn, both with the position in them."""
 FEEDBACK_END = p.MOVING.address + 1
-
-PATIENCE_S = 10.0
-"""Of a test that waits for something that takes far less on a free machine."""
-
-
-def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
-    """Look until there is something to see."""
-    deadline_s = time.monotonic() + within_s
-    while not (seen := look()):
-        assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
-        time.sleep(0.005)
-    return seen
-
-
-def json_of(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """The json of a success envelope."""
-    assert answer["status"] == "success", answer
-    (block,) = answer["content"]
-    json: dict[str, Any] = block["json"]
-    return json
-
-
-def why(answer: Mapping[str, Any]) -> str:
-    """The text of an error envelope."""
-    assert answer["status"] == "error", answer
-    text: str = answer["content"][0]["text"]
-    return text
-
-
-def status(arm: Any) -> dict[str, Any]:
-    return json_of(arm.get_status())
-
-
-def state(arm: Any) -> str | None:
-    """None while the wire does not answer."""
-    return status(arm).get("state")
-
-
-def task(arm: Any) -> dict[str, Any]:
-    return json_of(arm.get_task_status())
-
-
-def task_ended(arm: Any) -> dict[str, Any]:
-    return until(lambda: None if (now := task(arm))["running"] else now, "the task ends")
 
 
 def far(arm: Any, joint: str = "shoulder_pan") -> float:

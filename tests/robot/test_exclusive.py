@@ -14,8 +14,9 @@ from strands_actors.robot import RealRobot
 from strands_actors.rundir import notes
 from strands_actors.testing import Twin
 
+from ..answers import json_of, status
 from .conftest import NewArm
-from .helpers import at, json_of, status
+from .helpers import at
 
 SCRIPT = """
 import json, sys

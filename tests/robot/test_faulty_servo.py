@@ -9,7 +9,8 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import IDS, at, goals, json_of, limps, replies, state, status, torque_now, until, why
+from ..answers import json_of, state, status, until, why
+from .helpers import IDS, at, goals, limps, replies, torque_now
 
 FAULTS = ("off", "delayed", "garbage")
 THIRD = "elbow_flex (id 3)"

@@ -10,7 +10,8 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import IDS, goals, holds, json_of, limps, moves, state, status, until, why
+from ..answers import json_of, state, status, until, why
+from .helpers import IDS, goals, holds, limps, moves
 
 STATUS_S = 0.2
 STOP_S = 3.0

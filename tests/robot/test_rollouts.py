@@ -12,21 +12,8 @@ import pytest
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
-from .helpers import (
-    COUNTS_PER_DEGREE,
-    IDS,
-    at,
-    goals,
-    holds,
-    json_of,
-    limps,
-    state,
-    status,
-    task,
-    task_ended,
-    until,
-    why,
-)
+from ..answers import json_of, state, status, task, task_ended, until, why
+from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, limps
 
 Observed = Mapping[str, float]
 Action = dict[str, float]

@@ -22,7 +22,8 @@ from strands_actors.simulation import SimulationError
 from strands_actors.testing import WireLog
 from strands_actors.tree import RobotTree
 
-from .helpers import at, json_of, state, status, task_ended, until, why
+from ..answers import json_of, state, status, task_ended, until, why
+from .helpers import at
 
 ROOT = Path(__file__).parents[2]
 

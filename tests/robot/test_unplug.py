@@ -14,21 +14,9 @@ from strands_actors.drivers.feetech import protocol as p
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
+from ..answers import json_of, state, status, task_ended, until, why
 from .conftest import NewArm
-from .helpers import (
-    IDS,
-    goals,
-    holds,
-    json_of,
-    limps,
-    measured_before,
-    register_now,
-    state,
-    status,
-    task_ended,
-    until,
-    why,
-)
+from .helpers import IDS, goals, holds, limps, measured_before, register_now
 
 TWO_PERIODS_S = 0.5
 """Two periods of the wire are 0.07 s; the rest is for a busy machine."""

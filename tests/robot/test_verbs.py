@@ -22,6 +22,7 @@ from strands_actors.drivers.feetech import protocol as p
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
+from ..answers import json_of, state, status, task, until, why
 from .conftest import NewArm
 from .helpers import (
     COUNTS_PER_DEGREE,
@@ -29,17 +30,11 @@ from .helpers import (
     at,
     goals,
     holds,
-    json_of,
     limps,
     measured_before,
     moves,
     register_now,
-    state,
-    status,
-    task,
     torque_now,
-    until,
-    why,
 )
 
 COMMANDED_10 = {

@@ -5,14 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import pty
 import signal
-import struct
-import termios
-import threading
 import time
 from collections.abc import Awaitable, Callable
-from fcntl import ioctl
 from typing import Any
 
 import pytest
@@ -21,10 +16,10 @@ from textual.pilot import Pilot
 from strands_actors.cli.top.app import Confirm, Top
 from strands_actors.cli.top.rows import COLUMNS, columns_for
 from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code, wait_until
+from tests.cli.terminal import ALT_SCREEN_OFF, Terminal
 
 MOVE = {"shoulder_pan": 3.0}
 SIZE = (120, 36)
-ALT_SCREEN_OFF = b"\x1b[?1049l"
 CTRL_C = b"\x03"
 
 Script = Callable[[Top, Pilot[None]], Awaitable[None]]
@@ -147,39 +142,18 @@ def test_keys_act_on_the_selected_robot_only(
 def test_in_a_terminal_it_stops_a_robot_and_leaves_the_terminal_as_it_was(
     cli: Command, robot: RobotProcess, how: signal.Signals | str, code: int
 ) -> None:
-    screen, terminal = pty.openpty()
-    ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 36, 120, 0, 0))
-    before = termios.tcgetattr(terminal)
-    cli.environment["TERM"] = "xterm-256color"
-    streams = {"stdin": terminal, "stdout": terminal, "stderr": terminal}
-    top = cli.start("top", start_new_session=True, **streams)
-    shown = bytearray()
-
-    def read() -> None:
-        try:
-            while data := os.read(screen, 65536):
-                shown.extend(data)
-        except OSError:  # the last one has closed its end
-            pass
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    try:
+    with Terminal(cli, "top", rows=36) as terminal:
+        shown = terminal.shown
         wait_until(lambda: b"so101" in shown and b"armed" in shown, "the robot is shown")
-        os.write(screen, b"s")
+        terminal.press(b"s")
         wait_until(lambda: b"motors confirmed" in shown, "the stop is reported")
         assert refusal_code(robot.call("send_action", MOVE)) == "disarmed"
         if isinstance(how, str):
-            os.write(screen, CTRL_C)
+            terminal.press(CTRL_C)
         else:
-            top.send_signal(how)
-        assert top.wait(PATIENCE_S) == code
-        assert termios.tcgetattr(terminal) == before
-    finally:
-        top.kill()
-        os.close(terminal)
-        reader.join(PATIENCE_S)
-        os.close(screen)
+            terminal.process.send_signal(how)
+        assert terminal.process.wait(PATIENCE_S) == code
+        assert terminal.settings() == terminal.settings_before
     assert ALT_SCREEN_OFF in shown
     assert b"Traceback" not in shown
 

@@ -180,10 +180,13 @@ def freeze(tree: InlineTree, actor: str) -> None:
     """From its next message on, the actor never answers again."""
     cell = tree.node.cells[tree.gate.address.replace("gate", actor)]
 
-    async def stuck(*_: object) -> None:
-        await trio.sleep_forever()
+    def deaf(_: int) -> bool:
+        while cell.mailbox.pop() is not None:
+            pass
+        return True
 
-    cell._handle = stuck  # type: ignore[method-assign,assignment]
+    cell.work = deaf  # type: ignore[method-assign]
+    cell._work_slowly = trio.sleep_forever  # type: ignore[method-assign]
 
 
 def test_saf_004_frozen_gate_stops_the_keepalive_and_is_fenced() -> None:

@@ -32,6 +32,11 @@ PORTS_ASKED = 10
 DEPTH = 16
 """Samples a reliable writer keeps for those who ask again."""
 
+SLOW_NS = 10_000_000
+"""How often ``poll`` looks at more than user data."""
+
+_USER = 1
+"""Of the sockets, the one where user data arrives."""
 _DATAGRAM = 65536
 _ROUND = 256
 """Datagrams taken from one socket before others get their turn."""
@@ -65,6 +70,7 @@ class Participant:
         self._buffer = bytearray(_DATAGRAM)
         self._view = memoryview(self._buffer).toreadonly()
         self._changed = trio.lowlevel.ParkingLot()
+        self._slow_ns = 0
         self._sockets = open_sockets(domain, address, multicast)
         self._out = self._sockets[0]
         here = [sock.getsockname() for sock in self._sockets[:2]]
@@ -133,7 +139,15 @@ class Participant:
             task_status.started()
 
     def poll(self) -> None:
-        """Take what has arrived, do what is due, wait for nothing."""
+        """Take what has arrived, do what is due, wait for nothing. Between two looks at everything it takes user
+        data alone."""
+        if not self._sockets:
+            return
+        now_ns = self._clock.now_ns()
+        if now_ns < self._slow_ns:
+            self._drain(self._sockets[_USER])
+            return
+        self._slow_ns = now_ns + SLOW_NS
         for sock in self._sockets:
             self._drain(sock)
         if self._sockets:

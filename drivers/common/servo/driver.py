@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -14,7 +13,6 @@ from strands_actors.runtime.contract import (
     HOLDING_REASONS,
     Candidate,
     Driver,
-    GateCheck,
     GateState,
     Reason,
     Timing,
@@ -22,7 +20,8 @@ from strands_actors.runtime.contract import (
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 
-from .axes import COUNTS_PER_RADIAN, MIDDLE, Axis, axes_of
+from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
+from .gates import all_gates
 
 NO_CALIBRATION = "none: full servo travel"
 
@@ -48,6 +47,10 @@ class ServoDriver(Driver):
     """Whether the host applies drive mode 1 of a calibration (lerobot's rule for this servo)."""
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Folder names of lerobot beside the robot's own name and aliases."""
+    FAULT_CODES: ClassVar[Mapping[str, str]]
+    """What a motor reports -> the code of the refusal."""
+    REMEDIES: ClassVar[Mapping[str, str]]
+    """By such a code."""
 
     unit = "degrees (gripper: percent open)"
     timing = Timing(
@@ -87,7 +90,7 @@ class ServoDriver(Driver):
         self.joints = axes_of(joints, self.calibration, self.HOST_INVERTS)
         self.axes = tuple(axis.key for axis in self.joints)
         self.ids = tuple(axis.id for axis in self.joints)
-        self.gates = self.all_gates(self.joints)
+        self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
         self._index = {key: at for at, key in enumerate(self.axes)}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
@@ -95,10 +98,6 @@ class ServoDriver(Driver):
 
     def travel(self) -> dict[str, tuple[float, float]]:
         return {axis.key: axis.limits for axis in self.joints} if self.calibration else {}
-
-    @abstractmethod
-    def all_gates(self, joints: tuple[Axis, ...]) -> tuple[GateCheck, ...]:
-        """In the order in which they are asked: the first that refuses answers."""
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.joints, self._index, state)

@@ -6,9 +6,9 @@ it has a handler per port instead, ``main`` calls ``run_server`` with a ``TcpSer
 
 from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
-from .process import run, run_server
+from .process import Start, known_options, run, run_server
 from .server import Controls, Exchange, Robot, Server, Session
-from .tcp import ClientGone, Connection, Handler, TcpServer, answering
+from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
 from .wirelog import WireLog
 
 __all__ = [
@@ -25,9 +25,12 @@ __all__ = [
     "Robot",
     "Server",
     "Session",
+    "Start",
     "TcpServer",
     "WireLog",
     "answering",
+    "known_options",
+    "own_host",
     "parse_fault",
     "run",
     "run_server",

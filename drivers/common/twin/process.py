@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import stat
 import sys
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import trio
 
@@ -50,32 +51,50 @@ class Orderly(Protocol):
         ...
 
 
-def run(
-    robot: Robot,
-    line: Line,
-    *,
-    port_file: str | None = None,
-    log: str | None = None,
-    fault: str | None = None,
-    parent_fd: int | None = None,
-    door: str | None = None,
-    wire_time: bool = True,
-) -> None:
+class Start(TypedDict, total=False):
+    """What the ``main`` of every twin is told."""
+
+    port_file: str | None
+    """Holds the wire's address as long as it is served."""
+    log: str | None
+    """Path of the wire log."""
+    fault: str | None
+    """``WORD[:unit]``, from the beginning."""
+    parent_fd: int | None
+    """At its end the twin's parent is gone."""
+    door: str | None
+    """Where the robot's body is served as a simulation, too (see ``common.door``)."""
+
+
+def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
+    """A copy of what a twin's ``main`` was given. Raise ``ValueError`` for one it does not have."""
+    given = dict(options or {})
+    if unknown := given.keys() - known.keys():
+        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(known)}")
+    return given
+
+
+def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
     """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1 takes the
     robot's power away and gives it back.
 
-    ``port_file`` holds the line's address as long as it is served. When stdin is a pipe it takes lines:
-    ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. ``door``: where the robot's
-    body is served as a simulation, too (see ``common.door``).
+    When stdin is a pipe it takes lines: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``,
+    ``freeze SECONDS``.
     """
 
     def build(wire_log: WireLog) -> Server:
         return Server(robot, line, wire_log, wire_time=wire_time)
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)
+    run_server(build, **start)
 
 
-def run_server(
+def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
+    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``door`` on a robot that
+    shows no body."""
+    trio.run(functools.partial(_main, build, **start))
+
+
+async def _main(
     build: Callable[[WireLog], Served],
     *,
     port_file: str | None = None,
@@ -84,33 +103,20 @@ def run_server(
     parent_fd: int | None = None,
     door: str | None = None,
 ) -> None:
-    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``door`` on a robot that
-    shows no body."""
-    trio.run(_main, build, port_file, log, fault, parent_fd, door)
-
-
-async def _main(
-    build: Callable[[WireLog], Served],
-    port_file: str | None,
-    log_path: str | None,
-    fault: str | None,
-    parent_fd: int | None,
-    door_path: str | None,
-) -> None:
-    log = WireLog(log_path)
-    server = build(log)
-    door: Door | None = None
+    wire_log = WireLog(log)
+    server = build(wire_log)
+    opened: Door | None = None
     try:
-        if door_path is not None:
-            door = _open_door(door_path, server, log)
+        if door is not None:
+            opened = _open_door(door, server, wire_log)
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:
             async with trio.open_nursery() as nursery:
                 server.plug()
                 nursery.start_soon(server.serve)
-                if door is not None:
-                    nursery.start_soon(door.serve)
+                if opened is not None:
+                    nursery.start_soon(opened.serve)
                 if parent_fd is not None:
                     nursery.start_soon(_outlive_parent, parent_fd, nursery.cancel_scope)
                 if _is_pipe(_STDIN):
@@ -123,10 +129,10 @@ async def _main(
                     else:
                         server.power_cycle()
     finally:
-        if door is not None:
-            door.close()
+        if opened is not None:
+            opened.close()
         server.close()
-        log.close()
+        wire_log.close()
         if port_file:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(port_file)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.drivers.common.half_duplex import Decoder, PacketT
 from strands_actors.drivers.common.physics import Plant
@@ -13,7 +13,7 @@ from strands_actors.drivers.common.plant_body import PlantBody
 
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
-from .process import run
+from .process import Start, known_options, run
 from .server import Exchange, Robot
 
 TORN_FRAME_S = 0.01
@@ -183,27 +183,7 @@ OPTIONS = {
 }
 
 
-def serve(
-    robot: Robot,
-    *,
-    port_file: str | None = None,
-    log: str | None = None,
-    fault: str | None = None,
-    parent_fd: int | None = None,
-    door: str | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> None:
+def serve(robot: Robot, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot on a serial port until interrupted (see ``run``)."""
-    options = dict(options or {})
-    if unknown := options.keys() - OPTIONS.keys():
-        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
-    run(
-        robot,
-        PtyLine(options.get("link")),
-        port_file=port_file,
-        log=log,
-        fault=fault,
-        parent_fd=parent_fd,
-        door=door,
-        wire_time=bool(options.get("wire_time", True)),
-    )
+    given = known_options(options, OPTIONS)
+    run(robot, PtyLine(given.get("link")), wire_time=bool(given.get("wire_time", True)), **start)

@@ -198,7 +198,7 @@ class TcpServer:
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
     """All ports on one host. An address of our own may be somebody's already: then another is tried."""
     for attempt in range(ATTEMPTS):
-        chosen = host or _own_host()
+        chosen = host or own_host()
         listeners: list[socket.socket] = []
         try:
             for port in ports:
@@ -212,8 +212,8 @@ def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
     raise AssertionError("not reached")
 
 
-def _own_host() -> str:
-    """Any address 127.x.y.z is this machine's on Linux; elsewhere there is one."""
+def own_host() -> str:
+    """An address for one twin alone. Any address 127.x.y.z is this machine's on Linux; elsewhere there is one."""
     if not sys.platform.startswith("linux"):
         return "127.0.0.1"
     chance = random.Random(os.getpid() ^ time.monotonic_ns())

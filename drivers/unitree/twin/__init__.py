@@ -10,17 +10,24 @@ Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (
 
 from __future__ import annotations
 
-import os
-import random
-import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import aclosing
-from typing import Any
+from typing import Any, Unpack
 
 from strands_actors.drivers.common.rtps import Participant, Writer
-from strands_actors.drivers.common.twin import Fault, Faults, Reply, WireLog, parse_fault, run_server
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    WireLog,
+    known_options,
+    own_host,
+    parse_fault,
+    run_server,
+)
 from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.runtime.clock import NS, MonotonicClock
 from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
@@ -97,7 +104,7 @@ class UnitreeServer:
         self._late: deque[tuple[int, bytes]] = deque()
         self._domain = int(options.get("domain", 0))
         self._multicast = bool(options.get("multicast", False))
-        self._host = str(options.get("host") or _own_host())
+        self._host = str(options.get("host") or own_host())
         self._participant: Participant | None = None
         self._answers: dict[str, Writer] = {}
         self.address = ""
@@ -227,31 +234,13 @@ class UnitreeServer:
         return True
 
 
-def _own_host() -> str:
-    """Any address 127.x.y.z is this machine's on Linux; elsewhere there is one."""
-    if not sys.platform.startswith("linux"):
-        return "127.0.0.1"
-    chance = random.Random(os.getpid() ^ time.monotonic_ns())
-    return f"127.{chance.randint(1, 254)}.{chance.randint(0, 254)}.{chance.randint(1, 254)}"
-
-
-def main(
-    robot: str,
-    *,
-    port_file: str | None = None,
-    log: str | None = None,
-    fault: str | None = None,
-    parent_fd: int | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> None:
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    options = dict(options or {})
-    if unknown := options.keys() - OPTIONS.keys():
-        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
+    given = known_options(options, OPTIONS)
     model = model_of(robot)
     run_first(TWIN_PRIORITY)
 
     def build(wire_log: WireLog) -> UnitreeServer:
-        return UnitreeServer(model, wire_log, options)
+        return UnitreeServer(model, wire_log, given)
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd)
+    run_server(build, **start)

@@ -120,7 +120,7 @@ class Onboard:
             body.acceleration_m_s2,
             body.position_rad,
             body.velocity_rad_s,
-            body.torque_nm,
+            body.effort_nm,
             (ROOM_C,) * len(self.model.joints),
             self.soc if self.model.family == "go" else None,
         )

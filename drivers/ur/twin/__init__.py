@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import trio
 
-from strands_actors.drivers.common.twin import Fault, Faults, TcpServer, WireLog, run_server
+from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
 
 from .. import protocol as p
 from ..arms import JOINTS, arm_of
@@ -112,23 +112,12 @@ class URServer(TcpServer):
             await trio.sleep_until(due_s)
 
 
-def main(
-    robot: str,
-    *,
-    port_file: str | None = None,
-    log: str | None = None,
-    fault: str | None = None,
-    parent_fd: int | None = None,
-    door: str | None = None,
-    options: Mapping[str, Any] | None = None,
-) -> None:
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    options = dict(options or {})
-    if unknown := options.keys() - OPTIONS.keys():
-        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(OPTIONS)}")
+    given = known_options(options, OPTIONS)
     arm_of(robot)
 
     def build(wire_log: WireLog) -> URServer:
-        return URServer(robot, wire_log, options.get("host"), float(options.get("program_start_s", 0.05)))
+        return URServer(robot, wire_log, given.get("host"), float(given.get("program_start_s", 0.05)))
 
-    run_server(build, port_file=port_file, log=log, fault=fault, parent_fd=parent_fd, door=door)
+    run_server(build, **start)

@@ -16,6 +16,7 @@ from strands_actors.drivers.common.rtps.words import Address, Buffer
 MS = 1_000_000
 TICK_NS = 50 * MS
 TRAVEL_NS = 100_000
+A, B, C = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 
 Fate = Callable[[bytes], Iterable[tuple[int, bytes]]]
 """What becomes of a datagram: (delay in ns, bytes) for everything that arrives."""
@@ -89,7 +90,38 @@ class Log:
         self.writers.append(writer)
 
 
-_HEADER = b"\x00\x01\x00\x00"
+HEAD = b"\x00\x01\x00\x00"
+"""The encapsulation header of a payload."""
+
+
+def payloads(*numbers: int) -> list[bytes]:
+    return [HEAD + number.to_bytes(4, "little") for number in numbers]
+
+
+class Pair:
+    """A writes ``rt/t`` to B."""
+
+    def __init__(
+        self, reliable: bool = True, transient_local: bool = False, depth: int = 8, lease_s: float = 10.0
+    ) -> None:
+        self.network = Network()
+        self.a = self.network.participant(A, [B], lease_s)
+        self.b = self.network.participant(B, [])
+        self.log = Log()
+        self.writer = self.a.writer("rt/t", "T_", reliable, transient_local, depth)
+        self.qos = (reliable, transient_local)
+
+    def read(self) -> None:
+        self.reader = self.b.reader("rt/t", "T_", *self.qos, self.log)
+        self.network.run(0.5)
+        assert self.writer.matched == self.reader.matched == 1
+
+    def write(self, *numbers: int, then_s: float = 0.0) -> None:
+        for payload in payloads(*numbers):
+            self.writer.write(payload)
+        self.network.run(then_s)
+
+
 _NAME = struct.Struct("<16sII")
 
 
@@ -97,7 +129,7 @@ def sample(topic: str, number: int, size: int = 64) -> bytes:
     """A payload that says what it is: encapsulation, topic, number, filling, checksum."""
     body = _NAME.pack(topic.encode(), number, size) + bytes(number + at & 0xFF for at in range(min(size, 64)))
     body += bytes(max(0, size - 64))
-    return _HEADER + body + zlib.crc32(body).to_bytes(4, "little")
+    return HEAD + body + zlib.crc32(body).to_bytes(4, "little")
 
 
 def number_of(payload: bytes, topic: str) -> int | None:
@@ -111,7 +143,7 @@ def number_of(payload: bytes, topic: str) -> int | None:
         payload[4 + _NAME.size + size : 8 + _NAME.size + size],
         payload[8 + _NAME.size + size :],
     )
-    if payload[:4] != _HEADER or padding.strip(b"\x00") or len(padding) > 3:
+    if payload[:4] != HEAD or padding.strip(b"\x00") or len(padding) > 3:
         return None
     if zlib.crc32(body).to_bytes(4, "little") != checksum:
         return None

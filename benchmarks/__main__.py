@@ -1,0 +1,63 @@
+"""``python -m benchmarks [NAME ...]``: ask the questions of this folder, all or those named, and print answers."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from benchmarks import house, page
+
+
+def options(names: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("name", nargs="*", help=f"of: {', '.join(names)}")
+    parser.add_argument("--rounds", type=int, help="how often every side runs (default: what the question says)")
+    parser.add_argument("--short", action="store_true", help="seconds instead of minutes; rough figures")
+    parser.add_argument("--seed", type=int, default=0, help="of the order in which the sides run")
+    parser.add_argument("--write", action="store_true", help="keep the result, draw it, make docs/benchmarks.md")
+    parser.add_argument("--page", action="store_true", help="run nothing; make plots and page from what is kept")
+    return parser.parse_args()
+
+
+def say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def main() -> int:
+    asked = house.questions()
+    chosen = options(list(asked))
+    unknown = [name for name in chosen.name if name not in asked]
+    if unknown:
+        say(f"no question is called {', '.join(unknown)}; there are: {', '.join(asked)}")
+        return 2
+    names = chosen.name or list(asked)
+    if chosen.page:
+        for name in names:
+            kept = house.RESULTS / f"{name}.json"
+            if kept.exists():
+                page.plot(asked[name], house.Result.read(kept), page.PLOTS / f"{name}.svg")
+        say(f"wrote {page.write(asked)}")
+        return 0
+    failed = []
+    for name in names:
+        question = asked[name]
+        rounds = chosen.rounds or (1 if chosen.short else question.rounds)
+        try:
+            result = house.run(question, rounds, chosen.short, chosen.seed, say)
+        except Exception as error:  # the other questions are still worth an answer
+            say(f"{name} failed: {type(error).__name__}: {error}")
+            failed.append(name)
+            continue
+        print(page.section(question, result), flush=True)
+        if chosen.write:
+            say(f"wrote {result.write()}")
+            page.plot(question, result, page.PLOTS / f"{name}.svg")
+    if chosen.write:
+        say(f"wrote {page.write(asked)}")
+    if failed:
+        say(f"failed: {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

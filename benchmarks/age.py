@@ -1,0 +1,24 @@
+"""How old is a setpoint when a reader that takes 5 ms for each gets it from a producer of 1 kHz?"""
+
+from __future__ import annotations
+
+from benchmarks.house import Figures, Goal, Question, beside
+
+
+def _side(name: str, short: bool) -> Figures:
+    return beside("benchmarks.sides.age", name, *(["short"] if short else []))
+
+
+QUESTION = Question(
+    name="age",
+    title="How old is a setpoint of a 1 kHz producer when a reader takes it that needs 5 ms for each?",
+    sides={"ours": lambda short: _side("ours", short), "trio": lambda short: _side("trio", short)},
+    goals=(
+        Goal("age_p99_us", "", at_most=1_500.0, gross=10.0),
+        Goal("waiting_most", "", at_most=1.0),
+    ),
+    limit=(
+        "The reader waits for the producer's next tick, and the newest setpoint has taken the place of the "
+        "others: what remains is one wake-up of the loop."
+    ),
+)

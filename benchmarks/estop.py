@@ -1,0 +1,29 @@
+"""How long does a stop take between two processes beside telemetry that is sent flat out?"""
+
+from __future__ import annotations
+
+from benchmarks.house import Figures, Goal, Question, Side, beside
+
+
+def _side(name: str) -> Side:
+    def side(short: bool) -> Figures:
+        return beside("benchmarks.sides.estop", name, *(["short"] if short else []))
+
+    return side
+
+
+QUESTION = Question(
+    name="estop",
+    title="How long does a stop take between two processes beside telemetry that is sent flat out?",
+    sides={name: _side(name) for name in ("ours", "plain zenoh")},
+    goals=(
+        Goal("estop_p50_us", "", at_most=500.0),
+        Goal("estop_p99_us", "", at_most=1_000.0),
+    ),
+    limit=(
+        "Of 350 µs the sender's own call is 60 to 150 µs (its telemetry thread has the interpreter's lock), "
+        "zenoh's threads and the other core's wake-up 100 µs, and the receiver's loop 100 µs more (stamps "
+        "at each hop)."
+    ),
+    short=False,
+)

@@ -1,0 +1,228 @@
+"""What every benchmark is made of: a question, its sides, its goals, and one way of running them.
+
+All sides of a question run in the same minutes: each round runs every side once, in an order shuffled by a seed, so
+that what the machine does meanwhile meets all of them. A ratio is taken within a round; its median is what a goal
+judges.
+"""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+import json
+import os
+import pkgutil
+import platform
+import random
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+HOUSE = Path(__file__).resolve().parent
+RESULTS = HOUSE / "results"
+OURS = "ours"
+"""The side that goals are about; every question has it."""
+
+Figures = dict[str, float]
+"""Figure to value, for example ``{"ask_p50_us": 9.9}``; the unit ends the name."""
+
+Side = Callable[[bool], Figures]
+"""One round of one side; the argument asks for the short form (seconds at most)."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A bound on ``ours[figure] / beside[figure]``, or on ``ours[figure]`` itself where ``beside`` is empty."""
+
+    figure: str
+    beside: str
+    at_most: float | None = None
+    at_least: float | None = None
+    gross: float = 3.0
+    """By what factor it must be missed for CI to fail."""
+
+    def __post_init__(self) -> None:
+        if (self.at_most is None) == (self.at_least is None):
+            raise ValueError(f"a goal for {self.figure} needs exactly one of at_most and at_least")
+
+    def met(self, value: float, slack: float = 1.0) -> bool:
+        """Whether ``value`` is within the bound widened by the factor ``slack``."""
+        if self.at_most is not None:
+            return value <= self.at_most * slack
+        assert self.at_least is not None
+        return value >= self.at_least / slack
+
+
+@dataclass(frozen=True)
+class Question:
+    name: str
+    title: str
+    sides: Mapping[str, Side]
+    goals: tuple[Goal, ...]
+    limit: str
+    """What limits our figure now, and the evidence: Markdown, one to four sentences."""
+    rounds: int = 5
+    short: bool = True
+    """Whether its short form runs in CI."""
+
+    def __post_init__(self) -> None:
+        if OURS not in self.sides:
+            raise ValueError(f"{self.name} has no side {OURS!r}, only {', '.join(self.sides)}")
+        unknown = {goal.beside for goal in self.goals} - {"", *self.sides}
+        if unknown:
+            raise ValueError(f"{self.name} has goals beside {', '.join(unknown)}: not among its sides")
+
+    def among(self, *sides: str) -> Question:
+        """The same question to fewer sides, with the goals that these can answer."""
+        kept = {name: side for name, side in self.sides.items() if name == OURS or name in sides}
+        return replace(self, sides=kept, goals=tuple(goal for goal in self.goals if goal.beside in {"", *kept}))
+
+
+@dataclass(frozen=True)
+class Spread:
+    median: float
+    lowest: float
+    highest: float
+
+    @classmethod
+    def of(cls, values: list[float]) -> Spread:
+        return cls(statistics.median(values), min(values), max(values))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    goal: Goal
+    value: float
+    """The median over the rounds: of the ratio, or of the figure where nothing stands beside it."""
+
+    @property
+    def met(self) -> bool:
+        return self.goal.met(self.value)
+
+    @property
+    def grossly_missed(self) -> bool:
+        return not self.goal.met(self.value, self.goal.gross)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where and when; ``load_before`` is the one-minute load average as the first round began."""
+
+    processor: str
+    cores: int
+    kernel: str
+    python: str
+    date: str
+    load_before: float
+
+    @classmethod
+    def here(cls) -> Machine:
+        names = [
+            line.partition(":")[2].strip()
+            for line in Path("/proc/cpuinfo").read_text().splitlines()
+            if line.startswith("model name")
+        ]
+        return cls(
+            processor=names[0] if names else platform.machine(),
+            cores=os.cpu_count() or 1,
+            kernel=f"{platform.system()} {platform.release()}",
+            python=platform.python_version(),
+            date=datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes"),
+            load_before=round(os.getloadavg()[0], 2),
+        )
+
+
+@dataclass(frozen=True)
+class Result:
+    """Every figure of every round: ``rounds[i][side][figure]``."""
+
+    name: str
+    short: bool
+    machine: Machine
+    rounds: tuple[Mapping[str, Figures], ...]
+
+    def spread(self, side: str, figure: str) -> Spread | None:
+        values = [each[side][figure] for each in self.rounds if figure in each.get(side, {})]
+        return Spread.of(values) if values else None
+
+    def figures(self) -> list[str]:
+        """Every figure that a side has given, in the order of their first appearance, ours first."""
+        sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
+        return list(dict.fromkeys(figure for side in sides for figure in side))
+
+    def ratio(self, figure: str, beside: str) -> Spread:
+        """Ours over theirs, taken within each round; ``KeyError`` where a side did not give that figure."""
+        return Spread.of([each[OURS][figure] / (each[beside][figure] if beside else 1.0) for each in self.rounds])
+
+    def verdicts(self, goals: tuple[Goal, ...]) -> list[Verdict]:
+        return [Verdict(goal, self.ratio(goal.figure, goal.beside).median) for goal in goals]
+
+    def write(self) -> Path:
+        path = RESULTS / f"{self.name}.json"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(asdict(self), indent=1) + "\n")
+        return path
+
+    @classmethod
+    def read(cls, path: Path) -> Result:
+        stored: dict[str, Any] = json.loads(path.read_text())
+        return cls(stored["name"], stored["short"], Machine(**stored["machine"]), tuple(stored["rounds"]))
+
+
+def beside(module: str, *args: str, python: str = sys.executable, timeout_s: float = 120) -> Figures:
+    """Run ``python -m module args`` from the checkout; its last line on stdout is a JSON object of figures.
+
+    Raises ``RuntimeError`` with what it wrote to stderr when it fails or takes longer than ``timeout_s``: a peer
+    that is not installed is an error, never a gap in the table.
+    """
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(HOUSE.parent), os.environ.get("PYTHONPATH", "")])
+    }
+    command = [python, "-m", module, *args]
+    try:
+        done = subprocess.run(
+            command, cwd=HOUSE.parent, env=environment, capture_output=True, text=True, timeout=timeout_s
+        )
+    except subprocess.TimeoutExpired as late:
+        raise RuntimeError(f"{' '.join(command)} took longer than {timeout_s} s:\n{late.stderr!r}") from late
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr[-4000:]}")
+    return {figure: float(value) for figure, value in json.loads(lines[-1]).items()}
+
+
+def run(
+    question: Question,
+    rounds: int,
+    short: bool,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Result:
+    """Ask a question: every side once a round, in an order shuffled by ``seed``."""
+    machine = Machine.here()
+    order = list(question.sides)
+    shuffled = random.Random(seed)
+    done: list[Mapping[str, Figures]] = []
+    for number in range(rounds):
+        shuffled.shuffle(order)
+        answered: dict[str, Figures] = {}
+        for side in order:
+            progress(f"{question.name} {number + 1}/{rounds} {side}")
+            answered[side] = question.sides[side](short)
+        done.append(answered)
+    return Result(question.name, short, machine, tuple(done))
+
+
+def questions() -> dict[str, Question]:
+    """Every question of this folder, by name: the modules that export ``QUESTION``."""
+    modules = [
+        importlib.import_module(f"{__package__}.{found.name}")
+        for found in pkgutil.iter_modules([str(HOUSE)])
+        if not found.ispkg and found.name != "__main__"
+    ]
+    asked: list[Question] = [module.QUESTION for module in modules if hasattr(module, "QUESTION")]
+    return {question.name: question for question in asked}

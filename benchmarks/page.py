@@ -1,0 +1,188 @@
+"""``docs/benchmarks.md`` and its plots, made from the results that are kept in ``benchmarks/results``."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
+
+PAGE = HOUSE.parent / "docs" / "benchmarks.md"
+PLOTS = HOUSE.parent / "docs" / "benchmarks"
+OUR_NAME = "strands-actors"
+UNITS = {
+    "per_s": "1/s",
+    "us": "µs",
+    "ms": "ms",
+    "s": "s",
+    "hz": "Hz",
+    "pct": "%",
+    "mb": "MB",
+    "kb": "kB",
+    "x": "×",
+}
+LOG_FROM = 20.0
+"""A panel whose values differ by more than this factor gets a logarithmic axis (and says so)."""
+
+PREFACE = """# Benchmarks
+
+*Made by `python -m benchmarks --write` from `benchmarks/results/`; do not edit.*
+
+Every table was measured in one run on one machine: each round runs all sides once, in shuffled order. A cell is the
+median over the rounds with [lowest..highest]; a ratio is taken within a round, and its median is judged.
+"""
+
+
+def unit(figure: str) -> tuple[str, str]:
+    """``"ask_p50_us"`` as (``"ask p50"``, ``"µs"``); a figure without a known unit keeps its whole name."""
+    for suffix, name in UNITS.items():
+        if figure.endswith(f"_{suffix}"):
+            return figure.removesuffix(f"_{suffix}").replace("_", " "), name
+    return figure.replace("_", " "), ""
+
+
+def label(figure: str) -> str:
+    name, its_unit = unit(figure)
+    return f"{name}, {its_unit}" if its_unit else name
+
+
+def number(value: float) -> str:
+    """Three significant digits, thousands apart, no exponent."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:,.{digits}f}"
+
+
+def cell(spread: Spread | None, several: bool) -> str:
+    if spread is None:
+        return "–"
+    if not several:
+        return number(spread.median)
+    return f"{number(spread.median)} [{number(spread.lowest)}..{number(spread.highest)}]"
+
+
+def bound(goal: Goal) -> str:
+    sign, value = ("≤", goal.at_most) if goal.at_most is not None else ("≥", goal.at_least)
+    assert value is not None
+    return f"{sign} {number(value)}" + (f" × {goal.beside}" if goal.beside else "")
+
+
+def shown(side: str) -> str:
+    return f"**{OUR_NAME}**" if side == OURS else side
+
+
+def table(result: Result) -> list[str]:
+    """Side by figure, ours first."""
+    sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
+    figures = result.figures()
+    several = len(result.rounds) > 1
+    head = ["", *(label(figure) for figure in figures)]
+    rows = [[shown(side), *(cell(result.spread(side, figure), several) for figure in figures)] for side in sides]
+    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def judged(result: Result, verdict: Verdict) -> str:
+    goal = verdict.goal
+    ratio = result.ratio(goal.figure, goal.beside)
+    return (
+        f"| {label(goal.figure)} | {bound(goal)} | {cell(ratio, len(result.rounds) > 1)} "
+        f"| {'met' if verdict.met else '**missed**'} |"
+    )
+
+
+def goals(question: Question, result: Result) -> list[str]:
+    if not question.goals:
+        return []
+    rows = [judged(result, verdict) for verdict in result.verdicts(question.goals)]
+    return ["", "| figure | goal | measured | |", "| --- | --- | --- | --- |", *rows]
+
+
+def section(question: Question, result: Result) -> str:
+    machine = result.machine
+    where = (
+        f"*{machine.date}, {machine.processor}, {machine.cores} cores, {machine.kernel}, Python {machine.python}, "
+        f"load {machine.load_before} before; {len(result.rounds)} rounds{', short form' if result.short else ''}.*"
+    )
+    lines = [f"## {question.title}", "", where, "", *table(result), *goals(question, result), ""]
+    lines += [
+        f"**What limits it.** {question.limit}",
+        "",
+        f"![{question.title}](benchmarks/{question.name}.svg)",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def plot(question: Question, result: Result, path: Path) -> None:
+    """One panel per figure that a goal names (or all). Bars begin at zero; where the sides are too far apart for
+    that the axis is logarithmic and has points, since the length of a bar would mean nothing there."""
+    os.environ.setdefault("MPLBACKEND", "svg")
+    import matplotlib
+
+    matplotlib.rcParams["svg.hashsalt"] = question.name  # the same figures give the same file
+    from matplotlib.figure import Figure
+
+    named = list(dict.fromkeys(goal.figure for goal in question.goals)) or result.figures()
+    sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
+    spreads = {figure: with_figure(result, sides, figure) for figure in named}
+    drawing = Figure(figsize=(8, sum(0.32 * len(each) + 0.85 for each in spreads.values())), layout="constrained")
+    panels = drawing.subplots(
+        len(named), 1, squeeze=False, height_ratios=[len(each) + 2 for each in spreads.values()]
+    )[:, 0]
+    for panel, (figure, each) in zip(panels, spreads.items(), strict=True):
+        far_apart = _draw(panel, each)
+        panel.set_title(label(figure) + (" (logarithmic axis)" if far_apart else ""), fontsize=10, loc="left")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+
+
+def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
+    """Median, lowest and highest of each side; whether on a logarithmic axis."""
+    sides = list(spreads)[::-1]
+    each = [spreads[side] for side in sides]
+    medians = [spread.median for spread in each]
+    far_apart = min(spread.lowest for spread in each) > 0 and max(medians) / min(medians) > LOG_FROM
+    colours = ["#c2410c" if side == OURS else "#64748b" for side in sides]
+    rows = range(len(sides))
+    if far_apart:
+        panel.set_xscale("log")
+        panel.scatter(medians, rows, color=colours, s=45, zorder=3)
+        panel.grid(axis="x", color="#e2e8f0", lw=0.8)
+        panel.set_xlim(min(s.lowest for s in each) / 2, max(s.highest for s in each) * 4)
+        panel.set_ylim(-0.6, len(sides) - 0.4)
+    else:
+        panel.barh(rows, medians, color=colours)
+        panel.set_xlim(0, max(s.highest for s in each) * 1.15 or 1.0)
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:,.10g}")
+    away = [[s.median - s.lowest for s in each], [s.highest - s.median for s in each]]
+    panel.errorbar(medians, rows, xerr=away, fmt="none", ecolor="#0f172a", capsize=3, lw=1, zorder=4)
+    panel.set_yticks(rows, [OUR_NAME if side == OURS else side for side in sides])
+    for row, spread in zip(rows, each, strict=True):
+        panel.annotate(
+            number(spread.median),
+            (spread.highest, row),
+            xytext=(8, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+        )
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.tick_params(labelsize=9)
+    return far_apart
+
+
+def with_figure(result: Result, sides: list[str], figure: str) -> dict[str, Spread]:
+    found = {side: result.spread(side, figure) for side in sides}
+    return {side: spread for side, spread in found.items() if spread is not None}
+
+
+def write(asked: Mapping[str, Question]) -> Path:
+    """Make the page anew from all results of questions that are still asked."""
+    kept = [Result.read(path) for path in sorted(RESULTS.glob("*.json"))]
+    sections = [section(asked[result.name], result) for result in kept if result.name in asked]
+    PAGE.write_text("\n".join([PREFACE, *sections]))
+    return PAGE

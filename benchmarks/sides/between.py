@@ -1,0 +1,333 @@
+"""Asks and tells between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
+
+An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way as a
+mailbox holds: after each window the sender asks how many came.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+
+from benchmarks.house import Figures
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.mailbox import CAPACITY
+from strands_actors.runtime.node import Node, Ref, Unreachable
+from strands_actors.runtime.process import start
+
+from .common import STATE, Count, Counter, GetCount, State, answer, percentiles
+
+DEADLINE_S = 1.0
+WINDOW = CAPACITY - 1
+ADDRESS = "strands/bench/actor/one"
+WARM = 200
+CHILD = "benchmarks.sides.between"
+
+
+def asks(short: bool) -> int:
+    return 500 if short else 4_000
+
+
+def windows(short: bool) -> int:
+    return 10 if short else 100
+
+
+def rate(messages: int, began_s: float) -> Figures:
+    return {"tell_per_s": messages / (time.perf_counter() - began_s)}
+
+
+# -- ours
+
+
+def serve(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of our child: a counter, reachable over zenoh."""
+    trio.run(_serve, args)
+
+
+async def _serve(args: dict[str, Any]) -> None:
+    from strands_actors.runtime.zenoh_mesh import ZenohMesh
+
+    mesh = await ZenohMesh.open([args["endpoint"]])
+    node = Node("there", MonotonicClock(), mesh)
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(node.cell("bench/actor/one", Counter).run)
+        mesh.attach(node)
+        await nursery.start(mesh.run)
+
+
+@asynccontextmanager
+async def reached() -> AsyncIterator[Ref]:
+    """A counter in another process, answering over zenoh."""
+    from strands_actors.runtime.zenoh_mesh import ZenohMesh
+    from strands_actors.runtime.zenoh_session import unix_endpoint
+
+    with tempfile.TemporaryDirectory() as directory:
+        endpoint = unix_endpoint(f"{directory}/there")
+        child = start(f"{CHILD}:serve", {"endpoint": endpoint})
+        try:
+            mesh = await ZenohMesh.open([], [endpoint])
+            node = Node("here", MonotonicClock(), mesh)
+            async with trio.open_nursery() as nursery:
+                await nursery.start(node.run)
+                mesh.attach(node)
+                await nursery.start(mesh.run)
+                ref = node.ref(ADDRESS, Counter)
+                await answering(ref)
+                yield ref
+                mesh.close()
+                nursery.cancel_scope.cancel()
+        finally:
+            await child.fence()
+
+
+async def answering(ref: Ref) -> None:
+    with trio.fail_after(20):
+        while True:
+            try:
+                await ref.ask(GetCount(), DEADLINE_S)
+            except Unreachable:
+                await trio.sleep(0.01)
+            else:
+                return
+
+
+async def ours(short: bool) -> Figures:
+    async with reached() as ref:
+        for _ in range(WARM):
+            await ref.ask(GetCount(), DEADLINE_S)
+        spans_ns = []
+        for _ in range(asks(short)):
+            began_ns = time.perf_counter_ns()
+            await ref.ask(GetCount(), DEADLINE_S)
+            spans_ns.append(time.perf_counter_ns() - began_ns)
+        began_s = time.perf_counter()
+        for number in range(windows(short)):
+            for _ in range(WINDOW):
+                ref.tell(STATE)
+            assert await ref.ask(GetCount(), 30.0) == Count((number + 1) * WINDOW)
+        return percentiles("ask", spans_ns) | rate(windows(short) * WINDOW, began_s)
+
+
+# -- the ground: zenoh and a socket, without actors, deadlines or types
+
+
+def zenoh_pair(short: bool) -> Figures:
+    """A put and the put that answers it, by plain callbacks; real-time and express, like ours."""
+    import subprocess
+
+    import zenoh
+
+    with tempfile.TemporaryDirectory() as directory:
+        path = f"{directory}/there"
+        server = subprocess.Popen([sys.executable, "-m", CHILD, "zenoh-server", path], stdout=subprocess.PIPE)
+        assert server.stdout is not None
+        try:
+            server.stdout.readline()
+            with _session([], [path]) as session:
+                answers = session.declare_subscriber("bench/back", zenoh.handlers.FifoChannel(1024))
+                put = _publisher(session, "bench/one")
+                while not put.matching_status.matching:
+                    time.sleep(0.01)
+                time.sleep(0.3)  # the way back is known then, too
+                for _ in range(WARM):
+                    put.put(b"12345678")
+                    answers.recv()
+                spans_ns = []
+                for _ in range(asks(short)):
+                    began_ns = time.perf_counter_ns()
+                    put.put(b"12345678")
+                    answers.recv()
+                    spans_ns.append(time.perf_counter_ns() - began_ns)
+            return percentiles("ask", spans_ns)
+        finally:
+            server.kill()
+            server.wait()
+
+
+def zenoh_server(path: str) -> None:
+    with _session([path], []) as session:
+        put = _publisher(session, "bench/back")
+        _subscriber = session.declare_subscriber("bench/one", lambda sample: put.put(sample.payload.to_bytes()))
+        print("ready", flush=True)
+        time.sleep(1000)
+
+
+def _session(listen: list[str], connect: list[str]) -> Any:
+    """As a user opens it: zenoh's defaults, without a search of the network."""
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    for key, paths in (("listen", listen), ("connect", connect)):
+        endpoints = msgspec.json.encode([f"unixsock-stream/{path}" for path in paths]).decode()
+        config.insert_json5(f"{key}/endpoints", endpoints)
+    return zenoh.open(config)
+
+
+def _publisher(session: Any, key: str) -> Any:
+    import zenoh
+
+    return session.declare_publisher(
+        key,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+    )
+
+
+def unix_socket(short: bool) -> Figures:
+    """Eight bytes there and back through a blocking socket pair."""
+    ours, theirs = socket.socketpair()
+    if (pid := os.fork()) == 0:
+        ours.close()
+        while data := theirs.recv(65536):
+            theirs.sendall(data)
+        os._exit(0)
+    theirs.close()
+    spans_ns = []
+    for _ in range(asks(short)):
+        began_ns = time.perf_counter_ns()
+        ours.sendall(b"12345678")
+        ours.recv(65536)
+        spans_ns.append(time.perf_counter_ns() - began_ns)
+    ours.close()
+    os.waitpid(pid, 0)
+    return percentiles("ask", spans_ns)
+
+
+# -- others
+
+
+def timed(n: int, ask: Callable[[], object]) -> list[int]:
+    for _ in range(WARM):
+        ask()
+    spans_ns = []
+    for _ in range(n):
+        began_ns = time.perf_counter_ns()
+        ask()
+        spans_ns.append(time.perf_counter_ns() - began_ns)
+    return spans_ns
+
+
+def ray(short: bool) -> Figures:
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    import ray
+
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    try:
+
+        @ray.remote
+        class Counter:
+            def __init__(self) -> None:
+                self.n = 0
+
+            def state(self, state: bytes) -> None:
+                msgspec.msgpack.decode(state, type=State)
+                self.n += 1
+
+            def count(self) -> int:
+                return self.n
+
+        actor = Counter.remote()  # type: ignore[attr-defined]
+        spans_ns = timed(asks(short), lambda: ray.get(actor.count.remote(), timeout=DEADLINE_S))
+        began_s = time.perf_counter()
+        some = max(1, windows(short) // 10)
+        for _ in range(some):
+            for _ in range(WINDOW):
+                actor.state.remote(msgspec.msgpack.encode(STATE))
+            ray.get(actor.count.remote(), timeout=60)
+        told = rate(some * WINDOW, began_s)
+        assert ray.get(actor.count.remote()) == some * WINDOW
+        return percentiles("ask", spans_ns) | told
+    finally:
+        ray.shutdown()
+
+
+def thespian(short: bool) -> Figures:
+    from thespian.actors import ActorSystem
+
+    from .thespian_counter import Counter as Theirs
+
+    system = ActorSystem("multiprocTCPBase", logDefs={"version": 1})
+    try:
+        actor = system.createActor(Theirs)
+        spans_ns = timed(asks(short) // 4, lambda: system.ask(actor, "count", DEADLINE_S))
+        began_s = time.perf_counter()
+        some = max(1, windows(short) // 10)
+        for _ in range(some):
+            for _ in range(WINDOW):
+                system.tell(actor, msgspec.msgpack.encode(STATE))
+            counted = system.ask(actor, "count", 60)
+        assert counted == some * WINDOW, counted
+        return percentiles("ask", spans_ns) | rate(some * WINDOW, began_s)
+    finally:
+        system.shutdown()
+
+
+async def xoscar(short: bool) -> Figures:
+    import xoscar
+
+    from .xoscar_counter import Counter as Theirs
+
+    pool = await xoscar.create_actor_pool("127.0.0.1", n_process=1)
+    try:
+        address = pool.external_address
+        there = (await xoscar.get_pool_config(address)).get_process_indexes()[1]
+        place = (await xoscar.get_pool_config(address)).get_external_address(there)
+        actor = await xoscar.create_actor(Theirs, address=place)
+
+        async def ask() -> None:
+            async with asyncio.timeout(DEADLINE_S):
+                await actor.count()
+
+        spans_ns = await _timed(asks(short), ask)
+        began_s = time.perf_counter()
+        some = max(1, windows(short) // 10)
+        for _ in range(some):
+            for _ in range(WINDOW):
+                await actor.state.tell(msgspec.msgpack.encode(STATE))
+            counted = await actor.count()
+        assert counted == some * WINDOW, counted
+        return percentiles("ask", spans_ns) | rate(some * WINDOW, began_s)
+    finally:
+        await pool.stop()
+
+
+async def _timed(n: int, ask: Callable[[], Awaitable[None]]) -> list[int]:
+    for _ in range(WARM):
+        await ask()
+    spans_ns = []
+    for _ in range(n):
+        began_ns = time.perf_counter_ns()
+        await ask()
+        spans_ns.append(time.perf_counter_ns() - began_ns)
+    return spans_ns
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "zenoh-server":
+        zenoh_server(str(Path(sys.argv[2])))
+    else:
+        answer(
+            {
+                "ours": lambda short: trio.run(ours, short),
+                "zenoh": zenoh_pair,
+                "socket": unix_socket,
+                "ray": ray,
+                "thespian": thespian,
+                "xoscar": lambda short: asyncio.run(xoscar(short)),
+            }
+        )

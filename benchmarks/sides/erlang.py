@@ -1,0 +1,24 @@
+"""Erlang's side of a question: ``erlang_peer.escript``, compiled as it starts."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+from benchmarks.house import Figures
+
+_SCRIPT = Path(__file__).with_name("erlang_peer.escript")
+
+
+def erlang(workload: str, short: bool) -> Figures:
+    """Raise ``RuntimeError`` when it is not installed or fails."""
+    if shutil.which("escript") is None:
+        raise RuntimeError("Erlang is not installed: apt-get install erlang-base")
+    command = ["escript", str(_SCRIPT), workload, *(["short"] if short else [])]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}{done.stdout}")
+    figures: Figures = json.loads(done.stdout.strip().splitlines()[-1])
+    return figures

@@ -1,0 +1,240 @@
+"""Births and deaths: ``python -m benchmarks.sides.life SIDE [short]``.
+
+``spawn``    from the order to start a process to the first message of its actor, in the parent's actor
+``recover``  from SIGKILL to an answer of the actor's next incarnation, restarted by supervision
+``restart``  the same for an actor of this process that raises
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import socket
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+import trio
+
+from benchmarks.house import Figures
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.node import Node, Ref, Unreachable
+from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
+
+from .common import Count, GetCount, answer, percentiles
+
+DEADLINE_S = 20.0
+PARENT = "strands/bench/actor/parent"
+CHILD = "strands/bench/actor/child"
+ENTRY = "benchmarks.sides.life:live"
+PATIENT = Budget(restarts=1_000_000, within_s=0.02)
+
+
+class Up(Message, frozen=True):
+    pid: int
+
+
+class Boom(Message, frozen=True):
+    pass
+
+
+def processes(short: bool) -> int:
+    return 3 if short else 20
+
+
+def milliseconds(name: str, spans_s: list[float]) -> Figures:
+    return {f"{name}_p50_ms": statistics.median(spans_s) * 1e3, f"{name}_worst_ms": max(spans_s) * 1e3}
+
+
+# -- ours
+
+
+class Child(Actor):
+    def receive(self, message: GetCount) -> Count:
+        return Count(os.getpid())
+
+
+def live(args: dict[str, Any], sock: socket.socket) -> None:
+    trio.run(_live, sock)
+
+
+async def _live(sock: socket.socket) -> None:
+    node = Node("child", MonotonicClock())
+    link = Link(node, sock)
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        await nursery.start(node.cell("bench/actor/child", Child).run)
+        await nursery.start(link.run)
+        while True:
+            with suppress(Unreachable):
+                await node.ref(PARENT).ask(Up(os.getpid()), DEADLINE_S)
+                break
+            await trio.sleep(0.0005)
+
+
+class Parent(Actor):
+    """Hears of each incarnation."""
+
+    def __init__(self) -> None:
+        self.heard = trio.Event()
+
+    def receive(self, message: Up) -> None:
+        self.heard.set()
+
+
+async def ours(short: bool) -> Figures:
+    spawned_s, recovered_s = [], []
+    async with trio.open_nursery() as nursery:
+        node = Node("parent", MonotonicClock())
+        await nursery.start(node.run)
+        parent = Parent()
+        await nursery.start(node.cell("bench/actor/parent", lambda: parent).run)
+        children: list[ChildProcess] = []
+
+        async def keep(task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+            child = start(ENTRY, {})
+            children.append(child)
+            async with trio.open_nursery() as inner:
+                await inner.start(child.link(node).run)
+                task_status.started()
+                await child.wait()
+                inner.cancel_scope.cancel()
+                raise ChildProcessError("the child ended")
+
+        began_s = time.perf_counter()
+        supervisor = Supervisor([ChildSpec("child", keep)], budget=PATIENT)
+        nursery.start_soon(supervisor.run)
+        await parent.heard.wait()
+        ref = node.ref(CHILD, Child)
+        for _ in range(processes(short)):
+            pid = await ref.ask(GetCount(), DEADLINE_S)
+            parent.heard = trio.Event()
+            began_s = time.perf_counter()
+            children[-1].kill(signal.SIGKILL)
+            await parent.heard.wait()
+            assert await ref.ask(GetCount(), DEADLINE_S) != pid
+            recovered_s.append(time.perf_counter() - began_s)
+        for _ in range(processes(short)):
+            parent.heard = trio.Event()
+            began_s = time.perf_counter()
+            child = start(ENTRY, {})
+            link = child.link(node)
+            nursery.start_soon(link.run)
+            await parent.heard.wait()
+            spawned_s.append(time.perf_counter() - began_s)
+            await child.fence()
+        children[-1].kill()
+        nursery.cancel_scope.cancel()
+    return milliseconds("spawn", spawned_s) | milliseconds("recover", recovered_s) | await restarts(short)
+
+
+class Fragile(Actor):
+    def receive(self, message: Boom | GetCount) -> Count:
+        if type(message) is Boom:
+            raise RuntimeError("boom")
+        return Count(0)
+
+
+async def restarts(short: bool) -> Figures:
+    spans_ns = []
+    async with trio.open_nursery() as nursery:
+        node = Node("restarts", MonotonicClock())
+        await nursery.start(node.run)
+        cell = node.cell("bench/actor/fragile", Fragile)
+        await nursery.start(Supervisor([ChildSpec("fragile", cell.run)], budget=PATIENT).run)
+        ref: Ref = node.ref(cell.address, Fragile)
+        for _ in range(200 if short else 2_000):
+            began_ns = time.perf_counter_ns()
+            ref.tell(Boom())
+            await ref.ask(GetCount(), DEADLINE_S)
+            spans_ns.append(time.perf_counter_ns() - began_ns)
+        nursery.cancel_scope.cancel()
+    return percentiles("restart", spans_ns)
+
+
+# -- multiprocessing
+
+
+def _child(connection: Connection) -> None:
+    connection.send(os.getpid())
+    while connection.recv() is not None:
+        connection.send(os.getpid())
+
+
+def spawn(short: bool) -> Figures:
+    context = multiprocessing.get_context("spawn")
+
+    def born() -> tuple[Any, Connection]:
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_child, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        ours.recv()
+        return process, ours
+
+    spawned_s, recovered_s = [], []
+    for _ in range(processes(short)):
+        began_s = time.perf_counter()
+        process, connection = born()
+        spawned_s.append(time.perf_counter() - began_s)
+        began_s = time.perf_counter()
+        process.kill()
+        process.join()
+        process, connection = born()
+        connection.send(0)
+        connection.recv()
+        recovered_s.append(time.perf_counter() - began_s)
+        process.kill()
+        process.join()
+    return milliseconds("spawn", spawned_s) | milliseconds("recover", recovered_s)
+
+
+# -- Ray
+
+
+def ray(short: bool) -> Figures:
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    import ray
+
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    try:
+
+        @ray.remote(max_restarts=-1, max_task_retries=-1, num_cpus=0)
+        class Child:
+            def pid(self) -> int:
+                return os.getpid()
+
+        def until(answered: Callable[[], int]) -> int:
+            while True:
+                with suppress(ray.exceptions.RayActorError):
+                    return answered()
+
+        spawned_s, recovered_s = [], []
+        for _ in range(3 if short else 6):
+            began_s = time.perf_counter()
+            actor = Child.remote()  # type: ignore[attr-defined]
+            pid = ray.get(actor.pid.remote(), timeout=60)
+            spawned_s.append(time.perf_counter() - began_s)
+            began_s = time.perf_counter()
+            os.kill(pid, signal.SIGKILL)
+            while until(lambda actor=actor: ray.get(actor.pid.remote(), timeout=60)) == pid:  # type: ignore[misc]
+                pass
+            recovered_s.append(time.perf_counter() - began_s)
+            ray.kill(actor)
+        return milliseconds("spawn", spawned_s) | milliseconds("recover", recovered_s)
+    finally:
+        ray.shutdown()
+
+
+if __name__ == "__main__":
+    answer({"ours": lambda short: trio.run(ours, short), "multiprocessing": spawn, "ray": ray})
+    sys.exit(0)

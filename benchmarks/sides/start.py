@@ -1,0 +1,62 @@
+"""Imports, and a robot's way up: ``python -m benchmarks.sides.start SIDE [short]``.
+
+Each import runs in a new process with warm byte code; the time is the import's alone, the interpreter's start
+is not part of it. ``armed`` is from the constructor to an answer that the robot's motors are energised.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+
+from benchmarks.house import Figures
+
+from .common import answer
+
+TIMED = "import time; began = time.perf_counter(); {}; print(time.perf_counter() - began)"
+
+
+def imported(statement: str, short: bool) -> Figures:
+    """Median over new processes."""
+    spans_s = [
+        float(subprocess.check_output([sys.executable, "-c", TIMED.format(statement)], text=True))
+        for _ in range(3 if short else 9)
+    ][1:]  # the first may have had to compile
+    return {"import_ms": statistics.median(spans_s) * 1e3}
+
+
+def armed(short: bool, **options: str) -> float:
+    from strands_actors import Robot
+
+    spans_s = []
+    for _ in range(1 if short else 3):
+        began_s = time.perf_counter()
+        robot = Robot("so101", **options)
+        try:
+            problem = robot.connect_eagerly()
+            if problem is not None:
+                raise RuntimeError(problem)
+            answer = robot.get_status()["content"][0]["json"]
+            if answer["state"] != "armed":
+                raise RuntimeError(f"not armed but {answer['state']}")
+            spans_s.append(time.perf_counter() - began_s)
+        finally:
+            robot.cleanup()
+    return statistics.median(spans_s) * 1e3
+
+
+def ours(short: bool) -> Figures:
+    return imported("from strands_actors import Robot", short) | {
+        "armed_ms": armed(short),
+        "armed_on_wire_ms": armed(short, mode="real", transport="twin"),
+    }
+
+
+def parts(short: bool) -> Figures:
+    return imported("import trio, msgspec", short)
+
+
+if __name__ == "__main__":
+    answer({"ours": ours, "trio and msgspec": parts})

@@ -1,0 +1,39 @@
+"""How long does it take from ``import strands_actors`` to an armed robot?"""
+
+from __future__ import annotations
+
+from benchmarks.house import Figures, Goal, Question, Side, beside
+
+
+def _side(name: str) -> Side:
+    def side(short: bool) -> Figures:
+        return beside("benchmarks.sides.start", name, *(["short"] if short else []))
+
+    return side
+
+
+def _reference(short: bool) -> Figures:
+    from benchmarks.peers import python
+
+    return beside("benchmarks.sides.start_strands", *(["short"] if short else []), python=python("strands"))
+
+
+QUESTION = Question(
+    name="start",
+    title="How long does it take from the import to an armed robot?",
+    sides={
+        **{name: _side(name) for name in ("ours", "trio and msgspec")},
+        "strands-robots 0.5.3": _reference,
+    },
+    goals=(
+        Goal("import_ms", "trio and msgspec", at_most=1.3),
+        Goal("armed_ms", "", at_most=800.0),
+        Goal("armed_on_wire_ms", "", at_most=800.0),
+    ),
+    limit=(
+        "trio and msgspec are 95 ms of processor time of 138. asyncio is 8 ms, zenoh 2, our own 70 modules "
+        "21. Until it is armed three processes start one after another (twin, root, wire), each importing "
+        "trio."
+    ),
+    short=False,
+)

@@ -1,0 +1,90 @@
+"""What every body in MuJoCo does: its joints by index, stepped to wall time on demand, and jammed on request.
+
+Imported by twins only: nothing of the runtime or of the wire process loads MuJoCo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .without_gl import mujoco
+
+LONGEST_CATCH_UP_S = 0.25
+"""Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped, not
+replayed."""
+
+
+class Jointed:
+    """Joints by index, in the order of ``joints``, each with an actuator of its own."""
+
+    def __init__(self, spec: Any, joints: Sequence[str], **jam: Any) -> None:
+        """``jam``: how stiffly a seized joint stays where it is, in the words of MuJoCo's equalities."""
+        self.joints = tuple(joints)
+        self.spec = spec
+        for name in self.joints:
+            spec.add_equality(  # switched on, it jams the joint where it is
+                type=mujoco.mjtEq.mjEQ_JOINT,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                name=f"{name}_jam",
+                name1=name,
+                active=False,
+                **jam,
+            )
+        self.model: Any = spec.compile()
+        self.data: Any = mujoco.MjData(self.model)
+        self._step_s = float(self.model.opt.timestep)
+        self._origin_s: float | None = None
+        self._bind()
+
+    def _bind(self) -> None:
+        """Find each joint's actuator by what it turns: in real models neither order nor name says so."""
+        model = self.model
+        actuator_of = {
+            int(model.actuator_trnid[actuator, 0]): actuator
+            for actuator in range(len(model.actuator_trnid))
+            if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        }
+        self._joint = [model.joint(name).id for name in self.joints]
+        self._actuator = np.array([actuator_of[joint] for joint in self._joint])
+        self._jam = [model.equality(f"{name}_jam").id for name in self.joints]
+        self._qpos = np.array([int(model.jnt_qposadr[joint]) for joint in self._joint])
+        self._dof = np.array([int(model.jnt_dofadr[joint]) for joint in self._joint])
+
+    @property
+    def position_rad(self) -> tuple[float, ...]:
+        return tuple(self.data.qpos[self._qpos].tolist())
+
+    @property
+    def velocity_rad_s(self) -> tuple[float, ...]:
+        return tuple(self.data.qvel[self._dof].tolist())
+
+    @property
+    def effort_nm(self) -> tuple[float, ...]:
+        """What the actuators push with, not what gravity pulls."""
+        return tuple(self.data.actuator_force[self._actuator].tolist())
+
+    def set_stuck(self, index: int, on: bool) -> None:
+        """A seized gearbox: the joint stays where it is whatever pulls."""
+        address = self._qpos[index]
+        self.model.eq_data[self._jam[index], 0] = self.data.qpos[address] - self.model.qpos0[address]
+        self.data.eq_active[self._jam[index]] = on
+
+    def catch_up(self, now_s: float) -> None:
+        """Step to ``now_s``, on any clock that runs forward. The first call sets the clock."""
+        if self._origin_s is None:
+            self._origin_s = now_s - self.data.time
+        behind_s = now_s - self._origin_s - self.data.time
+        if behind_s > LONGEST_CATCH_UP_S:
+            self._origin_s += behind_s - LONGEST_CATCH_UP_S
+            behind_s = LONGEST_CATCH_UP_S
+        steps = int(behind_s / self._step_s + 1e-6)
+        if steps > 0:
+            mujoco.mj_step(self.model, self.data, steps)
+
+    def _rewind(self) -> None:
+        """Everything as the model has it; time begins anew."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._origin_s = None

@@ -1,0 +1,34 @@
+"""A node of this process on zenoh, for whoever starts robots, watches them or gives them orders."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Sequence
+
+import trio
+
+from .background import open_background
+from .runtime.clock import MonotonicClock
+from .runtime.node import Node
+from .runtime.zenoh_mesh import ZenohMesh
+
+
+@contextlib.asynccontextmanager
+async def open_node(
+    name: str, listen: Sequence[str] = (), connect: Sequence[str] = ()
+) -> AsyncIterator[tuple[Node, trio.Nursery]]:
+    """As long as the block runs; what runs in the nursery ends with it."""
+    node = Node(name, MonotonicClock())
+    mesh = await ZenohMesh.open(listen, connect)
+    try:
+        async with open_background() as nursery:
+            await nursery.start(node.run)
+            mesh.attach(node)
+            await nursery.start(mesh.run)
+            yield node, nursery
+    finally:
+        with trio.CancelScope(shield=True):
+            try:
+                await trio.to_thread.run_sync(mesh.close)
+            except RuntimeError:
+                mesh.close()  # at the end of a script no thread can be started any more

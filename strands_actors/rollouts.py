@@ -1,0 +1,157 @@
+"""One robot's rollouts, as the caller has them: a policy of this process, or a named one in a process of its own.
+
+One at a time. It writes under the caller's lease; its status is the same wherever it runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import trio
+
+from .runtime.contract import Driver, Reason
+from .runtime.messages import Refused
+from .runtime.node import AskTimeout, Unreachable
+from .supervisors import addresses
+from .supervisors.failsafe import Mode
+from .supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .supervisors.policy import Policy
+from .tree_processes import ASK_S, STOP_S, TreeProcesses
+from .writer import Writer
+
+
+class Rollouts:
+    """All methods belong to the trio loop of the tree."""
+
+    def __init__(self, processes: TreeProcesses, writer: Writer, driver: Driver) -> None:
+        self._processes = processes
+        self._writer = writer
+        self._driver = driver
+        self._task = TaskStatus()
+        self._is_remote = False
+        self._scope: trio.CancelScope | None = None
+        """Of a policy of this process."""
+
+    async def run_policy(
+        self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run ``policy`` in this process. Returns at once."""
+        async with self._writer.turn:
+            refusal = await self._may_start("run_policy")
+            if refusal is not None:
+                return refusal
+            rollout = self._rollout(instruction, duration_s, n_steps, hz)
+            self._is_remote = False
+            self._task = TaskStatus(running=True, instruction=instruction)
+            self._scope = trio.CancelScope()
+            self._processes.nursery.start_soon(self._run_policy, rollout, policy, self._scope)
+            return self._task
+
+    async def _run_policy(self, rollout: Rollout, policy: Any, scope: trio.CancelScope) -> None:
+        ended = trio.Event()
+
+        def report(status: TaskStatus) -> None:
+            self._task = status
+            if not status.running:
+                ended.set()
+
+        node = self._processes.node
+        path = addresses.of(self._processes.robot).path("policy")
+        cell = node.cell(path, lambda: Policy(rollout, lambda: policy, report))
+        try:
+            with scope:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(cell.run)
+                    await ended.wait()
+                    nursery.cancel_scope.cancel()
+        finally:
+            node.release(cell)
+
+    async def start_task(
+        self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run a named policy in a process of its own. Returns at once."""
+        async with self._writer.turn:
+            refusal = await self._may_start("start_task")
+            if refusal is not None:
+                return refusal
+            message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
+            answer = await self._processes.tasks.ask(message, ASK_S * 4)
+            if isinstance(answer, TaskStatus):
+                self._task, self._is_remote = answer, True
+        return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+
+    async def _may_start(self, verb: str) -> Refused | None:
+        kind = self._processes.plan.robot
+        if self._driver.ROLLOUTS:
+            return Refused("no_rollout", f"{verb}: {kind}: {self._driver.ROLLOUTS}", "call send_action()")
+        if self._driver.TASKS and verb == "start_task":
+            return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
+        self._processes.require()
+        status = await self._processes.status()
+        if status is None or status.mode not in (Mode.ARMED, Mode.HOLDING):
+            mode = "not connected" if status is None else status.mode
+            return Refused("not_armed", f"{verb}: the robot is {mode}", "connect_eagerly() or resume() first")
+        return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
+
+    def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
+        driver, lease = self._driver, self._writer.lease
+        period_s = 1.0 / (hz or driver.timing.control_hz)
+        over = lease.id if lease else 0
+        ttl_s = max(driver.timing.stream_ttl_s, 2 * period_s)
+        robot = self._processes.robot
+        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
+
+    async def task(self) -> TaskStatus:
+        """The present task's status, or the last one's."""
+        if self._is_remote and self._task.running:
+            try:
+                answer = await self._processes.tasks.ask(GetTask(), 0.1)
+            except (AskTimeout, Unreachable):
+                return self._task
+            if isinstance(answer, TaskStatus):
+                self._task = answer
+        return self._task
+
+    async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
+        """What a command is told while a rollout writes; None when there is none."""
+        if (await self.task()).running:
+            return Refused("running", f"{verb}: {why}", "call stop_task() first")
+        return None
+
+    async def stop_task(self) -> TaskStatus | Refused:
+        """End the rollout. Returns when the robot holds, whatever the policy does."""
+        processes = self._processes
+        processes.require()
+        if not (await self.task()).running:
+            return self._task
+        local = processes.node.ref(addresses.of(processes.robot).policy, Policy)
+        ref = processes.tasks if self._is_remote else local
+        try:
+            answer = await ref.ask(StopTask(), ASK_S * 2)
+        except (AskTimeout, Unreachable):
+            answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), STOP_S)
+            self.end("stopped")
+        if isinstance(answer, TaskStatus):
+            self._task = answer
+        return self._task
+
+    async def end_overtaken(self) -> None:
+        """The lease is the caller's anew: a rollout from before has lost its own, whether it has noticed or not."""
+        if not (await self.task()).running:
+            return
+        if self._is_remote:
+            with contextlib.suppress(AskTimeout, Unreachable):  # then the next task() tells
+                await self._processes.tasks.ask(StopTask(), ASK_S * 2)
+        else:
+            self.end("stop")
+
+    def end(self, reason: str) -> None:
+        """The robot is stopped: a policy of this process ends, and the task counts as ended."""
+        if self._scope is not None:
+            self._scope.cancel()
+            self._scope = None
+        task = self._task
+        if task.running:
+            self._task = TaskStatus(False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz)
