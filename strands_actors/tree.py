@@ -36,14 +36,6 @@ from .writer import Writer
 
 COMMAND_S = 0.25
 """A command that has not reached the wire by then never will."""
-<<<<<<< HEAD
-ASK_S = 0.5
-LOOK_S = 0.02
-"""Between two looks for a tree that starts. It has half a second to compute, which the looks should leave it."""
-STOP_S = 2.0
-CONNECT_S = 12.0
-=======
->>>>>>> main
 RETRY_S = 3.0
 """The wire's longest pause between two attempts to open it, and one attempt."""
 
@@ -122,101 +114,6 @@ class RobotTree:
             refusal = await self._writer.acquire()
         return None if refusal is None else refusal.text
 
-<<<<<<< HEAD
-    async def _start(self) -> None:
-        if self.engine is not None:
-            try:
-                await self.engine.start()
-            except EngineDown as down:
-                raise NotConnected(str(down)) from None
-            self._port = self.engine.door if self.transport == SIM else self.engine.port
-        if self._name is None:
-            self._name = Name(self._wanted_name)
-            self.robot = self._name.name
-        name = self._name
-        at = addresses.of(self.robot)
-        listen, wire_listen, mesh = (unix_endpoint(name.socket(role)) for role in ("root", "wire", "mesh"))
-        args = {
-            "robot": self.robot,
-            "driver": describe_driver(self._driver_class, self.kind, self._port, self._options) | self._drill(),
-            "caller_pid": os.getpid(),
-            "twin_pid": 0 if self.engine is None else self.engine.pid,
-            "listen": listen,
-            "wire_listen": wire_listen,
-            "connect": [self._endpoint],
-            "mesh": {
-                "listen": [mesh, *self._mesh.listens],
-                "connect": self._mesh.connects,
-                "settings": self._mesh.robot_settings(),
-            },
-        }
-        self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
-        name.publish(Note(self.robot, self.kind, self._root_process.pid, [listen, wire_listen], [mesh]))
-        node = self._node
-        self._gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
-        self._guardian: Ref = node.ref(at.guardian, Guardian)
-        self._root: Ref = node.ref(at.root, Root)
-        self._tasks: Ref = node.ref(at.tasks, Tasks)
-        self._scope = trio.CancelScope()
-        self._nursery.start_soon(self._attend, self._root_process, self._scope)
-
-    def _drill(self) -> dict[str, Any]:
-        """For the gate: whether a stop drill is required, and was passed."""
-        if self._drill_age_s is None:
-            return {}
-        port = TWIN if self.transport == "twin" else self._port
-        return {"drill": clause(self._driver_class, self.kind, port, self._options, self._drill_age_s)}
-
-    async def _attend(self, process: ChildProcess, scope: trio.CancelScope) -> None:
-        with scope:
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(process.link(self._node).run)
-                nursery.start_soon(self._beat)
-                await process.wait()
-                nursery.cancel_scope.cancel()
-
-    async def _wait_linked(self, patience_s: float = 0.0) -> Status:
-        """``patience_s``: how long to wait for a link that was lost."""
-        began = trio.current_time()
-        deadline = began + CONNECT_S
-        status: Status | None = None
-        while trio.current_time() < deadline:
-            assert self._root_process is not None
-            if not self._root_process.alive:
-                raise NotConnected("the root process ended")
-            try:
-                answer = await self._gate.ask(GetStatus(), ASK_S)
-            except (AskTimeout, Unreachable):
-                await trio.sleep(LOOK_S)
-                continue
-            assert isinstance(answer, Status)
-            status = answer
-            if status.mode in LINKED and status.mode != Mode.STOPPING:
-                return status
-            lost = status.connect_error and status.connect_error != "not connected yet"
-            if lost and trio.current_time() >= began + patience_s:
-                raise NotConnected(status.connect_error)
-            await trio.sleep(0.01)
-        raise NotConnected(f"no answer within {CONNECT_S:g} s" if status is None else status.connect_error)
-
-    async def _require_mesh(self) -> None:
-        """A robot that was to be reached from elsewhere and is not has not been started."""
-        try:
-            answer = await self._root.ask(GetMesh(), CONNECT_S)
-        except (AskTimeout, Unreachable) as failure:
-            raise NotConnected(f"the root does not say whether it is on the mesh: {failure}") from failure
-        if isinstance(answer, OnMesh) and answer.problem:
-            raise NotConnected(answer.problem)
-
-    async def _beat(self) -> None:
-        while True:
-            await trio.sleep(BEAT_S)
-            alive, answered_ago_s = self._liveness()
-            if self._lease is not None and alive:
-                self._gate.tell(Beat(self._lease.id, answered_ago_s))
-
-=======
->>>>>>> main
     async def cleanup(self) -> StopReport | None:
         """Make safe, end the tree. The report, or None when nothing was running."""
         self._processes.closed = True
