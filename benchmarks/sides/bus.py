@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.sides.wire import percentile
 
-SECONDS = {"short": 1.0, "long": 4.0}
+SECONDS = {"short": 1.0, "long": 3.0}
 BAUD = 1_000_000
 BYTE_S = 10 / BAUD
 MOTORS = tuple(range(1, 7))
