@@ -64,5 +64,7 @@ class Liveness:
 def _computed_ns(thread: threading.Thread) -> int:
     """How long a thread has computed, or waited for a processor to compute on; 0 where the system does not tell
     (macOS). Without the wait, a thread that spins on a busy machine would look as if it slept."""
-    now = standing(os.getpid(), thread.native_id)
+    # in a forked process, native_id of the main thread is still that of before the fork (CPython 3.11)
+    number = None if thread is threading.main_thread() else thread.native_id
+    now = standing(os.getpid(), number)
     return 0 if now is None else now.computed_ns + now.waited_ns

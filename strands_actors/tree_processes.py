@@ -39,6 +39,8 @@ ASK_S = 0.5
 STOP_S = 2.0
 FENCE_S = 3.0
 CONNECT_S = 12.0
+LOOK_S = 0.02
+"""Between two looks for a tree that starts. It has half a second to compute, which the looks should leave it."""
 
 
 class NotConnected(Exception):
@@ -191,7 +193,7 @@ class TreeProcesses:
             try:
                 answer = await self.gate.ask(GetStatus(), ASK_S)
             except (AskTimeout, Unreachable):
-                await trio.sleep(0.005)
+                await trio.sleep(LOOK_S)
                 continue
             assert isinstance(answer, Status)
             status = answer

@@ -15,6 +15,7 @@ import trio
 from strands_actors.runtime.actor import Actor, Deferred, describe
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.forked import Standby
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
@@ -23,6 +24,7 @@ from strands_actors.runtime.realtime import ROOT_PRIORITY, run_first
 from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
@@ -57,6 +59,8 @@ from .wire import ProcessPlace
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
+LAST_WORDS_S = 0.02
+"""For what has been told to leave, before its process ends."""
 
 _DULL = frozenset({Tick, WireBeat, RootBeat, Describe, TreeReport, GetTask, TaskStatus})
 
@@ -91,8 +95,9 @@ class Root(Actor):
 class Tree:
     """What runs in the root process."""
 
-    def __init__(self, args: dict[str, Any], spawner: Spawner) -> None:
+    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby) -> None:
         self.spawner = spawner
+        self.standby = standby
         self.robot: str = args["robot"]
         self.args = args
         self.at = addresses.of(self.robot)
@@ -123,7 +128,7 @@ class Tree:
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
         }
-        self.wire = ProcessPlace(self.node, self.nursery, args)
+        self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
 
@@ -195,6 +200,7 @@ class Tree:
             answer = None
         if isinstance(answer, StopReport) and answer.confirmed:
             report = answer
+            await trio.sleep(LAST_WORDS_S)
         self.guardian.leave(confirmed=report is not None)
         if self.tasks.process is not None:
             self.tasks.process.kill()
@@ -205,7 +211,7 @@ class Tree:
         report = report or self.guardian.last_report
         for waiting in self._waiting:
             waiting.send(report)
-        await trio.sleep(0.02)  # let the report leave
+        await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 
     # -- the tree, described
@@ -234,9 +240,11 @@ class Tree:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
+    hand_over()
     spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
-    trio.run(_main, args, sock, spawner)
+    standby = Standby()  # for the first wire; when another is needed, this process has threads
+    trio.run(_main, args, sock, spawner, standby)
 
 
-async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner) -> None:
-    await Tree(args, spawner).run(sock)
+async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby) -> None:
+    await Tree(args, spawner, standby).run(sock)

@@ -83,7 +83,9 @@ class Transport(Actor):
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
+        self._lost: Wire | None = None  # closed; the last that was open, until another one is
         self._performing: trio.CancelScope | None = None
+        self._opening: trio.CancelScope | None = None
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
         self._written_ns = 0
@@ -167,10 +169,11 @@ class Transport(Actor):
             self._performing.cancel()
         began_ns = self.context.clock.now_ns()
         with self._busy(SAFE_DEADLINE_S):
-            if self._wire is None:
-                motors = _not_reached(self._driver)
-            else:
+            if self._wire is not None:
                 motors = await self._wire.make_safe(message.rung)
+            else:
+                reached = () if self._lost is None else await self._lost.reach(message.rung)
+                motors = reached or _not_reached(self._driver)
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         confirmed = bool(motors) and all(motor.safe for motor in motors)
@@ -234,21 +237,35 @@ class Transport(Actor):
         if now_ns < self._open_at_ns:
             return
         wire = self._driver.open_wire(self.context.clock)
+        self._opening = opening = trio.CancelScope()
+        if self._lost is not None and type(self._lost).reach is not Wire.reach:
+            self.context.start_soon(self._give_way, opening)
         try:
-            with self._busy(OPEN_DEADLINE_S, number), self._silent(), trio.fail_after(OPEN_DEADLINE_S):
+            with opening, self._busy(OPEN_DEADLINE_S, number), self._silent(), trio.fail_after(OPEN_DEADLINE_S):
                 facts = await wire.open()
                 observation = await wire.read()
                 await self._hand_over(wire)
+            if opening.cancelled_caught:
+                raise WireDown("a stop came before the robot had answered")
         except (WireDown, trio.TooSlowError) as failure:
             wire.close()
             why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
             self._back_off(why)
         else:
-            self._wire = wire
+            self._wire, self._lost = wire, None
             self._attempts = 0
             if self._driver.timing.realtime:
                 facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
+        finally:
+            self._opening = None
+
+    async def _give_way(self, opening: trio.CancelScope) -> None:
+        """A stop that can be written although the robot is not understood does not wait for its hello."""
+        while self._opening is opening:
+            if self.context.urgent_waiting:
+                opening.cancel()
+            await trio.sleep(self._driver.timing.tick_s)
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
@@ -264,7 +281,7 @@ class Transport(Actor):
             if self._performing is not None:
                 self._performing.cancel()
             self._wire.close()
-            self._wire = None
+            self._wire, self._lost = None, self._wire
             self._back_off(str(down))
 
     def _back_off(self, why: str) -> None:

@@ -16,6 +16,7 @@ import trio
 from strands_actors.runtime.actor import describe
 from strands_actors.runtime.clock import Clock, MonotonicClock
 from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.forked import Standby
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
@@ -23,6 +24,7 @@ from strands_actors.runtime.processor import Standing, standing
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.runtime.zenoh_session import hand_over
 
 from . import addresses
 from .census import CensusTaker
@@ -89,8 +91,9 @@ def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: s
 class ProcessPlace:
     """The wire group in a child process."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any]) -> None:
-        self.process: ChildProcess = start("strands_actors.supervisors.wire:main", args)
+    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
+        entry = "strands_actors.supervisors.wire:main"
+        self.process: ChildProcess = standby.start(entry, args) or start(entry, args)
         nursery.start_soon(self.process.link(node).run)
 
     async def ended(self) -> str:
@@ -138,6 +141,7 @@ class InlinePlace:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the wire process."""
+    hand_over()
     trio.run(_main, args, sock)
 
 

@@ -45,6 +45,11 @@ class Garbled(Exception):
     """Bytes that are no Modbus TCP frame. A stream has no start marks: the connection is of no more use."""
 
 
+class NotUnderstood(WireDown):
+    """The peer is there and answers, but not with what was asked for: what it says is of no more use. What it is
+    told may be."""
+
+
 class Decoder:
     """A stream of bytes to PDUs, whose ``dev_id`` and ``transaction_id`` are set."""
 
@@ -52,6 +57,11 @@ class Decoder:
         """``requests``: the stream of a client, otherwise of a server."""
         self._framer = FramerSocket(DecodePDU(is_server=requests))
         self._pending = b""
+
+    @property
+    def has_part(self) -> bool:
+        """Whether a frame has begun to come."""
+        return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
         """PDUs with their frames. Raise ``Garbled``."""
@@ -124,6 +134,11 @@ class ModbusClient:
             raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
         return None
 
+    @property
+    def hears_part(self) -> bool:
+        """Whether the peer has begun an answer, and not ended it."""
+        return self._decoder.has_part
+
     def forget(self, number: int) -> None:
         """The answer is of no more interest; it may still come."""
         self._answers.pop(number, None)
@@ -153,11 +168,11 @@ class ModbusClient:
                 if reply.transaction_id in self._answers:
                     self._answers[reply.transaction_id] = registers
         except Garbled as garbled:
-            raise WireDown(f"{self._name}: answers with no Modbus frame ({garbled}). Reconnect") from None
+            raise NotUnderstood(f"{self._name}: answers with no Modbus frame ({garbled}). Reconnect") from None
 
     def _registers(self, request: ModbusPDU | None, reply: ModbusPDU) -> list[int]:
         if request is None or reply.dev_id != self._unit:
-            raise WireDown(f"{self._name}: answers what was not asked. Reconnect")
+            raise NotUnderstood(f"{self._name}: answers what was not asked. Reconnect")
         if isinstance(reply, ExceptionResponse):
             raise WireDown(
                 f"{self._name}: refuses: {exception_words(reply.exception_code)}. Check unit_id= and its power"
@@ -170,4 +185,4 @@ class ModbusClient:
             case WriteMultipleRegistersRequest(), WriteMultipleRegistersResponse():
                 if (reply.address, reply.count) == (request.address, len(request.registers)):
                     return []
-        raise WireDown(f"{self._name}: its answer does not fit the question. Reconnect")
+        raise NotUnderstood(f"{self._name}: its answer does not fit the question. Reconnect")

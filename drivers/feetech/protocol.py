@@ -39,14 +39,14 @@ class Register(NamedTuple):
 
     def encode(self, value: int) -> bytes:
         """Little-endian bytes (STS, SMS). Raise ``ValueError`` outside the register's range."""
-        top = 1 << (8 * self.size)
-        if self.sign_bit is not None:
-            if abs(value) >= 1 << self.sign_bit:
-                raise ValueError(f"{value} does not fit sign-magnitude with sign bit {self.sign_bit}")
-            value = -value | 1 << self.sign_bit if value < 0 else value
-        if not 0 <= value < top:
-            raise ValueError(f"{value} does not fit {self.size} byte(s)")
-        return value.to_bytes(self.size, "little")
+        size, sign_bit = self.size, self.sign_bit
+        if sign_bit is not None:
+            if not -1 << sign_bit < value < 1 << sign_bit:
+                raise ValueError(f"{value} does not fit sign-magnitude with sign bit {sign_bit}")
+            value = -value | 1 << sign_bit if value < 0 else value
+        if not 0 <= value < 1 << 8 * size:
+            raise ValueError(f"{value} does not fit {size} byte(s)")
+        return value.to_bytes(size, "little")
 
     def decode(self, data: bytes, base: int | None = None) -> int:
         """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
@@ -160,8 +160,11 @@ def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
-    rows = b"".join(bytes((servo_id,)) + register.encode(value) for servo_id, value in values.items())
-    return frame(BROADCAST, SYNC_WRITE, bytes((register.address, register.size)) + rows)
+    rows = bytearray((register.address, register.size))
+    for servo_id, value in values.items():
+        rows.append(servo_id)
+        rows += register.encode(value)
+    return frame(BROADCAST, SYNC_WRITE, bytes(rows))
 
 
 def goals(counts: Mapping[int, int]) -> bytes:
@@ -210,7 +213,8 @@ class Decoder:
                 keep = 1 if buffer.endswith(b"\xff") else 0
                 self._drop(len(buffer) - keep)
                 return
-            self._drop(start)
+            if start:
+                self._drop(start)
             if len(buffer) < 4:
                 return
             if buffer[2] == 0xFF:  # three FF: the header begins one byte later

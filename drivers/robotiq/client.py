@@ -60,6 +60,11 @@ class GripperClient:
         registers = await self._client.answer(number, within_s)
         return None if registers is None else Status.from_registers(registers)
 
+    @property
+    def hears_part(self) -> bool:
+        """Whether it has begun an answer, and not ended it."""
+        return self._client.hears_part
+
     def forget(self, number: int) -> None:
         self._client.forget(number)
 

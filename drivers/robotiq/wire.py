@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import TYPE_CHECKING, Any
 
 import trio
 
+from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
@@ -53,6 +55,7 @@ class RobotiqWire(Wire):
         self._clock = clock
         self._open_stream = open_stream
         self._session_or_none: _Session | None = None
+        self._last: Status | None = None  # of the session before, once it is closed
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -131,9 +134,32 @@ class RobotiqWire(Wire):
         session.told = None
         return (await hold(session.gripper, session.status, self._driver),)
 
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """The gripper is asked first: one that has lost its power meanwhile would be activated, and moves then. One
+        whose answers are nonsense has power, and keeps still by what was last understood of it."""
+        known = self._last
+        if known is None:
+            return ()
+        try:
+            gripper = await open_gripper(self._driver, self._clock, self._open_stream)
+        except WireDown as error:
+            return (report(self._driver, False, False, str(error)),)
+        try:
+            with contextlib.suppress(NotUnderstood):
+                status = await gripper.status(READ_S)
+                if status is None and not gripper.hears_part:
+                    return (report(self._driver, False, False, "silent"),)
+                known = status or known
+            return (await hold(gripper, known, self._driver),)
+        except WireDown as error:
+            return (report(self._driver, False, False, str(error)),)
+        finally:
+            gripper.close()
+
     def close(self) -> None:
         if self._session_or_none is not None:
             self._session_or_none.gripper.close()
+            self._last = self._session_or_none.status
         self._session_or_none = None
 
     async def _activate(self, permit: Permit) -> Status:

@@ -33,6 +33,11 @@ CALL_S = 0.1
 STOP_S = 0.5
 """For servoStop, which waits until the arm stands: 0.3 s from top speed at its deceleration."""
 
+REGISTERS_HZ = 500.0
+"""How often the controller tells the control interface its registers. Before each command that one waits until
+the script has said there that it took the last: at 125 Hz a stop behind a setpoint left 3 to 11 ms late, at 500 Hz
+1 to 3."""
+
 GAIN = 300.0
 """Of servoJ, 100 to 2000: the SDK's own default."""
 UNUSED = 0.5
@@ -110,7 +115,7 @@ class Sdk:
             interface = _interface("rtde_control", "RTDEControlInterface")
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
-            self._control = await self._open("control", interface, self._host, CONTROL_HZ, flags)
+            self._control = await self._open("control", interface, self._host, REGISTERS_HZ, flags)
 
     async def _open(self, what: str, interface: Any, *args: Any) -> Any:
         opened = None

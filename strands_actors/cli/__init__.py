@@ -254,12 +254,14 @@ def matrix(
     drivers: Annotated[str | None, typer.Option(help="Robots, with commas. Default: one of each driver.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Trials a cell.")] = 1,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the page there.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
+    resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
     json: Json = False,
 ) -> None:
     """Break everything there is to break on the twins, and measure."""
     from .matrix import run as measure
 
-    raise typer.Exit(measure(drivers, repeats, out, json))
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume))
 
 
 def main() -> None:

@@ -5,38 +5,59 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import trio
+
 from ..drivers import get_native_driver_class, list_native_drivers
 from ..runtime.contract import Driver
-from ..testing.bench import NotMoving
-from ..testing.faults import Cell
-from ..testing.matrix import Row, as_json, conditions, measure, page
+from ..testing import trials as testing_trials
+from ..testing.faults import Cell, Faults, Victims
+from ..testing.jobs import Plan, measure_all
+from ..testing.matrix import Row, as_json, conditions, page, rows_of, summary, verdict
+from ..testing.trials import Trial, Trials
 from .errors import Problem
 
 CLEAR = "\r\x1b[K"
 
 
-def run(drivers: str | None, repeats: int, out: Path | None, json: bool) -> int:
-    """1 when a cell is unsafe or past its bound. A robot that cannot be measured does not take the others' rows
-    with it: they are written, and then it is a problem."""
-    robots = _chosen(drivers) if drivers else one_of_each()
-    taken, rows = conditions(), list[Row]()
-    problem: Problem | None = None
-    for robot in robots:
-        try:
-            for row in measure(robot, repeats, progress=_progress):
-                rows.append(row)
-                _tell(row)
-        except (NotMoving, RuntimeError, TimeoutError) as failure:
-            problem = problem or Problem(f"matrix: {failure}")
+def run(
+    drivers: str | None, repeats: int, out: Path | None, json: bool, jobs: int = 1, resume: Path | None = None
+) -> int:
+    """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other rows with it: they
+    are written, and then it is a problem."""
+    robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
+    try:
+        trials = Trials(resume, jobs)
+    except testing_trials.Problem as problem:
+        raise Problem(f"matrix: {problem}") from None
+    problems = trio.run(measure_all, Plan(robots, repeats, trials), jobs, _Progress(trials, repeats).heard)
+    rows, taken = list(rows_of(robots, trials)), conditions(trials)
     if out is not None:
         out.write_text(page(rows, taken))
     if json:
         print(as_json(rows, taken))
     elif out is None:
         print(page(rows, taken))
-    if problem is not None:
-        raise problem
+    if problems:
+        raise Problem(f"matrix: {problems[0]}" + (f" (and {len(problems) - 1} more)" if problems[1:] else ""))
     return 0 if all(row.safe for row in rows) else 1
+
+
+class _Progress:
+    """A line for each cell that has its trials."""
+
+    def __init__(self, trials: Trials, repeats: int) -> None:
+        self._trials = trials
+        self._repeats = repeats
+
+    def heard(self, trial: Trial) -> None:
+        self._trials.add(trial)
+        robot, victim, fault = trial.cell
+        cell = Cell(Victims(victim), Faults(fault))
+        row = summary(robot, cell, self._trials.of(robot, cell))
+        if not trial.outcome.safe or row.trials == self._repeats:
+            _tell(row)
+        elif sys.stderr.isatty():
+            print(f"{CLEAR}  {len(self._trials.all)}: {robot}, {cell}", end="", file=sys.stderr, flush=True)
 
 
 def one_of_each() -> list[str]:
@@ -58,17 +79,10 @@ def _chosen(text: str) -> list[str]:
     return robots
 
 
-def _progress(robot: str, cell: Cell, trial: int) -> None:
-    if sys.stderr.isatty():
-        print(f"{CLEAR}  {robot}: {cell}, trial {trial + 1}", end="", file=sys.stderr, flush=True)
-
-
 def _tell(row: Row) -> None:
-    if row.why_not:
-        return
-    verdict = "safe" if row.safe else "NOT SAFE" if row.unsafe else "LATE"
     line = (
         f"{row.robot:<14} {row.victim:<7} {row.fault:<13} {row.rung:<6} median {row.median_ms:7.1f} ms  "
-        f"worst {row.worst_ms:7.1f} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  {verdict}"
+        f"worst {row.worst_ms:7.1f} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  "
+        f"disturbed {row.disturbed}  {verdict(row) if row.safe else verdict(row).upper()}"
     )
     print(f"{CLEAR if sys.stderr.isatty() else ''}{line}", file=sys.stderr, flush=True)

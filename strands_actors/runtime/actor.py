@@ -21,15 +21,12 @@ import trio
 
 from .clock import Clock
 from .frames import Protocol, protocol_of
-from .mailbox import Mailbox, ReplyTo
+from .mailbox import Item, Mailbox, ReplyTo, Slot
 from .messages import Message, Refused
-from .turn import LONGEST_NS
+from .turn import BURST, LONGEST_NS
 
 if TYPE_CHECKING:
     from .node import Node, Ref
-
-BURST = 64
-"""Messages handled before the loop lets other tasks run: one scheduler pass costs more than a message."""
 
 
 class Deferred:
@@ -215,12 +212,17 @@ class Cell:
         at_ns = now_ns()
         for _ in range(BURST):
             if urgent:  # as Mailbox.pop; a call less for each message
-                message, reply = urgent.popleft()
+                item: Item | Slot = urgent.popleft()
             elif queue:
                 item = queue.popleft()
-                message, reply = item if isinstance(item, tuple) else item.take()
             else:
                 return True
+            if isinstance(item, Message):
+                message, reply = item, None
+            elif isinstance(item, tuple):
+                message, reply = item
+            else:
+                message, reply = item.take()
             context.received_ns = at_ns
             context.reply = reply
             if tap is not None:

@@ -151,6 +151,11 @@ class Wire(ABC):
         """Bring every motor to ``rung``. The first safe frame leaves before the first wait; every motor is
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, after ``close``: the link was lost, and no hello has been understood since. For a robot
+        that can be told what it cannot confirm. Default: there is no such way, nothing is written."""
+        return ()
+
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a stop cancels it.
         ``permit.check()`` before each write. Raise ``WireDown``."""

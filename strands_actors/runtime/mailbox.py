@@ -26,9 +26,11 @@ class ReplyTo(Protocol):
 
 
 Entry = tuple[Message, ReplyTo | None]
+Item = Message | Entry
+"""What waits: a message that nobody waits for stands for itself."""
 
 
-class _Slot:
+class Slot:
     """The place of one sender's messages of one type; kept when it is empty, for the next."""
 
     __slots__ = ("entry",)
@@ -62,9 +64,9 @@ class Mailbox:
         self._offer = offer
         self._offered = False
         self.conflated = 0
-        self.urgent: deque[Entry] = deque()
-        self.queue: deque[Entry | _Slot] = deque()
-        self._slots: dict[tuple[str, type], _Slot] = {}
+        self.urgent: deque[Item] = deque()
+        self.queue: deque[Item | Slot] = deque()
+        self._slots: dict[tuple[str, type], Slot] = {}
         self._waiter: trio.lowlevel.Task | None = None
 
     def __len__(self) -> int:
@@ -81,7 +83,7 @@ class Mailbox:
         if lane == "command":
             if len(self.queue) >= self.capacity:
                 return False
-            self.queue.append((message, reply))
+            self.queue.append(message if reply is None else (message, reply))
         elif lane == "latest":
             slot = self._slots.get((sender, type(message))) or self._new_slot((sender, type(message)))
             before = slot.entry
@@ -97,7 +99,7 @@ class Mailbox:
         else:
             if len(self.urgent) >= self.capacity:
                 return False
-            self.urgent.append((message, reply))
+            self.urgent.append(message if reply is None else (message, reply))
         if self._waiter is not None and not self._offered:
             if self._offer is not None and self._offer():
                 self._offered = True
@@ -105,10 +107,10 @@ class Mailbox:
                 self.wake()
         return True
 
-    def _new_slot(self, key: tuple[str, type]) -> _Slot:
+    def _new_slot(self, key: tuple[str, type]) -> Slot:
         if len(self._slots) >= _SLOTS:
             self._slots = {key: slot for key, slot in self._slots.items() if slot.entry is not None}
-        slot = self._slots[key] = _Slot()
+        slot = self._slots[key] = Slot()
         return slot
 
     def take_up(self) -> bool:
@@ -127,20 +129,20 @@ class Mailbox:
     def first(self) -> Entry | None:
         """What ``pop`` would return; it stays."""
         if self.urgent:
-            return self.urgent[0]
+            return _entry(self.urgent[0])
         if not self.queue:
             return None
         item = self.queue[0]
-        return item if isinstance(item, tuple) else item.entry
+        return item.entry if isinstance(item, Slot) else _entry(item)
 
     def pop(self) -> Entry | None:
         """The next message by lane, or None."""
         if self.urgent:
-            return self.urgent.popleft()
+            return _entry(self.urgent.popleft())
         if not self.queue:
             return None
         item = self.queue.popleft()
-        return item if isinstance(item, tuple) else item.take()
+        return item.take() if isinstance(item, Slot) else _entry(item)
 
     async def wait(self) -> None:
         """Return when a message is there, or after ``wake``. One reader only."""
@@ -154,3 +156,7 @@ class Mailbox:
     def _abort(self, _: object) -> trio.lowlevel.Abort:
         self._waiter = None
         return trio.lowlevel.Abort.SUCCEEDED
+
+
+def _entry(item: Item) -> Entry:
+    return item if isinstance(item, tuple) else (item, None)

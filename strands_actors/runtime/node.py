@@ -122,6 +122,7 @@ class _Deadlines:
 
     def __init__(self) -> None:
         self._queues: dict[float, deque[Answer]] = {}
+        self._next_at = float("inf")
         self._wake = trio.Event()
 
     def add(self, answer: Answer, duration_s: float) -> None:
@@ -130,7 +131,7 @@ class _Deadlines:
             queue.popleft()
         answer.expires_at = trio.current_time() + duration_s
         queue.append(answer)
-        if len(queue) == 1:
+        if answer.expires_at < self._next_at:  # else the sweeper looks early enough
             self._wake.set()
 
     async def run(self) -> None:
@@ -146,6 +147,7 @@ class _Deadlines:
                 else:
                     del self._queues[duration_s]
             self._wake = trio.Event()
+            self._next_at = next_at
             with trio.move_on_at(next_at):
                 await self._wake.wait()
 
@@ -344,7 +346,7 @@ class Node:
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        return way.send(to, data, descriptors, kind != TELL)
+        return way.send(to, data, descriptors, kind != TELL or (body is not None and body.lane == "urgent"))
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""

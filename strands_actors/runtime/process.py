@@ -13,7 +13,7 @@ import subprocess
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 import trio
@@ -66,10 +66,22 @@ class ChildProcess(ABC):
             self.socket.close()
 
 
+class Started(Protocol):
+    """A child of this process: of ``subprocess.Popen``, what is used here."""
+
+    pid: int
+
+    def poll(self) -> int | None: ...
+
+    def wait(self) -> int: ...
+
+    def send_signal(self, sig: int) -> None: ...
+
+
 class OwnChild(ChildProcess):
     """A child of this very process."""
 
-    def __init__(self, popen: subprocess.Popen[bytes], link_socket: socket.socket) -> None:
+    def __init__(self, popen: Started, link_socket: socket.socket) -> None:
         super().__init__(popen.pid, link_socket)
         self._popen = popen
 

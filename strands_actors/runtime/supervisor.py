@@ -15,6 +15,9 @@ import trio
 
 from .actor import describe
 
+_MOST_DOUBLINGS = 30
+"""Of a pause that is bounded anyway; a float cannot take a thousand."""
+
 Restart = Literal["permanent", "transient", "temporary"]
 Strategy = Literal["one_for_one", "rest_for_one", "one_for_all"]
 
@@ -118,7 +121,8 @@ class Supervisor:
             count, within_s = len(self._failures) + 1, self._budget.within_s
             raise BudgetSpent(f"{child.spec.name} failed {count} times in {within_s:g} s: {why}") from error
         self._failures.append(now)
-        doubled: float = self._budget.backoff_s * 2 ** (len(self._failures) - 1)
+        doublings = min(len(self._failures) - 1, _MOST_DOUBLINGS)
+        doubled: float = self._budget.backoff_s * 2**doublings
         return min(doubled, self._budget.backoff_max_s)
 
     def _group(self, failed: _Child) -> list[_Child]:
@@ -153,6 +157,8 @@ class Supervisor:
 
     async def _stop(self, children: Sequence[_Child]) -> None:
         for child in reversed(children):
+            if child.done.is_set():
+                continue
             child.scope.cancel()
             with trio.move_on_after(child.spec.shutdown_s, shield=True):
                 await child.done.wait()

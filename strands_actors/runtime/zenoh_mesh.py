@@ -10,7 +10,7 @@ callback runs on zenoh's thread: it appends to a deque and writes an eventfd, no
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import trio
@@ -24,12 +24,41 @@ _PUBLISHERS = 256
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
 
 
+_TOGETHER_BYTES = 16 * 1024
+_MANY = 0xC1
+"""No frame begins so: msgpack never uses it. Then, for each frame, its size in four bytes and itself."""
+
+
+def packed(frames: Sequence[bytes]) -> bytes:
+    if len(frames) == 1:
+        return frames[0]
+    parts = [bytes((_MANY,))]
+    for frame in frames:
+        parts += (len(frame).to_bytes(4, "little"), frame)
+    return b"".join(parts)
+
+
+def unpacked(data: bytes) -> Iterator[bytes]:
+    """What was packed; of what was not, itself. Cut off, it ends with what is left: the node refuses that."""
+    if not data or data[0] != _MANY:
+        yield data
+        return
+    at = 1
+    while at < len(data):
+        end = at + 4 + int.from_bytes(data[at : at + 4], "little")
+        yield data[at + 4 : end]
+        at = end
+
+
 class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._inbox: deque[bytes] = deque()
+        self._waiting: dict[str, list[bytes]] = {}
+        self._waiting_bytes = 0
+        self._flush_wanted = trio.Event()
         self._waker = Waker()
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
@@ -51,14 +80,20 @@ class ZenohMesh:
             self.announce(address, True)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Carry frames from zenoh's thread into the node's loop."""
-        task_status.started()
+        """Carry frames from zenoh's thread into the node's loop, and those that wait for company out of it."""
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._flush_when_wanted)
+            task_status.started()
+            await self._receive()
+
+    async def _receive(self) -> None:
         inbox, lost = self._inbox, self._lost
         while True:
             await self._waker.wait()
             with self.node.turn:
                 for _ in range(min(len(inbox), _WAKE_BATCH)):
-                    self.node.receive_frame(inbox.popleft(), self)
+                    for frame in unpacked(inbox.popleft()):
+                        self.node.receive_frame(frame, self)
             while lost:
                 self.node.lost(lost.popleft())
             if inbox:
@@ -77,18 +112,47 @@ class ZenohMesh:
             status: Any = publisher.matching_status  # the stubs say bool
             if not status.matching:
                 return False
-            publisher.put(data)
+            if prompt:
+                if self._waiting:
+                    self._flush()
+                publisher.put(data)
+            else:
+                self._wait_for_company(to, data)
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
+
+    def _wait_for_company(self, to: str, data: bytes) -> None:
+        """A put costs ten times a frame: what is told in one turn leaves as one."""
+        if not self._waiting and not self.node.turn.last(self._flush):
+            self._flush_wanted.set()
+        self._waiting.setdefault(to, []).append(data)
+        self._waiting_bytes += len(data)
+        if self._waiting_bytes > _TOGETHER_BYTES:
+            self._flush()
+
+    def _flush(self) -> None:
+        waiting, self._waiting, self._waiting_bytes = self._waiting, {}, 0
+        for to, frames in waiting.items():
+            try:
+                publisher = self._publishers.get((to, False)) or self._publisher(to, False)
+                publisher.put(packed(frames))
+            except zenoh.ZError:
+                pass  # the session is closed: who told them is ending
+
+    async def _flush_when_wanted(self) -> None:
+        while True:
+            await self._flush_wanted.wait()
+            self._flush_wanted = trio.Event()
+            self._flush()
 
     def _publisher(self, to: str, prompt: bool) -> zenoh.Publisher:
         if "*" in to:
             raise zenoh.ZError(f"{to} is not one address")
         if len(self._publishers) >= _PUBLISHERS:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
-        # One priority, so that messages of one sender keep their order; asks and answers leave at once
-        # (express), tells may share a batch. Not dropped when a queue is full: a stop is among them.
+        # One priority, so that messages of one sender keep their order; asks, answers and stops leave at once
+        # (express), other tells may share a batch. Not dropped when a queue is full: a stop is among them.
         publisher = self._publishers[to, prompt] = self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,

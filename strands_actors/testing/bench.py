@@ -1,6 +1,6 @@
 """A robot to break: its twin, and a caller that moves it, as processes of their own.
 
-The twin is kept from cell to cell, and so is the caller where it has not been broken itself.
+The twin is kept from cell to cell, and so is the caller where it has not been broken itself; a new one is forked.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import select
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,12 +22,18 @@ from strands_actors.factory import plan
 from strands_actors.runtime.contract import Driver
 from strands_actors.supervisors.census import ALLOW_FAULTS
 
+from .queueing import Queue
 from .registering import where_is
+from .template import Template
 from .twin import Twin
 from .wirelog import WireLog
 
 START_S = 60.0
 """Within which a caller's robot moves, on a busy machine."""
+
+
+SILENT_NS = 200_000_000
+"""A host that has said nothing for so long says nothing more: none has a longer period."""
 
 
 class NotMoving(Exception):
@@ -37,55 +43,56 @@ class NotMoving(Exception):
 class Caller:
     """``testing.caller`` as a process."""
 
-    def __init__(self, directory: Path, wanted: dict[str, str]) -> None:
+    def __init__(self, directory: Path, template: Template, wanted: dict[str, str]) -> None:
         self.trigger = directory / "trigger"
         self.tree: dict[str, Any] = {}
         self.run_dir = directory / "run"
         self._errors = directory / "caller.err"
-        environment = {
-            **os.environ,
-            "STRANDS_ACTORS_RUN": str(self.run_dir),
-            ALLOW_FAULTS: "1",
-            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        }
+        its_input, self._input = os.pipe()
+        self._output, its_output = os.pipe()
+        self._said = b""
         with self._errors.open("w") as errors:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "strands_actors.testing.caller",
-                    json.dumps({**wanted, "trigger": str(self.trigger)}),
-                ],
-                env=environment,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                text=True,
-                start_new_session=True,
-            )
+            try:
+                request = {**wanted, "trigger": str(self.trigger)}
+                self.process = template.fork(request, its_input, its_output, errors.fileno())
+            finally:
+                os.close(its_input)
+                os.close(its_output)
 
     def pid(self, role: str) -> int:
         """Raise ``NotMoving`` when the tree has no such process."""
-        for entry in self.tree["processes"]:
-            if entry["role"] == role:
-                found: int = entry["pid"]
-                return found
-        raise NotMoving(f"there is no {role} process")
+        found = self.pids().get(role)
+        if found is None:
+            raise NotMoving(f"there is no {role} process")
+        return found
+
+    def pids(self) -> dict[str, int]:
+        """Each process of the tree when the robot began to move."""
+        return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
     def line(self) -> dict[str, Any]:
-        """What it says next. Raise ``NotMoving`` when it has ended."""
-        assert self.process.stdout is not None
-        text = self.process.stdout.readline()
-        if not text:
-            raise NotMoving(self._errors.read_text().strip() or "the caller ended before its robot moved")
+        """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for ``START_S``."""
+        deadline_s = time.monotonic() + START_S
+        while not (text := self._next_line(deadline_s)).startswith(b"{"):
+            pass  # a vendor's library prints there, too
         told: dict[str, Any] = json.loads(text)
         return told
 
+    def _next_line(self, deadline_s: float) -> bytes:
+        while b"\n" not in self._said:
+            left_s = max(0.0, deadline_s - time.monotonic())
+            if not select.select([self._output], [], [], left_s)[0]:
+                raise NotMoving(f"the caller said nothing for {START_S:g} s")
+            data = os.read(self._output, 65536)
+            if not data:
+                raise NotMoving(self._errors.read_text().strip() or "the caller ended before its robot moved")
+            self._said += data
+        text, _, self._said = self._said.partition(b"\n")
+        return text
+
     def tell(self, line: str) -> None:
-        assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # its end is seen at the next line it does not say
-            self.process.stdin.write(line + "\n")
-            self.process.stdin.flush()
+            os.write(self._input, line.encode() + b"\n")
 
     def policy_broke_ns(self) -> int:
         told = Path(f"{self.trigger}.t")
@@ -96,11 +103,12 @@ class Caller:
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
-        self.process.kill()
-        for entry in self.tree.get("processes", ()):
+        self.process.end()
+        for pid in self.pids().values():
             with contextlib.suppress(ProcessLookupError):
-                os.kill(entry["pid"], signal.SIGKILL)
-        self.process.communicate()
+                os.kill(pid, signal.SIGKILL)
+        os.close(self._input)
+        os.close(self._output)
 
 
 class Bench:
@@ -118,6 +126,8 @@ class Bench:
         with contextlib.ExitStack() as stack:
             self._directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sa-")))
             self.twin = stack.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
+            self.template = self._make_template()
+            stack.callback(self.template.close)
             self._stack = stack.pop_all()
         return self
 
@@ -143,7 +153,7 @@ class Bench:
         self.twin.fault("ok")
         self.twin.plug()
         caller = self._caller
-        if caller is not None and caller.process.poll() is None:
+        if caller is not None and caller.process.alive:
             caller.forget_trigger()
             os.truncate(self.log.path, 0)  # a log that is read again and again is kept short
             caller.tell(f"again {motion}")
@@ -155,7 +165,7 @@ class Bench:
         self.drop()
         self._wait_for_silence()
         os.truncate(self.log.path, 0)
-        caller = self._caller = Caller(self._directory, self._wanted(motion))
+        caller = self._caller = Caller(self._directory, self.template, self._wanted(motion))
         caller.forget_trigger()
         try:
             caller.tree = caller.line()
@@ -164,24 +174,40 @@ class Bench:
             raise
         return caller
 
+    @property
+    def _where(self) -> str:
+        return "" if self._driver_class is None else where_is(self._driver_class)
+
+    def _make_template(self) -> Template:
+        environment = {
+            **os.environ,
+            "STRANDS_ACTORS_RUN": str(self._directory / "run"),
+            ALLOW_FAULTS: "1",
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        }
+        return Template(environment, self.robot, self._where, self._directory / "template.err")
+
     def _wanted(self, motion: str) -> dict[str, str]:
-        where = "" if self._driver_class is None else where_is(self._driver_class)
         return {
             "robot": self.robot,
             "port": self.twin.port,
-            "driver": where,
+            "driver": self._where,
             "motion": motion,
             "far": str(self.far),
         }
 
+    def queue(self, caller: Caller, victim: int = 0) -> Queue:
+        """Who may stand in line for a processor from now on: the tree, its caller, the robot and this process."""
+        return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
+
     def _wait_for_silence(self) -> None:
         """Until nobody of the tree before writes any more: its processes were killed one after the other."""
-        deadline_s = time.monotonic() + 2.0
+        deadline_s, tail, last_ns = time.monotonic() + 2.0, self.log.tail(), 0
         while time.monotonic() < deadline_s:
-            since_ns = time.monotonic_ns() - 200_000_000
-            if not any(entry.sender == "host" for entry in self.log.entries(since_ns)):
+            last_ns = max((entry.t_ns for entry in tail.new() if entry.sender == "host"), default=last_ns)
+            if time.monotonic_ns() - last_ns > SILENT_NS:
                 return
-            time.sleep(0.05)
+            time.sleep(0.02)
 
 
 @contextlib.contextmanager

@@ -1,6 +1,6 @@
 """The script of a caller that moves a robot, and obeys on standard input.
 
-``python -m strands_actors.testing.caller JSON`` with ``robot``, ``port``, ``driver`` (``module:Class``),
+``main`` is told ``robot``, ``port``, ``driver`` (``module:Class``, or empty),
 ``motion`` (``loop``: it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a
 policy of this process), ``far`` (how far, in the driver's units) and ``trigger`` (see ``testing.policies``). It
 prints one JSON line, the robot's tree, when the robot moves. Lines it obeys: ``exception``, ``exit``, ``spin``;
@@ -102,8 +102,7 @@ class Caller:
                 fall(how)
 
 
-def main(text: str) -> None:
-    wanted = json.loads(text)
+def main(wanted: dict[str, Any]) -> None:
     caller = Caller(wanted)
     caller.begin(wanted["motion"])
     while True:
@@ -113,7 +112,3 @@ def main(text: str) -> None:
             if not line:
                 return
             caller.obey(line)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1])

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
+import math
 import statistics
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
-from pathlib import Path
 
-from strands_actors import __version__
 from strands_actors.runtime.contract import Driver
 
-from .bench import Bench, NotMoving
-from .cells import Outcome, run_cell
+from .bench import Bench, driver_of
+from .cells import Outcome, tries
 from .faults import Cell, Faults, Victims, cells_of
+from .jobs import Drivers
+from .queueing import DISTURBED_MS
+from .trials import Trials
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Row:
     fault: str
     why_not: str = ""  # why it is not applicable; then the rest means nothing
     rung: str = ""
-    trials: int = 0
+    trials: int = 0  # less the disturbed
     median_ms: float = 0.0
     worst_ms: float = 0.0
     bound_ms: float = 0.0
@@ -37,15 +35,16 @@ class Row:
     gone_worst_ms: float = 0.0
     late: int = 0  # trials past the bound
     unsafe: int = 0  # trials without a whole safe frame, or with a setpoint behind it
+    disturbed: int = 0  # trials that were late because their processes stood in line for a processor
     proves: tuple[str, ...] = ()
 
     @property
     def safe(self) -> bool:
-        return not self.unsafe and not self.late
+        return bool(self.why_not) or (self.trials > 0 and not self.unsafe and not self.late)
 
 
 Progress = Callable[[str, Cell, int], None]
-"""(robot, cell, trial)"""
+"""(robot, cell, trials so far)"""
 
 
 def measure(
@@ -63,36 +62,41 @@ def measure(
             if cell.why_not:
                 yield Row(robot, cell.victim, cell.fault, cell.why_not)
                 continue
-            outcomes = []
-            for trial in range(repeats):
-                progress(robot, cell, trial)
-                outcomes.append(_try(cell, bench))
+            outcomes: list[Outcome] = []
+            for outcome in tries(cell, bench, repeats):
+                progress(robot, cell, len(outcomes))
+                outcomes.append(outcome)
             yield summary(robot, cell, outcomes)
 
 
-def _try(cell: Cell, bench: Bench) -> Outcome:
-    try:
-        return run_cell(cell, bench)
-    except NotMoving as why:
-        raise NotMoving(f"{bench.robot}, {cell}: {why}") from why
+def rows_of(drivers: Drivers, trials: Trials) -> Iterator[Row]:
+    """Each cell of each robot, in the order of the tables."""
+    for robot, driver_class in drivers.items():
+        for cell in cells_of(driver_of(robot, driver_class)):
+            yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 
 def summary(robot: str, cell: Cell, outcomes: Sequence[Outcome]) -> Row:
-    times = sorted(outcome.safe_ms for outcome in outcomes)
+    """Figures are of the trials that were not disturbed; of what is not safe none is left out."""
+    counted = [outcome for outcome in outcomes if not outcome.disturbed]
+    if not counted:
+        return Row(robot, cell.victim, cell.fault, cell.why_not, disturbed=len(outcomes), proves=cell.proves)
+    times = sorted(outcome.safe_ms for outcome in counted)
     return Row(
         robot,
         cell.victim,
         cell.fault,
         "",
-        outcomes[0].rung,
-        len(outcomes),
+        counted[0].rung,
+        len(counted),
         round(statistics.median(times), 1),
         round(times[-1], 1),
-        round(outcomes[0].bound_ms),
+        round(counted[0].bound_ms),
         sum(max(0, outcome.setpoints_after) for outcome in outcomes),
-        round(max(outcome.gone_ms for outcome in outcomes), 1),
-        sum(outcome.safe_ms > outcome.bound_ms for outcome in outcomes),
+        round(max(outcome.gone_ms for outcome in counted), 1),
+        sum(outcome.late for outcome in counted),
         sum(not outcome.safe for outcome in outcomes),
+        len(outcomes) - len(counted),
         cell.proves,
     )
 
@@ -100,29 +104,25 @@ def summary(robot: str, cell: Cell, outcomes: Sequence[Outcome]) -> Row:
 # -- written down
 
 
-def conditions() -> dict[str, str]:
+def conditions(trials: Trials) -> dict[str, str]:
     """Under which figures were taken."""
-    load = ", ".join(f"{value:.2f}" for value in os.getloadavg())
+    loads = [trial.load for trial in trials.all] or [0.0]
+    dates = [trial.at for trial in trials.all] or [trials.runs[-1].at]
+    jobs = sorted({run.jobs for run in trials.runs})
+    disturbed = sum(trial.outcome.disturbed for trial in trials.all)
     return {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
-        "load": f"{load} (1, 5, 15 min)",
-        "python": sys.version.split()[0],
-        "strands-actors": __version__,
+        "date": f"{dates[0]} to {dates[-1]} UTC",
+        **trials.runs[-1].subject,
+        "load": f"{min(loads):.1f} to {max(loads):.1f} (last minute, at each trial)",
+        "jobs": f"{' or '.join(map(str, jobs))} side by side",
+        "trials": f"{len(trials.all)}, of which disturbed: {disturbed}",
     }
 
 
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
-
-
 def as_json(rows: Sequence[Row], taken: dict[str, str]) -> str:
-    cells = [{**asdict(row), "safe": row.safe if not row.why_not else None} for row in rows]
+    cells = [{**asdict(row), "safe": None if row.why_not else row.safe} for row in rows]
+    for cell in cells:  # JSON has no infinity
+        cell.update({key: None for key in ("median_ms", "worst_ms") if math.isinf(cell[key])})
     return json.dumps({"conditions": taken, "safe": all(row.safe for row in rows), "cells": cells})
 
 
@@ -137,13 +137,19 @@ of the robot's end of the wire, not from the program. This page was made by
   that ends by itself: from its end. Of a frozen robot or a pulled cable: from its return. Of the other faults of
   the robot: from a stop that is given while the fault lasts.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
+* **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past the
+  bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for more than
+  {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound. A trial that is not
+  safe is always counted. Benches run side by side (`jobs`) and disturb each other.
+* Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
+  processes are started as they always are.
 * **proves**: requirements of [safety.md](safety.md).
 """
 
 
 def page(rows: Sequence[Row], taken: dict[str, str]) -> str:
     """The page as Markdown."""
-    lines = [INTRODUCTION.format(repeats=max((row.trials for row in rows), default=1))]
+    lines = [INTRODUCTION.format(repeats=max((row.trials for row in rows), default=1), disturbed_ms=DISTURBED_MS)]
     lines += ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in taken.items()), ""]
     measured = [row for row in rows if not row.why_not]
     bad = [row for row in measured if not row.safe]
@@ -157,15 +163,16 @@ def page(rows: Sequence[Row], taken: dict[str, str]) -> str:
 
 
 def _table(rows: Sequence[Row]) -> Iterator[str]:
-    yield "| victim | fault | rung | median | worst | bound | after | trials | proves |"
-    yield "|---|---|---|---:|---:|---:|---:|---:|---|"
+    yield "| victim | fault | rung | median | worst | bound | after | trials | disturbed | proves |"
+    yield "|---|---|---|---:|---:|---:|---:|---:|---:|---|"
     for row in rows:
         if row.why_not:
             continue
-        mark = "" if row.safe else " **not safe**" if row.unsafe else " **late**"
+        mark = "" if row.safe else f" **{verdict(row)}**"
         yield (
             f"| {row.victim} | {row.fault} | {row.rung} | {row.median_ms:.1f} | {row.worst_ms:.1f}{mark} "
-            f"| {row.bound_ms:.0f} | {row.setpoints_after} | {row.trials} | {', '.join(row.proves)} |"
+            f"| {row.bound_ms:.0f} | {row.setpoints_after} | {row.trials} | {row.disturbed} "
+            f"| {', '.join(row.proves)} |"
         )
     yield ""
     yield "Not applicable:"
@@ -174,6 +181,12 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
         for why in dict.fromkeys(row.why_not for row in rows if row.victim == victim and row.why_not):
             faults = [fault for fault in Faults if any(_is(row, victim, fault, why) for row in rows)]
             yield f"* {victim}: {', '.join(faults)}: {why}."
+
+
+def verdict(row: Row) -> str:
+    if row.safe:
+        return "safe"
+    return "not safe" if row.unsafe else "late" if row.late else "not measured"
 
 
 def _is(row: Row, victim: str, fault: str, why: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,33 @@ class Entry(NamedTuple):
     rung: str | None = None  # of a safe frame: what it brings the whole robot to; "" none, None: not said
 
 
+class Tail:
+    """Reads a log that grows: each entry once."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._offset = 0
+
+    def new(self) -> Iterator[Entry]:
+        """What was written since the last time. A log that was emptied begins anew."""
+        if not self._path.exists():
+            return
+        with self._path.open("rb") as log:
+            if os.fstat(log.fileno()).st_size < self._offset:
+                self._offset = 0
+            log.seek(self._offset)
+            for line in log:
+                if not line.endswith(b"\n"):
+                    return  # still being written
+                self._offset += len(line)
+                yield _entry(line)
+
+
+def _entry(line: bytes) -> Entry:
+    row = json.loads(line)
+    return Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]), row.get("rung"))
+
+
 class WireLog:
     """Reads the NDJSON log of a twin that may still be writing it."""
 
@@ -23,16 +51,11 @@ class WireLog:
         self.path = Path(path)
 
     def entries(self, since_ns: int = 0) -> Iterator[Entry]:
-        if not self.path.exists():
-            return
-        with self.path.open() as lines:
-            for line in lines:
-                if not line.endswith("\n"):
-                    return  # still being written
-                row = json.loads(line)
-                if row["t_ns"] >= since_ns:
-                    data = bytes.fromhex(row["hex"])
-                    yield Entry(row["t_ns"], row["from"], row["kind"], data, row.get("rung"))
+        return (entry for entry in self.tail().new() if entry.t_ns >= since_ns)
+
+    def tail(self) -> Tail:
+        """From its beginning, and then what is new."""
+        return Tail(self.path)
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
         """What the host wrote of one kind."""

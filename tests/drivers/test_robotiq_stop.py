@@ -8,8 +8,9 @@ from memory_port import MemoryPort, Permission, virtual
 from robotiq_rig import Rig
 
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.faults import Reply
 from strands_actors.drivers.robotiq import protocol as p
-from strands_actors.drivers.robotiq.wire import RobotiqSecondPath
+from strands_actors.drivers.robotiq.wire import RobotiqSecondPath, RobotiqWire
 from strands_actors.runtime.contract import MotorReport, WireDown
 
 STOPS_WITHIN_S = 1.2
@@ -79,6 +80,57 @@ def test_a_stop_without_a_connection_names_why() -> None:
 
 
 # -- the second path
+
+
+@pytest.mark.parametrize("number", range(3), ids=["noise", "a lost end", "a wrong byte"])
+def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: int) -> None:
+    """Its connection is gone, over nonsense; and what it says on a new one is none the better."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(1.0, speed=0.0)
+        await rig.observe_for(0.2)
+        rig.twin.set_fault(Fault.GARBAGE)
+        rig.wire.close()
+        rig.written.clear()
+        for _ in range(number):  # the next answer is damaged in the next way
+            rig.twin.faults.apply(Reply(0.0, b"answer"))
+        (report,) = await rig.wire.reach("hold")
+        assert rig.written[:1] == ["safe"]
+        assert (report.written, report.safe) == (True, False), "it is not understood, so it is not confirmed"
+        assert rig.ports[-1].closed
+
+    virtual(main)
+
+
+def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
+    """It may have been without power: being told to hold would activate it, and moves its fingers."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.wire.close()
+        rig.written.clear()
+        rig.silent_from = rig.questions
+        (report,) = await rig.wire.reach("hold")
+        assert (rig.written, report.written, report.safe) == ([], False, False)
+        assert await RobotiqWire(rig.driver, rig.clock, rig.connect).reach("hold") == (), "never connected"
+
+    virtual(main)
+
+
+def test_a_gripper_that_answers_again_is_held_by_what_it_says() -> None:
+    """Without power meanwhile, it is not activated by a stop."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.wire.close()
+        rig.twin.power_cycle()
+        rig.written.clear()
+        await rig.wire.reach("hold")
+        assert "enable" not in rig.written
+        assert "setpoint" not in rig.written
+
+    virtual(main)
 
 
 def test_the_second_path_stops_a_move_on_its_own_connection() -> None:

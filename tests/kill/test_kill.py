@@ -19,7 +19,7 @@ SETTLE_S = 0.2
 HARDEST = (Faults.KILL, Faults.FREEZE)
 ROBOTS = {
     "so101": tuple(Faults),
-    "robotiq_2f85": (*HARDEST, Faults.LINK_LOSS, Faults.LATE_REPLY),
+    "robotiq_2f85": (*HARDEST, Faults.LINK_LOSS, Faults.GARBAGE, Faults.LATE_REPLY),
     "koch": (Faults.KILL,),
     "ur5e": (Faults.KILL,),
     "unitree_g1": (Faults.KILL,),

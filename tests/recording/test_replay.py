@@ -15,8 +15,8 @@ from strands_actors.recording.lines import Gap, Journal
 from strands_actors.recording.player import Outcome, replay
 from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors import failsafe, gate
-from strands_actors.supervisors.messages import Accepted, Beat, Resume, RootGone, Stop
+from strands_actors.supervisors import failsafe, gate, lease
+from strands_actors.supervisors.messages import Accepted, Beat, Observed, Resume, RootGone, Stop
 from strands_actors.supervisors.tap import Kind
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
@@ -151,7 +151,7 @@ def test_another_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_shorter_lease_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = recorded(lively)
-    monkeypatch.setattr(gate, "LEASE_TTL_NS", 500_000_000)
+    monkeypatch.setattr(lease, "LEASE_TTL_NS", 500_000_000)
     difference = again(recording).difference
     assert difference is not None and difference.message.startswith("Probe")
     assert any("MakeSafe" in line for line in difference.replayed)
@@ -169,13 +169,13 @@ def test_another_transition_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_gate_that_reads_the_clock_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = recorded(lively)
-    beat = gate.Gate._beat
+    observed = gate.Gate._observed
 
-    def impure(self: gate.Gate, message: Beat) -> None:
+    def impure(self: gate.Gate, message: Observed) -> None:
         self.context.clock.now_ns()
-        beat(self, message)
+        observed(self, message)
 
-    monkeypatch.setattr(gate.Gate, "_beat", impure)
+    monkeypatch.setattr(gate.Gate, "_observed", impure)
     difference = again(recording).difference
     assert difference is not None and "clock" in difference.replayed[0]
 

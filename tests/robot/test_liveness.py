@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 from strands_actors.liveness import Liveness
@@ -50,3 +52,24 @@ def test_a_thread_inside_a_verb_answers() -> None:
     liveness.enter()
     spin(0.1)
     assert liveness.look() == (True, 0.0)
+
+
+FORKED = """
+import os, sys, time
+from strands_actors.liveness import Liveness
+if os.fork() == 0:
+    liveness = Liveness()
+    liveness.look()
+    until_s = time.thread_time() + 0.1
+    while time.thread_time() < until_s:
+        pass
+    os.write(1, repr(liveness.look()).encode())
+    os._exit(0)
+os.wait()
+"""
+
+
+def test_a_forked_process_that_only_computes_does_not_answer_either() -> None:
+    """The number of its main thread is its own, not that of the process it was forked from."""
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, check=True)
+    assert done.stdout == "(True, -1.0)"

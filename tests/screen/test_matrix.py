@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
+import msgspec
 import pytest
+import trio
 
 from strands_actors.cli.matrix import one_of_each
 from strands_actors.drivers import get_native_driver_class
-from strands_actors.testing import Cell, Faults, Outcome, Victims, cells_of
+from strands_actors.runtime.contract import Driver
+from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, cells_of
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import proves
+from strands_actors.testing.jobs import Plan, measure_all
 from strands_actors.testing.matrix import Row, as_json, conditions, measure, page, summary
+from strands_actors.testing.queueing import DISTURBED_MS, Queue
+from strands_actors.testing.trials import Problem, Trials, trial
+from strands_actors.testing.worker import Order
 from tests.cli.command import Command
 
 from .blinky import Blinky
@@ -20,8 +31,15 @@ from .blinky import Blinky
 WIRE_KILL = Cell(Victims.WIRE, Faults.KILL, "", ("SAF-003",))
 
 
-def outcome(safe_ms: float, after: int = 0, whole: bool = True) -> Outcome:
-    return Outcome("wire", "kill", "limp", safe_ms, 50.0, after, whole)
+def outcome(safe_ms: float, after: int = 0, whole: bool = True, stood_ms: float = 0.0) -> Outcome:
+    return Outcome("wire", "kill", "limp", safe_ms, 50.0, after, whole, stood_ms=stood_ms)
+
+
+def some_trials(*outcomes: Outcome, path: Path | None = None) -> Trials:
+    trials = Trials(path, jobs=2)
+    for each in outcomes:
+        trials.add(trial("so101", each))
+    return trials
 
 
 def test_saf_003_a_row_is_safe_only_when_every_trial_is() -> None:
@@ -35,21 +53,90 @@ def test_saf_003_a_row_is_safe_only_when_every_trial_is() -> None:
     assert (nothing.safe, nothing.setpoints_after) == (False, 0)
 
 
+def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() -> None:
+    assert outcome(70.0, stood_ms=30.0).disturbed
+    assert not outcome(70.0, stood_ms=15.0).disturbed, "without the wait it would have been late, too"
+    assert not outcome(51.0, stood_ms=DISTURBED_MS).disturbed, "so long a wait is usual"
+    assert not outcome(40.0, stood_ms=30.0).disturbed, "not late"
+    assert not outcome(70.0, after=1, stood_ms=30.0).disturbed
+    assert not outcome(70.0, whole=False, stood_ms=30.0).disturbed
+    row = summary("so101", WIRE_KILL, [outcome(7.0), outcome(70.0, stood_ms=30.0)])
+    assert (row.trials, row.disturbed, row.worst_ms, row.late, row.safe) == (1, 1, 7.0, 0, True)
+    row = summary("so101", WIRE_KILL, [outcome(7.0), outcome(70.0, after=1, stood_ms=30.0)])
+    assert (row.trials, row.disturbed, row.unsafe, row.safe) == (2, 0, 1, False)
+    assert not summary("so101", WIRE_KILL, []).safe, "what was not measured is not safe"
+
+
+def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    drivers: dict[str, type[Driver] | None] = {"so101": None}
+    some_trials(outcome(7.0), outcome(float("inf"), after=-1, whole=False), path=path)
+    with path.open("ab") as file:
+        file.write(b'{"half a li')
+    again = Trials(path, jobs=4)
+    assert [each.safe_ms for each in again.of("so101", WIRE_KILL)] == [7.0, float("inf")]
+    assert [run.jobs for run in again.runs] == [2, 4]
+    assert conditions(again)["trials"] == "2, of which disturbed: 0"
+    orders = left(Plan(drivers, 3, again))
+    assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "kill")] == [1]
+    assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "freeze")] == [3]
+    path.write_bytes(path.read_bytes().replace(b"cores", b"CORES"))
+    with pytest.raises(Problem, match="was measured with"):
+        Trials(path, jobs=1)
+
+
+def left(plan: Plan, robot: str = "") -> list[Order]:
+    """What a worker is given that has a bench of ``robot``."""
+    orders: list[Order] = []
+    while (order := plan.next_for(orders[-1].robot if orders else robot)) is not None:
+        orders.append(order)
+    return orders
+
+
+def test_a_robot_that_runs_first_has_one_bench_and_every_order_is_given_once() -> None:
+    drivers: dict[str, type[Driver] | None] = {"so101": None, "unitree_g1": None}
+    plan = Plan(drivers, 11, some_trials())
+    first = [order for _ in range(4) if (order := plan.next_for("")) is not None]
+    assert [order.robot for order in first] == ["unitree_g1", "so101", "so101", "so101"]
+    trials = sum(order.trials for order in [*first, *left(plan, "unitree_g1")])
+    assert trials == 11 * sum(not cell.why_not for robot in drivers for cell in cells_of(driver_of(robot)))
+
+
+def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
+    """Two that spin on the one processor that both may use: each stands in line half of the time."""
+    alone = {min(os.sched_getaffinity(0))}
+    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        for process in spinning:
+            os.sched_setaffinity(process.pid, alone)
+        queue, idle = Queue([process.pid for process in spinning]), Queue([])
+        deadline_s = time.monotonic() + 20.0
+        while queue.stood_ms() < 50.0:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert idle.stood_ms() == 0.0
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+
+
 def test_the_page_shows_figures_reasons_and_conditions() -> None:
     rows = [
         summary("so101", WIRE_KILL, [outcome(7.0), outcome(9.0)]),
         Row("so101", "caller", "garbage", "a fault of the robot's end of the wire"),
     ]
-    text = page(rows, conditions())
-    assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | SAF-003 |" in text
+    taken = conditions(some_trials(outcome(7.0), outcome(9.0)))
+    text = page(rows, taken)
+    assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
     assert "* caller: garbage: a fault of the robot's end of the wire." in text
     assert "1 cells, 2 trials, 0 setpoints after a safe frame: every one safe" in text
-    for key in ("date", "machine", "load", "python"):
+    for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
         assert f"| {key} |" in text
-    unsafe = page([summary("so101", WIRE_KILL, [outcome(7.0, after=1)])], conditions())
+    unsafe = page([summary("so101", WIRE_KILL, [outcome(7.0, after=1)])], taken)
     assert "**not safe**" in unsafe
     assert "**1 not safe" in unsafe
-    assert json.loads(as_json(rows, conditions()))["safe"] is True
+    assert json.loads(as_json(rows, taken))["safe"] is True
 
 
 def test_two_trials_of_a_driver_of_somebody_elses() -> None:
@@ -59,6 +146,45 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
     assert (row.robot, row.victim, row.fault, row.rung, row.trials) == ("blinky", "wire", "kill", "limp", 2)
     assert (row.unsafe, row.setpoints_after) == (0, 0)
     assert 0 < row.median_ms <= row.worst_ms
+
+
+def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
+    """Through the worker processes; what they cannot measure they say."""
+    drivers: dict[str, type[Driver] | None] = {"blinky": Blinky}
+    plan, trials = Plan(drivers, 1, some_trials()), some_trials()
+    orders = [order for order in left(plan) if (order.victim, order.fault) == ("wire", "kill")]
+    problems = trio.run(
+        measure_all, Given([*orders, msgspec.structs.replace(orders[0], driver="no:Where")]), 1, trials.add
+    )
+    assert [each.cell for each in trials.all] == [("blinky", "wire", "kill")]
+    assert len(problems) == 1, problems
+
+
+class Given(Plan):
+    """These orders."""
+
+    def __init__(self, orders: list[Order]) -> None:
+        self._orders = orders
+
+    def next_for(self, robot: str) -> Order | None:
+        return self._orders.pop(0) if self._orders else None
+
+
+def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
+    with Bench("blinky", Blinky) as bench:
+        template = bench.template.pid
+        assert len(os.listdir(f"/proc/{template}/task")) == 1
+        caller = bench.moving("loop")
+        assert len(os.listdir(f"/proc/{template}/task")) == 1
+        pid = caller.process.pid
+        assert os.getsid(pid) == pid
+        root = caller.pids()["root"]
+        caller.tell("exit")
+        caller.line()
+        deadline_s = time.monotonic() + 20.0
+        while caller.process.alive or Path(f"/proc/{root}").exists():
+            assert time.monotonic() < deadline_s
+            time.sleep(0.005)
 
 
 def test_by_default_there_is_one_robot_of_each_driver() -> None:

@@ -1,0 +1,26 @@
+"""Six Dynamixel servos read (fast sync read) and written as fast as it goes, beside the vendor's SDK."""
+
+from __future__ import annotations
+
+from benchmarks.feetech import LIMIT, side
+from benchmarks.house import Goal, Question
+
+QUESTION = Question(
+    name="dynamixel",
+    title="Dynamixel: read six servos and write six, at 1 Mbaud",
+    sides={
+        "ours": side("koch", "ours"),
+        "our wire": side("koch", "wire"),
+        "dynamixel-sdk": side("koch", "sdk"),
+        "floor": side("koch", "floor"),
+    },
+    goals=(
+        Goal("of_limit_x", "", at_least=0.90),
+        Goal("cpu_us", "dynamixel-sdk", at_most=0.3),
+    ),
+    limit=LIMIT.format(
+        bytes=1200,
+        whole="21 bytes a servo, each in a frame of its own (one that is missing ends a fast answer for all)",
+        own=388,
+    ),
+)

@@ -1,0 +1,38 @@
+"""Six Feetech servos read and written as fast as it goes, beside the vendor's SDK and lerobot's bus."""
+
+from __future__ import annotations
+
+from benchmarks.house import Figures, Goal, Question, Side
+from benchmarks.stage import at_line
+
+
+def side(robot: str, who: str, peer: str = "") -> Side:
+    def ask(short: bool) -> Figures:
+        return at_line(robot, "bus", who, "short" if short else "long", robot, peer=peer)
+
+    return ask
+
+
+LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is what this machine leaves of that: the same
+bytes, made in advance, through a blocking descriptor. What we add is one turn of trio's loop and some 20 µs of
+encoding and decoding. `our wire` is what a robot of ours does in every cycle: it reads {whole}, so its own limit
+is {own} Hz, and is asked at the control rate, not flat out."""
+
+QUESTION = Question(
+    name="feetech",
+    title="Feetech: read six servos and write six, at 1 Mbaud",
+    sides={
+        "ours": side("so101", "ours"),
+        "our wire": side("so101", "wire"),
+        "feetech-servo-sdk": side("so101", "sdk"),
+        "lerobot": side("so101", "lerobot", "lerobot"),
+        "floor": side("so101", "floor"),
+    },
+    goals=(
+        Goal("of_limit_x", "", at_least=0.90),
+        Goal("cpu_us", "feetech-servo-sdk", at_most=0.3),
+    ),
+    limit=LIMIT.format(
+        bytes=880, whole="position, velocity, load, voltage and temperature, 11 bytes a servo", own=704
+    ),
+)

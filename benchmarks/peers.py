@@ -1,0 +1,124 @@
+"""``python -m benchmarks.peers [NAME ...]``: the environments of peers that cannot share ours.
+
+Each is a virtual environment in ``benchmarks/.peers/<name>/`` of the Python it runs on. A benchmark that needs one
+which is not there says so and fails: nothing is installed behind anybody's back.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+PLACE = Path(__file__).resolve().parent / ".peers"
+
+
+@dataclass(frozen=True)
+class Peer:
+    """``alone``: packages whose own requirements are left out, because they want what no benchmark uses."""
+
+    python: str
+    packages: tuple[str, ...]
+    alone: tuple[str, ...] = ()
+    proof: str = ""
+    """An import that must succeed."""
+
+
+PEERS = {
+    "strands": Peer(
+        "3.12",
+        (
+            "strands-agents",
+            "numpy",
+            "pillow",
+            "opencv-python-headless",
+            "mujoco",
+            "eclipse-zenoh",
+            "json5",
+            "cryptography",
+            "psutil",
+            "pyserial",
+            "feetech-servo-sdk==1.0.0",
+            "ur-rtde>=1.6.5,<2",
+        ),
+        ("strands-robots==0.5.3",),
+        "strands_robots, rtde_control",
+    ),
+    # without torch: its buses use none, and it is 800 MB
+    "lerobot": Peer(
+        "3.11",
+        ("numpy", "pyserial", "deepdiff", "tqdm", "feetech-servo-sdk==1.0.0"),
+        ("lerobot==0.4.4",),
+        "scservo_sdk, deepdiff",
+    ),
+    # the release that Unitree's SDK asks for; its wheels end at this Python
+    "cyclonedds": Peer("3.10", ("cyclonedds==0.10.2",), (), "cyclonedds.idl"),
+}
+
+
+class Missing(RuntimeError):
+    """A peer, or what it is made of, is not there. The text says what to do."""
+
+
+def python(name: str) -> str:
+    """The interpreter of a peer. Raise ``Missing`` when it has not been made."""
+    place = PLACE / name / "bin" / "python"
+    if not (PLACE / name / "ready").exists():
+        raise Missing(f"{name} is not installed here: run python -m benchmarks.peers {name}")
+    return str(place)
+
+
+def make(name: str) -> None:
+    """Make the environment of a peer anew. Raise ``Missing`` when its Python is not to be found."""
+    peer = PEERS[name]
+    place = PLACE / name
+    shutil.rmtree(place, ignore_errors=True)
+    subprocess.run([find(peer.python), "-m", "venv", str(place)], check=True)
+    interpreter = str(place / "bin" / "python")
+    install = [interpreter, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, *peer.packages], check=True)
+    if peer.alone:
+        subprocess.run([*install, "--no-deps", *peer.alone], check=True)
+    subprocess.run([interpreter, "-c", f"import {peer.proof}"], check=True)
+    (place / "ready").touch()
+
+
+def find(version: str) -> str:
+    """An interpreter of this version: from PATH, or of pyenv."""
+    for candidate in _candidates(version):
+        asked = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+        done = subprocess.run(asked, capture_output=True, text=True)
+        if done.returncode == 0 and done.stdout.strip() == version:
+            return candidate
+    raise Missing(f"no Python {version} on PATH or in ~/.pyenv/versions: install one (pyenv install {version})")
+
+
+def _candidates(version: str) -> Iterator[str]:
+    yield sys.executable
+    if found := shutil.which(f"python{version}"):
+        yield found
+    yield from (str(path) for path in sorted(Path.home().glob(f".pyenv/versions/{version}*/bin/python")))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
+    parser.add_argument("name", nargs="*", help=f"of: {', '.join(PEERS)} (default: all)")
+    names = parser.parse_args().name or list(PEERS)
+    if unknown := [name for name in names if name not in PEERS]:
+        parser.error(f"no peer is called {', '.join(unknown)}; there are: {', '.join(PEERS)}")
+    for name in names:
+        print(f"making {PLACE / name}", file=sys.stderr, flush=True)
+        try:
+            make(name)
+        except (Missing, subprocess.CalledProcessError) as failure:
+            print(f"{name}: {failure}", file=sys.stderr)
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,293 @@
+"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot,
+floor.
+
+The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the
+positions of all servos in one sync read, and write the same goals in one sync write; ``wire`` is what a robot of
+ours does in every cycle: it reads all that a servo reports of itself, decodes it into an observation, and writes
+behind a permit."""
+
+from __future__ import annotations
+
+import gc
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.sides.wire import percentile
+
+SECONDS = {"short": 1.0, "long": 4.0}
+BAUD = 1_000_000
+BYTE_S = 10 / BAUD
+MOTORS = tuple(range(1, 7))
+GOAL = 2048
+
+FEETECH, DYNAMIXEL = "so101", "koch"
+LIMIT_HZ = {
+    # sync read: 8 + n asked, n x (6 + 2) answered; sync write: 8 + n x 3
+    FEETECH: 1 / (BYTE_S * ((8 + 6 + 6 * 8) + (8 + 6 * 3))),
+    # fast sync read: 14 + n asked, 8 + n x (4 + 4) answered; sync write: 14 + n x 5
+    DYNAMIXEL: 1 / (BYTE_S * ((14 + 6 + 8 + 6 * 8) + (14 + 6 * 5))),
+}
+"""Cycles a second if the bus never fell silent. facts of both protocols; servos answer without delay."""
+
+Cycle = Callable[[int], None]
+
+
+def goal(number: int) -> int:
+    return GOAL + number % 20
+
+
+def told(cycle: Cycle, seconds: float) -> dict[str, float]:
+    """Run it so long; cycles a second, processor time."""
+    for number in range(50):
+        cycle(number)
+    took_us: list[float] = []
+    used_s, began_s = time.process_time(), time.perf_counter()
+    while time.perf_counter() - began_s < seconds:
+        at_s = time.perf_counter()
+        cycle(len(took_us))
+        took_us.append((time.perf_counter() - at_s) * 1e6)
+    elapsed_s = time.perf_counter() - began_s
+    return figures(took_us, time.process_time() - used_s, elapsed_s)
+
+
+def figures(took_us: list[float], used_s: float, elapsed_s: float) -> dict[str, float]:
+    return {
+        "cycles_hz": len(took_us) / elapsed_s,
+        "cpu_us": 1e6 * used_s / len(took_us),
+        "cpu_pct": 100 * used_s / elapsed_s,
+        "cycle_p50_us": percentile(took_us, 0.5),
+        "cycle_p99_us": percentile(took_us, 0.99),
+    }
+
+
+# -- vendors
+
+
+def feetech_sdk(port: str, seconds: float) -> dict[str, float]:
+    from scservo_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+
+    line, packets = PortHandler(port), PacketHandler(0)
+    line.openPort()
+    line.setBaudRate(BAUD)
+    for motor in MOTORS:
+        packets.write1ByteTxRx(line, motor, 7, 0)  # answer without delay
+        packets.write1ByteTxRx(line, motor, 40, 1)
+    lost: list[int] = []
+    reader, writer = GroupSyncRead(line, packets, 56, 2), GroupSyncWrite(line, packets, 42, 2)
+    for motor in MOTORS:
+        reader.addParam(motor)
+        writer.addParam(motor, [0, 8])
+
+    def cycle(number: int) -> None:
+        if reader.txRxPacket() != COMM_SUCCESS:
+            lost.append(number)
+        for motor in MOTORS:
+            reader.getData(motor, 56, 2)
+        count = goal(number)
+        for motor in MOTORS:
+            writer.changeParam(motor, [count & 255, count >> 8])
+        writer.txPacket()
+
+    return _unless_lost(told(cycle, seconds), lost)
+
+
+def dynamixel_sdk(port: str, seconds: float) -> dict[str, float]:
+    from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+
+    line, packets = PortHandler(port), PacketHandler(2.0)
+    line.openPort()
+    line.setBaudRate(BAUD)
+    for motor in MOTORS:
+        packets.write1ByteTxRx(line, motor, 9, 0)
+        packets.write1ByteTxRx(line, motor, 64, 1)
+    lost: list[int] = []
+    reader, writer = GroupSyncRead(line, packets, 132, 4), GroupSyncWrite(line, packets, 116, 4)
+    for motor in MOTORS:
+        reader.addParam(motor)
+        writer.addParam(motor, [0, 8, 0, 0])
+
+    def cycle(number: int) -> None:
+        if reader.fastSyncRead() != COMM_SUCCESS:
+            lost.append(number)
+            return
+        for motor in MOTORS:
+            reader.getData(motor, 132, 4)
+        count = goal(number)
+        for motor in MOTORS:
+            writer.changeParam(motor, [count & 255, count >> 8, 0, 0])
+        writer.txPacket()
+
+    return _unless_lost(told(cycle, seconds), lost)
+
+
+def _unless_lost(found: dict[str, float], lost: list[int]) -> dict[str, float]:
+    """A reply that the SDK gave up waiting for now and then is its own; more is a fault of the set-up."""
+    if len(lost) > 0.02 * found["cycles_hz"]:
+        raise RuntimeError(f"{len(lost)} readings were not answered")
+    return found
+
+
+def lerobot(port: str, robot: str, seconds: float) -> dict[str, float]:
+    _without_torch()
+    from lerobot.motors import Motor, MotorNormMode
+    from lerobot.motors.feetech import FeetechMotorsBus
+
+    names = {f"m{motor}": Motor(motor, "sts3215", MotorNormMode.RANGE_M100_100) for motor in MOTORS}
+    bus = FeetechMotorsBus(port, names)
+    bus.connect()
+    bus.configure_motors()  # return delay 0, among others
+    bus.enable_torque()
+
+    def cycle(number: int) -> None:
+        bus.sync_read("Present_Position", normalize=False)
+        bus.sync_write("Goal_Position", dict.fromkeys(names, goal(number)), normalize=False)
+
+    return told(cycle, seconds)
+
+
+def _without_torch() -> None:
+    """lerobot's buses use none of these; modules beside them import them."""
+    import types
+
+    for name in ("torch", "accelerate", "datasets", "datasets.utils", "datasets.utils.logging"):
+        module = types.ModuleType(name)
+        module.__getattr__ = lambda attribute: type(attribute, (), {})  # type: ignore[method-assign]
+        sys.modules[name] = module
+
+
+# -- the least there is
+
+
+def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
+    """Frames made in advance, answers counted and not looked at, blocking: what terminal and machine leave."""
+    import os
+    import termios
+
+    import serial
+
+    if robot == FEETECH:
+        from strands_actors.drivers.feetech import protocol as feetech
+
+        ask, answer_bytes = feetech.sync_read(MOTORS, 56, 2), 6 * 8
+        frames = [feetech.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    else:
+        from strands_actors.drivers.dynamixel import protocol as dynamixel
+
+        ask, answer_bytes = dynamixel.fast_sync_read(MOTORS, 132, 4), 8 + 6 * 8
+        frames = [dynamixel.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    device = serial.Serial(port, BAUD)
+    fd = device.fileno()
+    os.set_blocking(fd, True)
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN] = 1  # wait for a byte
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
+
+    def cycle(number: int) -> None:
+        os.write(fd, ask)
+        missing = answer_bytes
+        while missing > 0:
+            missing -= len(os.read(fd, 4096))
+        os.write(fd, frames[number % 20])
+
+    return told(cycle, seconds)
+
+
+# -- ours
+
+
+def ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict[str, float]:
+    import trio
+
+    return trio.run(_ours, robot, port, seconds, whole_wire)
+
+
+async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict[str, float]:
+    from strands_actors.drivers import get_native_driver_class
+    from strands_actors.runtime.clock import MonotonicClock
+
+    driver_class: Any = get_native_driver_class(robot)
+    driver = driver_class(robot, port, driver_class.resolve(robot, {"baud": BAUD}))
+    wire = driver.open_wire(MonotonicClock())
+    await wire.open()
+    await wire.arm(_Permit())
+    gc.freeze()  # as the wire process does
+    cycle = _whole(wire, driver) if whole_wire else _bus(wire, robot)
+    took_us: list[float] = []
+    for number in range(50):
+        await cycle(number)
+    used_s, began_s = time.process_time(), time.perf_counter()
+    while time.perf_counter() - began_s < seconds:
+        at_s = time.perf_counter()
+        await cycle(len(took_us))
+        took_us.append((time.perf_counter() - at_s) * 1e6)
+    elapsed_s = time.perf_counter() - began_s
+    found = figures(took_us, time.process_time() - used_s, elapsed_s)
+    wire.close()
+    return found
+
+
+class _Permit:
+    def check(self) -> None:
+        """As the transport's: something is compared before each write."""
+        if time.monotonic_ns() < 0:
+            raise RuntimeError
+
+
+def _bus(wire: Any, robot: str) -> Callable[[int], Any]:
+    codec, bus, ids = wire.CODEC, wire.session.bus, wire.driver.ids
+    position, permit = codec.POSITION, _Permit()
+    if robot == FEETECH:
+        request, expected = codec.sync_read(ids, position.address, position.size), dict.fromkeys(ids, position.size)
+    else:  # all answer in one frame; its first error byte and its last checksum are not params
+        request = codec.fast_sync_read(ids, position.address, position.size)
+        expected = {codec.BROADCAST: len(ids) * (4 + position.size) - 3}
+
+    async def cycle(number: int) -> None:
+        replies = await bus.transact(request, expected)
+        if codec.BROADCAST in replies:
+            replies = codec.fast_answers(replies[codec.BROADCAST], position.size)
+        if len(replies) != len(ids):
+            raise RuntimeError("a servo did not answer")
+        for reply in replies.values():
+            position.decode(reply.params)
+        frame = codec.goals(dict.fromkeys(ids, goal(number)))
+        permit.check()
+        bus.send(frame)
+
+    return cycle
+
+
+def _whole(wire: Any, driver: Any) -> Callable[[int], Any]:
+    permit = _Permit()
+
+    async def cycle(number: int) -> None:
+        observation = await wire.read()
+        if observation.faults:
+            raise RuntimeError(str(observation.faults))
+        await wire.write(tuple(axis.value(goal(number)) for axis in driver.joints), permit)
+
+    return cycle
+
+
+def main(who: str, length: str, robot: str, port: str) -> None:
+    seconds = SECONDS[length]
+    match who:
+        case "ours" | "wire":
+            found = ours(robot, port, seconds, who == "wire")
+        case "floor":
+            found = floor(robot, port, seconds)
+        case "sdk" if robot == FEETECH:
+            found = feetech_sdk(port, seconds)
+        case "sdk":
+            found = dynamixel_sdk(port, seconds)
+        case _:
+            found = lerobot(port, robot, seconds)
+    found["of_limit_x"] = found["cycles_hz"] / LIMIT_HZ[robot]
+    print(json.dumps(found), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,162 @@
+"""``estop WHO LENGTH ROBOT PORT LOG``: an e-stop over the mesh, to the first safe frame of another process' robot.
+
+Two processes, a robot each; WHO: ours, strands. This one gives the e-stop, while the policy of its own robot
+answers at once (``idle``) or does not come back (``blocked``). The other's is on the wire; its rollout is begun
+again each time."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from benchmarks.sides.stop import Policy, position
+from benchmarks.sides.wire import Log
+
+COUNT = {"short": 1, "long": 3}
+CASES = ("idle", "blocked")
+AGAIN_S = 0.5
+MEET_S = 3.0
+"""What two processes need to find each other."""
+
+HERE = Path(__file__).resolve().parent
+
+
+def robot_of(who: str, robot: str, port: str, name: str) -> Any:
+    if who == "ours":
+        from strands_actors import Robot
+
+        return Robot(robot, mode="real", port=port, tool_name=name)
+    logging.disable(logging.CRITICAL)
+    os.environ["STRANDS_MESH_LOCAL_DEV"] = "true"
+    from strands_robots import Robot as Reference
+
+    return Reference(robot, mode="real", driver="strands", port=port, mesh=True, peer_id=name)
+
+
+def keep_moving(who: str, robot: str, port: str) -> None:
+    """The process of the robot that is to be stopped: it moves again whenever it was stopped."""
+    arm = robot_of(who, robot, port, "other")
+    problem = arm.connect_eagerly()
+    if problem is not None:
+        raise RuntimeError(problem)
+    base = position(arm, robot)
+    while True:
+        if who == "ours" and arm.get_status()["content"][0]["json"].get("state") != "armed":
+            arm.resume()
+        if not arm.get_task_status()["content"][0]["json"]["running"]:
+            arm.run_policy(Policy(robot, base, "idle"), duration=600.0)
+        time.sleep(AGAIN_S)
+
+
+@contextmanager
+def other(who: str, robot: str, port: str) -> Iterator[None]:
+    command = [sys.executable, "-m", "benchmarks.sides.mesh_stop", "other", who, robot, port]
+    with tempfile.TemporaryFile() as errors, subprocess.Popen(command, stderr=errors) as process:
+        try:
+            yield
+            if process.poll() is not None:
+                errors.seek(0)
+                raise RuntimeError(errors.read().decode()[-2000:])
+        finally:
+            process.kill()
+
+
+@contextmanager
+def our_estop() -> Iterator[Callable[[], None]]:
+    """The mesh is joined once, as the reference's is, and the button pressed often."""
+    import trio
+
+    from strands_actors.mesh import open_mesh
+    from strands_actors.portal import portal
+
+    joined: Future[Any] = Future()
+
+    async def join() -> None:
+        async with open_mesh() as client:
+            joined.set_result(client)
+            await trio.sleep_forever()
+
+    member = portal().submit(join)
+    client = joined.result(10.0)
+    try:
+        yield lambda: portal().call(client.estop, "a benchmark")
+    finally:
+        member.cancel()
+
+
+def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
+    if who == "ours":
+        from benchmarks.sides.stamper import ROBOT, Stamper
+        from benchmarks.stage import at_home
+        from strands_actors.drivers import register_native_driver
+
+        at_home()
+        register_native_driver(ROBOT, Stamper)
+        own = robot_of(who, ROBOT, f"{os.environ['STRANDS_ACTORS_RUN']}/frames", "issuer")
+    else:
+        sys.path.insert(0, str(HERE / "standins"))
+        own = robot_of(who, "ur5e", "127.0.0.1", "issuer")
+    problem = own.connect_eagerly()
+    if problem is not None:
+        raise RuntimeError(problem)
+    figures = {}
+    with other(who, robot, port):
+        log = Log(log_path)
+        if who == "ours":
+            with our_estop() as press:
+                figures = measure(own, press, log, COUNT[length])
+        else:
+            figures = measure(own, own.mesh.emergency_stop, log, COUNT[length])
+    print(json.dumps(figures), flush=True)
+    os._exit(0)  # the reference's blocked policies are not waited for
+
+
+def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict[str, float]:
+    figures = {}
+    for case in CASES:
+        took = []
+        for _ in range(count):
+            if own.get_status.__module__.startswith("strands_actors"):
+                own.resume()
+            policy = Policy("ur5e", 0.0, case)
+            own.run_policy(policy, duration=60.0)
+            wait_until_moving(log)
+            if case == "blocked" and not policy.blocking.wait(5.0):
+                raise RuntimeError("the issuer's policy was not asked")
+            began_ns = time.monotonic_ns()
+            press()
+            safe = log.first("safe", began_ns, within_s=15.0)
+            if safe is None:
+                raise RuntimeError("no safe frame on the wire")
+            took.append((safe.t_ns - began_ns) / 1e6)
+            time.sleep(3.0)  # the issuer's policy comes back
+        figures[f"estop_{case}_ms"] = statistics.median(took)
+    return figures
+
+
+def wait_until_moving(log: Log) -> None:
+    until_s = time.monotonic() + 15.0
+    began_ns = time.monotonic_ns()
+    while log.first("setpoint", began_ns, within_s=0.0) is None:
+        if time.monotonic() > until_s:
+            raise RuntimeError("the other robot does not move")
+        time.sleep(0.02)
+    time.sleep(MEET_S)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "other":
+        keep_moving(*sys.argv[2:])
+    else:
+        main(*sys.argv[1:])

@@ -1,0 +1,41 @@
+"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a little each
+step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+CHUNK_S = 0.05
+STEP_RAD = 1e-5
+"""A whole chunk of them is within a UR's step at 1 kHz: the reference takes the first action of each only."""
+COMPUTE_S = 0.03
+ELBOW = "elbow_joint"
+
+
+class Still:
+    """Answers at once."""
+
+    def __init__(self, hz: float = 125.0, **_: Any) -> None:
+        self._size = max(2, round(hz * CHUNK_S))
+        self._steps = 0
+
+    def get_actions_sync(
+        self, observation: Mapping[str, Any], instruction: str = "", **_: Any
+    ) -> list[dict[str, float]]:
+        self.compute()
+        first, self._steps = self._steps, self._steps + self._size
+        return [{ELBOW: (first + at) * STEP_RAD % 1.0} for at in range(self._size)]
+
+    def compute(self) -> None:
+        pass
+
+
+class Busy(Still):
+    """Needs 30 ms of Python for 50 ms of actions."""
+
+    def compute(self) -> None:
+        until_s = time.perf_counter() + COMPUTE_S
+        while time.perf_counter() < until_s:
+            pass

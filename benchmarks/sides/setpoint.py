@@ -1,0 +1,139 @@
+"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO: ours,
+strands, sdk.
+
+All speak to the same twin over the same wire, in units of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.sides.wire import Log, delays_us, percentile
+
+COUNT = {"short": 60, "long": 400}
+JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
+STEP = {"so101": 2.0, "ur5e": 0.01}
+"""Degrees, radians. Small enough for every step gate of a stream at 30 and 125 Hz."""
+
+ALLOWANCE_US = 1000.0
+"""How much later than the in-thread reference our p99 may be."""
+
+Send = Callable[[int], int]
+
+
+def wave(robot: str, number: int) -> float:
+    """Never twice the same in a row."""
+    return STEP[robot] * (1 + number % 3)
+
+
+def ours(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
+    from benchmarks.stage import at_home
+    from strands_actors import Robot
+
+    at_home()
+    arm = Robot(robot, mode="real", port=port)
+    return _verbs(arm, robot)
+
+
+def strands(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
+    from strands_robots import Robot
+
+    arm = Robot(robot, mode="real", driver="strands", port=port)
+    return _verbs(arm, robot)
+
+
+def _verbs(arm: Any, robot: str) -> tuple[Send, Callable[[], object]]:
+    problem = arm.connect_eagerly()
+    if problem is not None:
+        raise RuntimeError(problem)
+    joint = JOINT[robot]
+    observed = arm.get_observation()
+    base = observed.get(joint, observed.get(f"{joint}.pos", 0.0))
+
+    def send(number: int) -> int:
+        action = {joint: base + wave(robot, number)}
+        began_ns = time.monotonic_ns()
+        answer = arm.send_action(action)
+        if answer["status"] != "success":
+            raise RuntimeError(str(answer))
+        return began_ns
+
+    return send, arm.cleanup
+
+
+def sdk(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
+    return _feetech_sdk(port) if robot == "so101" else _ur_sdk(port.partition(":")[0])
+
+
+def _feetech_sdk(port: str) -> tuple[Send, Callable[[], object]]:
+    from scservo_sdk import GroupSyncWrite, PacketHandler, PortHandler
+
+    line, packets = PortHandler(port), PacketHandler(0)
+    line.openPort()
+    line.setBaudRate(1_000_000)
+    for motor in range(1, 7):
+        packets.write1ByteTxRx(line, motor, 40, 1)
+
+    def send(number: int) -> int:
+        count = 2048 + round(11 * wave("so101", number))
+        began_ns = time.monotonic_ns()
+        group = GroupSyncWrite(line, packets, 42, 2)
+        for motor in range(1, 7):
+            group.addParam(motor, [count & 255, count >> 8])
+        group.txPacket()
+        return began_ns
+
+    return send, line.closePort
+
+
+def _ur_sdk(host: str) -> tuple[Send, Callable[[], object]]:
+    from rtde_control import RTDEControlInterface
+    from rtde_receive import RTDEReceiveInterface
+
+    receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
+    base = list(receive.getActualQ())
+
+    def send(number: int) -> int:
+        target = [*base[:2], base[2] + wave("ur5e", number), *base[3:]]
+        began_ns = time.monotonic_ns()
+        control.servoJ(target, 0.5, 0.5, 1 / 125, 0.1, 300)
+        return began_ns
+
+    def close() -> None:
+        control.servoStop()
+        control.stopScript()
+
+    return send, close
+
+
+def main(who: str, length: str, robot: str, port: str, log: str) -> None:
+    send, close = {"ours": ours, "strands": strands, "sdk": sdk}[who](robot, port)
+    calls_us: list[float] = []
+
+    def timed(number: int) -> int:
+        began_ns = send(number)
+        calls_us.append((time.monotonic_ns() - began_ns) / 1e3)
+        return began_ns
+
+    wire = Log(log)
+    for number in range(20):  # nothing is measured cold
+        send(number)
+        time.sleep(0.02)
+    delays = delays_us(timed, wire, COUNT[length])
+    close()
+    p99 = percentile(delays, 0.99)
+    figures = {
+        "p50_us": percentile(delays, 0.5),
+        "p99_us": p99,
+        "call_p50_us": percentile(calls_us, 0.5),
+        "late_us": p99 + (ALLOWANCE_US if who == "strands" else 0.0),
+    }
+    print(json.dumps(figures), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,137 @@
+"""A robot of ours without hardware: its wire appends the time and the value of every frame to a file.
+
+It is the tree that is measured with it: gate, watchdog, transport, leases and beats are as for any robot.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
+
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    MotorReport,
+    Observation,
+    Permit,
+    Reason,
+    SecondPath,
+    Timing,
+    Wire,
+)
+from strands_actors.runtime.messages import Refused
+
+ROBOT = "stamper"
+AXES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+LIMIT = 6.28
+RECORD = struct.Struct("<qd?7x")
+"""CLOCK_MONOTONIC ns, the first value, whether it is a safe frame."""
+
+
+class Stamper(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = (ROBOT,)
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = ""
+    OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate", "fifo": "ask for SCHED_FIFO"}
+
+    unit = "radians"
+    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
+    firmware_watchdog = "none"
+    gates = ()
+    bound_s = 0.05
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        self.robot, self.axes, self.ids, self._port = robot, AXES, tuple(range(len(AXES))), port
+        hz = float(options.get("hz", 100.0))
+        quick = hz > 100.0
+        self.timing = Timing(
+            control_hz=hz,
+            keepalive_s=0.9 / hz if quick else 0.05,  # as the legs' driver: who is on time is not doubled
+            tick_s=0.002 if quick else 0.01,
+            realtime=bool(options.get("fifo", False)),
+        )
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        values, named = list(state.target), []
+        for key, value in action.items():
+            if key not in AXES:
+                return Refused("unknown_joint", f"move: {key} is no axis", f"use {', '.join(AXES)}")
+            if not -LIMIT <= value <= LIMIT:
+                return Refused("range", f"move: {key} is {value}", f"stay within {LIMIT}", str(value))
+            values[AXES.index(key)] = float(value)
+            named.append(AXES.index(key))
+        return Candidate(tuple(values), tuple(named))
+
+    def open_wire(self, clock: Clock) -> Wire:
+        return _Wire(self._port, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        return _SecondPath(self._port, clock)
+
+
+class _Paper:
+    def __init__(self, path: str, clock: Clock) -> None:
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
+        self._clock = clock
+
+    def put(self, value: float, safe: bool = False) -> None:
+        os.write(self._fd, RECORD.pack(self._clock.now_ns(), value, safe))
+
+    def make_safe(self) -> tuple[MotorReport, ...]:
+        self.put(0.0, safe=True)
+        return tuple(MotorReport(axis, at, True, True, True) for at, axis in enumerate(AXES))
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+
+class _Wire(Wire):
+    def __init__(self, path: str, clock: Clock) -> None:
+        self._paper = _Paper(path, clock)
+        self._clock = clock
+        self._position = (0.0,) * len(AXES)
+
+    async def open(self) -> dict[str, Any]:
+        return {}
+
+    async def arm(self, permit: Permit) -> Observation:
+        permit.check()
+        return await self.read()
+
+    async def read(self) -> Observation:
+        now_ns = self._clock.now_ns()
+        return Observation(now_ns, self._position, (now_ns,) * len(AXES))
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        permit.check()
+        self._paper.put(values[2])
+        self._position = values
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        return self._paper.make_safe()
+
+    def close(self) -> None:
+        self._paper.close()
+
+
+class _SecondPath(SecondPath):
+    def __init__(self, path: str, clock: Clock) -> None:
+        self._paper = _Paper(path, clock)
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        return self._paper.make_safe()
+
+    def close(self) -> None:
+        self._paper.close()

@@ -1,0 +1,143 @@
+"""``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO: ours, strands.
+
+A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s, as from a
+server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). ``stop``
+is the verb that a user, or an agent, stops a robot with; ``task`` is ``stop_task``."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import json
+import statistics
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from benchmarks.sides.policies import COMPUTE_S
+from benchmarks.sides.wire import Log, percentile
+
+COUNT = {"short": 2, "long": 6}
+JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
+STEP = {"so101": 0.1, "ur5e": 1e-4}
+BLOCK_S = 2.5
+RUN_S = 0.4
+CHUNK = 16
+CASES = ("idle", "blocked", "computing")
+VERBS = {"so101": ("stop",), "ur5e": ("stop", "task")}
+"""The reference's ``stop_task`` of a Feetech arm writes nothing: there is no frame to wait for."""
+
+
+class Policy:
+    """As ``case`` says. ``begun`` is set once it blocks."""
+
+    def __init__(self, robot: str, base: float, case: str) -> None:
+        self._joint, self._base, self._step, self._case = JOINT[robot], base, STEP[robot], case
+        self._actions = 0
+        self.began_s = time.monotonic()
+        self.blocking = threading.Event()
+
+    def get_actions_sync(
+        self, observation: Mapping[str, Any], instruction: str = "", **_: Any
+    ) -> list[dict[str, float]]:
+        if self._case == "computing":
+            until_s = time.perf_counter() + COMPUTE_S
+            while time.perf_counter() < until_s:
+                pass
+        if self._case == "blocked" and time.monotonic() - self.began_s > RUN_S / 2:
+            self.blocking.set()
+            time.sleep(BLOCK_S)
+        self._actions += 1
+        swing = self._actions % 20
+        return [{self._joint: self._base + self._step * (swing + at / CHUNK)} for at in range(CHUNK)]
+
+
+def position(arm: Any, robot: str) -> float:
+    seen = arm.get_observation()
+    return float(seen.get(JOINT[robot], seen.get(f"{JOINT[robot]}.pos", 0.0)))
+
+
+def begin(arm: Any, robot: str, case: str) -> Policy:
+    policy = Policy(robot, position(arm, robot), case)
+    answer = arm.run_policy(policy, duration=60.0)
+    if answer["status"] != "success":
+        raise RuntimeError(str(answer))
+    return policy
+
+
+def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: Log, number: int) -> float:
+    """Milliseconds from the call to the frame."""
+    policy = begin(arm, robot, case)
+    time.sleep(RUN_S + 0.003 * (number * 7 % 10))  # not always in the same moment of a chunk
+    if case == "blocked" and not policy.blocking.wait(5.0):
+        raise RuntimeError("the policy was not asked")
+    began_ns = time.monotonic_ns()
+    verb()
+    safe = log.first("safe", began_ns, within_s=10.0)
+    if safe is None:
+        raise RuntimeError("no safe frame on the wire")
+    return (safe.t_ns - began_ns) / 1e6
+
+
+def ours(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], object]], Callable[[], object]]:
+    from benchmarks.stage import at_home
+    from strands_actors import Robot
+
+    at_home()
+    arm = Robot(robot, mode="real", port=port)
+
+    def again() -> None:
+        answer = arm.resume()
+        if answer["status"] != "success":
+            raise RuntimeError(str(answer))
+
+    return arm, {"stop": arm.stop, "task": arm.stop_task}.__getitem__, again
+
+
+def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], object]], Callable[[], object]]:
+    from strands_robots import Robot
+
+    arm = Robot(robot, mode="real", driver="strands", port=port)
+
+    def stop() -> None:
+        async def run() -> None:
+            answer = arm.stop()
+            if inspect.isawaitable(answer):
+                await answer
+
+        asyncio.run(run())
+
+    def again() -> None:
+        """Until the blocked policy has come back no other rollout is admitted."""
+        until_s = time.monotonic() + 2 * BLOCK_S
+        while arm.get_task_status()["content"][0]["json"]["running"] and time.monotonic() < until_s:
+            time.sleep(0.02)
+        if robot == "so101":
+            arm._set_torque_envelope(True)
+
+    return arm, {"stop": stop, "task": arm.stop_task}.__getitem__, again
+
+
+def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
+    arm, verb_of, again = {"ours": ours, "strands": strands}[who](robot, port)
+    problem = arm.connect_eagerly()
+    if problem is not None:
+        raise RuntimeError(problem)
+    log = Log(log_path)
+    figures = {}
+    for verb in VERBS[robot]:
+        for case in CASES:
+            took = []
+            for number in range(COUNT[length]):
+                took.append(stop_once(arm, robot, case, verb_of(verb), log, number))
+                again()
+            figures[f"{verb}_{case}_ms"] = statistics.median(took)
+            figures[f"{verb}_{case}_worst_ms"] = percentile(took, 1.0)
+    arm.cleanup()
+    print(json.dumps(figures), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

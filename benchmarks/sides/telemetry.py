@@ -1,0 +1,238 @@
+"""``telemetry WHO LENGTH``: how many robots' states reach a subscriber whole and young. WHO: ours, strands.
+
+Robots without hardware are started in this process until, of the ten states a second that each publishes, 1 % are
+missing or the oldest hundredth is over 50 ms old on arrival, in another process. Figures per robot are of the
+first step."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from benchmarks.sides.wire import percentile, processor_s
+
+STATE_HZ = 10.0
+STEPS = {"short": (2,), "long": (4, 8, 12, 16, 24, 32, 48, 64)}
+WINDOW_S = 4.0
+SETTLE_S = 1.5
+LOST_PCT, AGE_MS = 1.0, 50.0
+KEY = "strands/*/state"
+HERE = Path(__file__).resolve().parent
+
+
+# -- the subscriber, a process of its own
+
+
+class Window:
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._ages: dict[str, list[float]] = defaultdict(list)
+
+    def take(self, payload: bytes) -> None:
+        now_s = time.time()
+        state = json.loads(payload)
+        with self._lock:
+            self._ages[state["peer_id"]].append((now_s - state["t"]) * 1e3)
+
+    def measure(self, robots: int) -> dict[str, float]:
+        with self._lock:
+            self._ages.clear()
+        began_s = time.monotonic()
+        time.sleep(WINDOW_S)
+        with self._lock:
+            took_s = time.monotonic() - began_s
+            ages = [age for of_robot in self._ages.values() for age in of_robot]
+            full = STATE_HZ * took_s - 1
+            lost = sum(max(0.0, full - len(of_robot)) for of_robot in self._ages.values())
+            lost += full * (robots - len(self._ages))
+        return {"lost_pct": 100 * lost / (full * robots), "age_p99_ms": percentile(ages or [1e6], 0.99)}
+
+
+def listen(who: str) -> None:
+    window = Window()
+    with contextlib.ExitStack() as stack:
+        (listen_ours if who == "ours" else listen_strands)(window, stack)
+        print("ready", flush=True)
+        for line in sys.stdin:
+            print(json.dumps(window.measure(int(line))), flush=True)
+    os._exit(0)
+
+
+def listen_ours(window: Window, stack: contextlib.ExitStack) -> None:
+    import trio
+
+    from strands_actors.mesh import open_mesh
+    from strands_actors.portal import portal
+
+    ready = threading.Event()
+
+    async def join() -> None:
+        async with open_mesh() as client:
+            client.subscribe(KEY, lambda received: window.take(bytes(received.payload)))
+            ready.set()
+            await trio.sleep_forever()
+
+    stack.callback(portal().submit(join).cancel)
+    ready.wait(10.0)
+
+
+def listen_strands(window: Window, stack: contextlib.ExitStack) -> None:
+    prepare_strands()
+    from strands_robots.mesh.session import get_session
+
+    session = get_session()
+    stack.callback(session.declare_subscriber(KEY, lambda sample: window.take(bytes(sample.payload))).undeclare)
+
+
+# -- the robots
+
+
+def prepare_strands() -> None:
+    logging.disable(logging.CRITICAL)
+    os.environ["STRANDS_MESH_LOCAL_DEV"] = "true"
+    sys.path.insert(0, str(HERE / "standins"))
+
+
+def strands_robot(number: int) -> Any:
+    from strands_robots import Robot
+
+    return Robot("ur5e", mode="real", driver="strands", port="127.0.0.1", mesh=True, peer_id=f"arm{number}")
+
+
+def our_robot(number: int) -> Any:
+    from benchmarks.sides.stamper import ROBOT
+    from strands_actors import Robot
+
+    path = f"{os.environ['STRANDS_ACTORS_RUN']}/frames{number}"
+    return Robot(ROBOT, mode="real", port=path, hz=30.0, tool_name=f"arm{number}")
+
+
+def processes() -> list[int]:
+    """This one and all below it."""
+    parents = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+    found, new = set(), {os.getpid()}
+    while new:
+        found |= new
+        new = {pid for pid, parent in parents.items() if parent in found} - found
+    return sorted(found)
+
+
+def memory_mb(pids: list[int]) -> float:
+    """Proportional set size: what they share is counted once."""
+    total_kb = 0
+    for pid in pids:
+        with contextlib.suppress(OSError):
+            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+            total_kb += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    return total_kb / 1e3
+
+
+def cpu_s(pids: list[int]) -> float:
+    total = 0.0
+    for pid in pids:
+        with contextlib.suppress(OSError):
+            total += processor_s(pid)
+    return total
+
+
+def threads() -> int:
+    """Of the caller, Python's and others'."""
+    return len(list(Path("/proc/self/task").iterdir()))
+
+
+def main(who: str, length: str) -> None:
+    if who == "ours":
+        from benchmarks.sides.stamper import ROBOT, Stamper
+        from benchmarks.stage import at_home
+        from strands_actors.drivers import register_native_driver
+
+        at_home()
+        register_native_driver(ROBOT, Stamper)
+        start = our_robot
+    else:
+        prepare_strands()
+        start = strands_robot
+    command = [sys.executable, "-m", "benchmarks.sides.telemetry", "listen", who]
+    with tempfile.TemporaryFile() as errors:
+        listener = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+        try:
+            figures = ramp(start, listener, STEPS[length])
+        except Exception:
+            errors.seek(0)
+            sys.stderr.write(errors.read().decode()[-2000:])
+            raise
+        finally:
+            listener.kill()
+    print(json.dumps(figures), flush=True)
+    os._exit(0)  # the trees see it and end
+
+
+def ask(listener: subprocess.Popen[str], line: str = "") -> str:
+    assert listener.stdin is not None and listener.stdout is not None
+    if line:
+        listener.stdin.write(line + "\n")
+        listener.stdin.flush()
+    answer = listener.stdout.readline()
+    if not answer:
+        raise RuntimeError("the subscriber has ended")
+    return answer
+
+
+def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) -> dict[str, float]:
+    ask(listener)
+    robots: list[Any] = []
+    first: dict[str, float] = {}
+    most = 0
+    start_one(start, robots)  # what the first brings is the process's own, not a robot's
+    below = processes()
+    base_threads, base_mb = threads(), memory_mb([pid for pid in below if pid != listener.pid])
+    for count in steps:
+        while len(robots) < count:
+            start_one(start, robots)
+        time.sleep(SETTLE_S)
+        pids = [pid for pid in processes() if pid != listener.pid]
+        used_s, began_s = cpu_s(pids), time.monotonic()
+        seen = json.loads(ask(listener, str(count)))
+        share = 100 * (cpu_s(pids) - used_s) / (time.monotonic() - began_s)
+        if not first:
+            first = {
+                "threads_per_robot": (threads() - base_threads) / (count - 1),
+                "memory_per_robot_mb": (memory_mb(pids) - base_mb) / (count - 1),
+                "cpu_per_robot_pct": share / count,
+                "age_p99_ms": seen["age_p99_ms"],
+                "lost_pct": seen["lost_pct"],
+            }
+        if seen["lost_pct"] > LOST_PCT or seen["age_p99_ms"] > AGE_MS:
+            break
+        most = count
+    return first | {"robots_per_core": most / (os.cpu_count() or 1)}
+
+
+def start_one(start: Any, robots: list[Any]) -> None:
+    robot = start(len(robots))
+    problem = robot.connect_eagerly()
+    if problem is not None:
+        raise RuntimeError(problem)
+    robots.append(robot)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "listen":
+        listen(sys.argv[2])
+    else:
+        main(*sys.argv[1:])

@@ -1,0 +1,62 @@
+"""What questions about robots share: a twin, and the side that drives it as a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks import peers
+from benchmarks.house import HOUSE, Figures, Side, beside
+from strands_actors.testing import Twin
+
+
+def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
+    """Run ``benchmarks.sides.<module>`` with the twin's port and the path of its wire log behind ``args``; in our
+    own interpreter, or in a peer's."""
+    python = {"python": peers.python(peer)} if peer else {}
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory, Twin(robot, Path(directory)) as twin:
+        return beside(
+            f"benchmarks.sides.{module}", *args, twin.port, str(twin.log.path), timeout_s=timeout_s, **python
+        )
+
+
+def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Side:
+    """A side that asks ``module`` once for each robot; its figures get the prefix given for that robot."""
+
+    def side(short: bool) -> Figures:
+        figures: Figures = {}
+        for robot, prefix in robots.items():
+            length = "short" if short else "long"
+            found = at_twin(robot, module, *args, length, robot, peer=peer, timeout_s=timeout_s)
+            figures |= {f"{prefix}_{name}": value for name, value in found.items()}
+        return figures
+
+    return side
+
+
+def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
+    """As ``at_twin``, at a servo bus that is never late (``sides.line``); there is no log."""
+    python = {"python": peers.python(peer)} if peer else {}
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory:
+        where = Path(directory) / "port"
+        with subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.sides.line", robot, str(where)], cwd=HOUSE.parent
+        ) as line:
+            try:
+                while not where.exists():
+                    if line.poll() is not None:
+                        raise RuntimeError(f"the line of {robot} ended with {line.returncode}")
+                    time.sleep(0.01)
+                port = where.read_text()
+                return beside(f"benchmarks.sides.{module}", *args, port, timeout_s=timeout_s, **python)
+            finally:
+                line.kill()
+
+
+def at_home() -> None:
+    """Keep our own robots of this process apart from any others of this user's."""
+    os.environ["STRANDS_ACTORS_RUN"] = tempfile.mkdtemp(prefix="sa-")

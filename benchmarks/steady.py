@@ -1,0 +1,45 @@
+"""How evenly the setpoints of a rollout come, at 30 to 1000 Hz, and what disturbs them."""
+
+from __future__ import annotations
+
+from benchmarks import peers
+from benchmarks.house import Figures, Goal, Question, Side, beside
+
+CELLS = [f"{hz}hz_{load}" for hz in (30, 125, 500, 1000) for load in ("idle", "computing", "busy")]
+
+
+def side(who: str, fifo: str, peer: str = "") -> Side:
+    def ask(short: bool) -> Figures:
+        python = {"python": peers.python(peer)} if peer else {}
+        return beside("benchmarks.sides.steady", who, "short" if short else "long", fifo, timeout_s=200, **python)
+
+    return ask
+
+
+def question(name: str, title: str, fifo: str, limit: str) -> Question:
+    return Question(
+        name=name,
+        title=title,
+        sides={
+            "ours": side("ours", fifo),
+            "strands-robots": side("strands", fifo, "strands"),
+            "trio.sleep_until": side("trio", fifo),
+            "C clock_nanosleep": side("c", fifo),
+        },
+        goals=tuple(Goal(f"{cell}_p99_us", "C clock_nanosleep", at_most=1.2, gross=30.0) for cell in CELLS),
+        limit=limit,
+        rounds=3,
+        short=False,
+    )
+
+
+QUESTION = question(
+    "steady",
+    "How evenly a rollout's setpoints come",
+    "no",
+    """A setpoint is made by the policy's actor in the caller, on a timerfd tick, and crosses a process boundary to
+the wire: the C loop does neither. `p99` is how far the time between two new setpoints is from the period, `wire`
+that between any two frames (the tree sends the last again when a new one is late), `late` the share that is
+missing or off by more than a quarter period. `computing` works 30 of 50 ms in the process of the policy, which in
+Python passes the interpreter's lock on every 5 ms only.""",
+)

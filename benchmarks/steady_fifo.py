@@ -1,0 +1,13 @@
+"""The same as ``steady`` where the system grants SCHED_FIFO to every side."""
+
+from __future__ import annotations
+
+from benchmarks.steady import question
+
+QUESTION = question(
+    "steady_fifo",
+    "How evenly a rollout's setpoints come, with SCHED_FIFO",
+    "yes",
+    """As above. Caller, root and wire run before everything else; what is left is the wake-up of a second core,
+once for each process boundary, and Python's work in between.""",
+)

@@ -1,0 +1,29 @@
+"""How many robots' telemetry one machine carries, and what each costs."""
+
+from __future__ import annotations
+
+from benchmarks import peers
+from benchmarks.house import Figures, Goal, Question, Side, beside
+
+
+def side(who: str, peer: str = "") -> Side:
+    def ask(short: bool) -> Figures:
+        python = {"python": peers.python(peer)} if peer else {}
+        return beside("benchmarks.sides.telemetry", who, "short" if short else "long", timeout_s=240, **python)
+
+    return ask
+
+
+QUESTION = Question(
+    name="telemetry",
+    title="Robots on one machine, each telling its state ten times a second",
+    sides={"ours": side("ours"), "strands-robots": side("strands", "strands")},
+    goals=(
+        Goal("robots_per_core", "strands-robots", at_least=5.0, gross=10.0),  # the short form starts two
+        Goal("threads_per_robot", "", at_most=0.0),
+    ),
+    limit="""Each of our robots is two processes that look at deadlines 100 times a second and beat 50 times,
+whether it moves or not; each of the reference's is 15 threads of the caller, which do nothing between their 10 Hz,
+and nobody watches them. What that costs stands in `cpu per robot`; what it buys in the kill matrix.""",
+    rounds=3,
+)

@@ -1,0 +1,69 @@
+"""A child that is forked, from a process that has one thread: its imports are there, a quarter of a second of
+computing that a child started by exec would need.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping
+from typing import Any
+
+from . import child
+from .process import ChildProcess, OwnChild, specify
+
+
+def fork_child(link_fd: int) -> int:
+    """Its pid. It is as one that ``process.execute`` starts: a process group of its own, no descriptor of anybody
+    else's, told over ``link_fd`` what to run. This process must have one thread."""
+    pid = os.fork()
+    if pid == 0:
+        os.setpgid(0, 0)
+        os.closerange(3, link_fd)
+        os.closerange(link_fd + 1, os.sysconf("SC_OPEN_MAX"))
+        child.main(link_fd)
+    return pid
+
+
+class Forked:
+    """A child of this process, as ``subprocess.Popen`` shows one."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._code: int | None = None
+
+    def poll(self) -> int | None:
+        return self._wait(os.WNOHANG)
+
+    def wait(self) -> int:
+        code = self._wait(0)
+        assert code is not None
+        return code
+
+    def send_signal(self, sig: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, sig)
+
+    def _wait(self, options: int) -> int | None:
+        if self._code is None:
+            pid, status = os.waitpid(self.pid, options)
+            if pid:
+                self._code = os.waitstatus_to_exitcode(status)
+        return self._code
+
+
+class Standby:
+    """One child, forked now; it waits to be told what to run."""
+
+    def __init__(self) -> None:
+        self._socket, theirs = socket.socketpair()
+        with theirs:
+            self._child: Forked | None = Forked(fork_child(theirs.fileno()))
+
+    def start(self, entry: str, args: Mapping[str, Any]) -> ChildProcess | None:
+        """As ``process.start``. None when it was started before, or has ended."""
+        forked, self._child = self._child, None
+        if forked is None or forked.poll() is not None:
+            return None
+        specify(self._socket, entry, args)
+        return OwnChild(forked, self._socket)

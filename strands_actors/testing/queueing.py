@@ -1,0 +1,48 @@
+"""How long processes stood in line for a processor: whether a late trial shows the robot's tree, or the machine.
+
+Linux tells (``/proc/<pid>/task/<tid>/schedstat``); elsewhere nobody stood in line, and a late trial is late.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+
+from strands_actors.runtime.processor import Standing, standing
+
+DISTURBED_MS = 10.0
+"""Less than that is no disturbance: on an idle machine, too, a process waits a little for its turn."""
+
+
+class Queue:
+    """Of some processes, from now on. ``mortal``: one that may end before the others are asked: ``look`` at it
+    meanwhile. Any other that ends, or begins, counts as never having waited."""
+
+    def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
+        self._before = {pid: dict(_threads(pid)) for pid in pids}
+        self._mortal = mortal
+        self._seen = self._before.get(mortal, {}).get(mortal)
+
+    def look(self) -> None:
+        self._seen = standing(self._mortal) or self._seen
+
+    def stood_ms(self) -> float:
+        """Together; of each process the thread that stood longest."""
+        return sum(self._longest_ns(pid, before) for pid, before in self._before.items()) / 1e6
+
+    def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:
+        after = dict(_threads(pid))
+        if pid == self._mortal and not after and self._seen is not None:
+            after = {pid: self._seen}
+        threads = before.keys() & after
+        return max((after[thread].waited_ns - before[thread].waited_ns for thread in threads), default=0)
+
+
+def _threads(pid: int) -> Iterator[tuple[int, Standing]]:
+    try:
+        threads = os.listdir(f"/proc/{pid}/task")
+    except OSError:
+        return
+    for thread in map(int, threads):
+        if (stands := standing(pid, thread)) is not None:
+            yield thread, stands

@@ -1,0 +1,172 @@
+"""Trials as they come, one JSON line each, in a file that a later run continues: an ended run loses nothing.
+
+A run begins with a line on what it measures: code, machine, Python. Only a run that would measure the same may
+continue the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from strands_actors import __version__, drivers, runtime, supervisors
+
+from .cells import Outcome
+from .faults import Cell
+
+_MEASURED = (".py", ".toml")
+
+
+class Problem(Exception):
+    """A file of trials that cannot be continued, and why."""
+
+
+class Trial(msgspec.Struct, frozen=True, tag="trial"):
+    """One outcome of one robot. ``at``: ISO 8601, UTC; ``load``: of the last minute."""
+
+    robot: str
+    outcome: Outcome
+    at: str
+    load: float
+
+    @property
+    def cell(self) -> tuple[str, str, str]:
+        return self.robot, self.outcome.victim, self.outcome.fault
+
+
+class Run(msgspec.Struct, frozen=True, tag="run"):
+    """What is measured, and with how many benches side by side."""
+
+    subject: dict[str, str]
+    jobs: int
+    at: str
+
+
+class Done(msgspec.Struct, frozen=True, tag="done"):
+    """The end of an order to a bench. ``problem``: why there are fewer trials; empty: there are not."""
+
+    problem: str = ""
+
+
+_DECODER = msgspec.json.Decoder(Trial | Run | Done)
+
+
+def now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def trial(robot: str, outcome: Outcome) -> Trial:
+    """Now."""
+    return Trial(robot, outcome, now(), round(os.getloadavg()[0], 2))
+
+
+def subject() -> dict[str, str]:
+    """What figures depend on, less the load."""
+    return {
+        "strands-actors": f"{__version__}, code {_digest_of_code()}",
+        "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+        "python": sys.version.split()[0],
+    }
+
+
+def _digest_of_code() -> str:
+    """Of kernel, supervisors and drivers, with their tables: twelve hexadecimal digits."""
+    digest = hashlib.sha256()
+    for module in (runtime, supervisors, drivers):
+        folder = Path(str(module.__file__)).parent
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in _MEASURED):
+            digest.update(str(path.relative_to(folder)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+# -- as lines
+
+
+def encode(line: Trial | Run | Done) -> bytes:
+    """JSON has no infinity: a safe frame that never came is told by its setpoints, -1."""
+    if isinstance(line, Trial) and math.isinf(line.outcome.safe_ms):
+        line = _at(line, 0.0)
+    return msgspec.json.encode(line) + b"\n"
+
+
+def decode(line: bytes) -> Trial | Run | Done:
+    """Raise ``msgspec.DecodeError``."""
+    found = _DECODER.decode(line)
+    return _at(found, math.inf) if isinstance(found, Trial) and found.outcome.setpoints_after < 0 else found
+
+
+def _at(found: Trial, safe_ms: float) -> Trial:
+    return msgspec.structs.replace(found, outcome=replace(found.outcome, safe_ms=safe_ms))
+
+
+class Trials:
+    """All trials of a matrix, in ``path`` if there is one."""
+
+    def __init__(self, path: Path | None, jobs: int) -> None:
+        """Read what the file has, and note that a run begins. Raise ``Problem``."""
+        self.runs: list[Run] = []
+        self.all: list[Trial] = []
+        self._path = path
+        begun = Run(subject(), jobs, now())
+        if path is not None and path.exists():
+            self._read(path)
+        for run in self.runs:
+            if run.subject != begun.subject:
+                raise Problem(f"{path} was measured with {_words(run)}, this is {_words(begun)}. Give another file")
+        self.runs.append(begun)
+        self._write(begun)
+
+    def add(self, trial: Trial) -> None:
+        self.all.append(trial)
+        self._write(trial)
+
+    def of(self, robot: str, cell: Cell) -> list[Outcome]:
+        wanted = (robot, cell.victim, cell.fault)
+        return [trial.outcome for trial in self.all if trial.cell == wanted]
+
+    def _read(self, path: Path) -> None:
+        for number, line in enumerate(_whole_lines(path), 1):
+            try:
+                found = decode(line)
+            except msgspec.DecodeError as error:
+                raise Problem(f"{path}, line {number}: {error}. Give another file") from None
+            if isinstance(found, Trial):
+                self.all.append(found)
+            elif isinstance(found, Run):
+                self.runs.append(found)
+
+    def _write(self, line: Trial | Run) -> None:
+        if self._path is not None:
+            with self._path.open("ab") as file:
+                file.write(encode(line))
+
+
+def _whole_lines(path: Path) -> Iterator[bytes]:
+    """A run that was ended may have left half a line, which is taken away."""
+    data = path.read_bytes()
+    whole = data[: data.rfind(b"\n") + 1]
+    if len(whole) < len(data):
+        os.truncate(path, len(whole))
+    return iter(whole.splitlines())
+
+
+def _words(run: Run) -> str:
+    return "; ".join(run.subject.values())

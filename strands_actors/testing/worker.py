@@ -1,0 +1,76 @@
+"""One bench of a matrix, as a process: ``python -m strands_actors.testing.worker``.
+
+Reads orders on standard input, one JSON line each (``Order``), and writes one for each trial, then ``Done``. It
+keeps the bench while orders are for the same robot. The end of its input is its end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Iterator
+
+import msgspec
+
+from .bench import Bench, NotMoving
+from .cells import tries
+from .faults import Cell, Faults, Victims
+from .registering import class_of, prepare
+from .trials import Done, Trial, encode, trial
+
+
+class Order(msgspec.Struct, frozen=True):
+    """``trials`` of one cell. ``driver``: ``module:Class`` of a robot that this package does not know, or empty."""
+
+    robot: str
+    driver: str
+    victim: str
+    fault: str
+    trials: int
+
+
+class Worker:
+    def __init__(self) -> None:
+        self._bench: Bench | None = None
+        self._whose = ("", "")
+
+    def obey(self, order: Order) -> Iterator[Trial]:
+        bench = self._bench_for(order)
+        for outcome in tries(Cell(Victims(order.victim), Faults(order.fault)), bench, order.trials):
+            yield trial(order.robot, outcome)
+
+    def close(self) -> None:
+        bench, self._bench = self._bench, None
+        if bench is not None:
+            bench.__exit__(None, None, None)
+
+    def _bench_for(self, order: Order) -> Bench:
+        whose = order.robot, order.driver
+        if self._bench is None or whose != self._whose:
+            self.close()
+            prepare(order.robot, order.driver)
+            self._bench, self._whose = Bench(order.robot, class_of(order.driver)).__enter__(), whose
+        return self._bench
+
+
+def main() -> None:
+    # a shell's background job ignores it, and so its children
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    worker = Worker()
+    with contextlib.closing(worker), contextlib.suppress(KeyboardInterrupt, BrokenPipeError):
+        for line in sys.stdin.buffer:
+            problem = ""
+            try:
+                for done in worker.obey(msgspec.json.decode(line, type=Order)):
+                    sys.stdout.buffer.write(encode(done))
+                    sys.stdout.buffer.flush()
+            except (NotMoving, RuntimeError, TimeoutError) as failure:
+                problem = str(failure)
+                worker.close()  # the next order gets a new robot
+            sys.stdout.buffer.write(encode(Done(problem)))
+            sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,13 @@
+"""A policy that ends at its first step, in an exception."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+
+class Brief:
+    def __init__(self, axes: Sequence[str]) -> None:
+        pass
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        raise RuntimeError("a fault was asked for")

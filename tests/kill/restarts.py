@@ -1,0 +1,81 @@
+"""``python -m tests.kill.restarts N``: the actors of root and wire in one process, in virtual time. A policy is
+started and ends, N times, and before that a tenth as often. Prints the process's own memory before and after (kB).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import trio
+import trio.lowlevel
+
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.process import ChildProcess
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, TaskStatus
+from strands_actors.supervisors.tasks import Tasks
+from strands_actors.testing import open_inline_tree, run_virtual
+
+
+def private_kb(pid: int) -> int:
+    """What the process has for itself; what it shares with others is no growth of its own."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
+
+
+class Ended(ChildProcess):
+    """A policy process that has ended as soon as it was started."""
+
+    def __init__(self, number: int) -> None:
+        self.pid = number
+
+    @property
+    def alive(self) -> bool:
+        return False
+
+    def kill(self, sig: int = signal.SIGKILL) -> None:
+        pass
+
+    async def wait(self) -> int:
+        return -signal.SIGKILL
+
+    def link(self, node: Node) -> Any:
+        return Silent()
+
+
+class Silent:
+    async def run(self) -> None:
+        await trio.sleep_forever()
+
+
+async def restart(count: int) -> None:
+    async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+        robot = tree.gate.address.split("/")[1]
+        starts = 0
+
+        async def start(entry: str, args: dict[str, Any]) -> ChildProcess:
+            nonlocal starts
+            starts += 1
+            return Ended(starts)
+
+        cell = tree.node.cell(addresses.of(robot).path("tasks"), lambda: Tasks(robot, list, start))
+        await nursery.start(cell.run)
+        tasks = tree.node.ref(addresses.of(robot).tasks, Tasks)
+        rollout = Rollout(robot, tree.driver.axes, "", 0.02, 0.1, 1.0)
+        for more in (count // 10, count):
+            for _ in range(more):
+                assert isinstance(await tasks.ask(StartTask("no:where", {}, rollout), 1.0), TaskStatus)
+                while (await tasks.ask(GetTask(), 1.0)).running:
+                    await trio.lowlevel.checkpoint()
+            print(private_kb(os.getpid()), flush=True)
+        assert starts == count + count // 10
+        nursery.cancel_scope.cancel()
+
+
+if __name__ == "__main__":
+    times = int(sys.argv[1])
+    run_virtual(lambda: restart(times))

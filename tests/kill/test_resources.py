@@ -1,0 +1,121 @@
+"""What runs out: descriptors, in the root and in the caller; memory, by restarts of a policy. (Memory of a policy:
+``test_failures.py``; the disk: ``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock: nobody asks it,
+``test_no_part_of_the_tree_reads_the_wall_clock``.)
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from .restarts import private_kb
+
+PATIENCE_S = 20.0
+RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
+"""In virtual time; the figure that docs/safety.md gives is of 100000."""
+REAL_RESTARTS = int(os.environ.get("STRANDS_ACTORS_REAL_RESTARTS", "60"))
+GROWTH = 1.05
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+
+def until(condition: Callable[[], Any], what: str) -> Any:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not (seen := condition()):
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.005)
+    return seen
+
+
+def pids(arm: RealRobot) -> dict[str, int]:
+    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}
+
+
+def only_those_it_has(pid: int) -> tuple[int, int]:
+    """Let a process open no more descriptors; its limits before."""
+    numbers = [int(name) for name in os.listdir(f"/proc/{pid}/fd")]
+    free = next(number for number in range(len(numbers) + 1) if number not in numbers)
+    assert free <= max(numbers) + 1
+    _, hard = before = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(pid, resource.RLIMIT_NOFILE, (free, hard))
+    return before
+
+
+def test_saf_003_a_root_without_free_descriptors_makes_safe_and_stays_so(strands_robot: Start) -> None:
+    """Its own path was ready before; for another wire process it has no descriptors."""
+    arm, twin = strands_robot("so101")
+    assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
+    root, wire = pids(arm)["root"], pids(arm)["wire"]
+    before = only_those_it_has(root)
+    began_ns = time.monotonic_ns()
+    os.kill(wire, signal.SIGKILL)
+    safe = until(lambda: twin.log.first_safe(began_ns), "nobody made it safe")
+    assert safe.rung == "limp"
+    until(lambda: (arm.tree() or {}).get("state") == "failed", "it was not given up")
+    assert arm.send_action({"shoulder_pan": 20.0})["status"] == "error"
+    twin.log.no_setpoint_after_safe(began_ns)
+    resource.prlimit(root, resource.RLIMIT_NOFILE, before)
+    resumed = arm.resume()
+    assert resumed["status"] == "success", resumed
+    assert arm.send_action({"shoulder_pan": 20.0})["status"] == "success"
+
+
+def test_saf_006_a_caller_without_free_descriptors_moves_and_stops(strands_robot: Start) -> None:
+    arm, twin = strands_robot("so101")
+    before = only_those_it_has(os.getpid())
+    try:
+        moved = arm.send_action({"shoulder_pan": 10.0})
+        began_ns = time.monotonic_ns()
+        stopped = arm.stop()
+    finally:
+        resource.prlimit(os.getpid(), resource.RLIMIT_NOFILE, before)
+    assert moved["status"] == "success", moved
+    assert stopped["status"] == "success", stopped
+    twin.log.safe_within(began_ns, PATIENCE_S)
+    twin.log.no_setpoint_after_safe(began_ns)
+
+
+def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_robot: Start) -> None:
+    arm, _ = strands_robot("so101")
+    roles = ("root", "wire")
+
+    def run_policies(count: int) -> dict[str, int]:
+        for _ in range(count):
+            assert arm.start_task("fall", policy_provider="tests.kill.brief:Brief")["status"] == "success"
+            until(lambda: not arm.get_task_status()["content"][0]["json"]["running"], "it goes on")
+            until(lambda: "policy" not in pids(arm), "its process goes on")
+            if arm.send_action({"shoulder_pan": 0.0})["status"] != "success":
+                assert arm.resume()["status"] == "success"
+        return {role: private_kb(pids(arm)[role]) for role in roles}
+
+    processes = pids(arm)
+    before = run_policies(REAL_RESTARTS // 3)
+    after = run_policies(REAL_RESTARTS)
+    print({role: f"{before[role]} kB, after {REAL_RESTARTS} more {after[role]} kB" for role in roles})
+    assert {role: pids(arm)[role] for role in roles} == {role: processes[role] for role in roles}
+    for role in roles:
+        assert after[role] <= before[role] * GROWTH, role
+
+
+def test_restarts_of_a_policy_leave_the_memory_of_gate_and_tasks_as_it_was() -> None:
+    """In a process of their own: what a test runner keeps is not theirs."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.kill.restarts", str(RESTARTS)],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    before_kb, after_kb = map(int, done.stdout.split())
+    print(f"{before_kb} kB, after {RESTARTS} more {after_kb} kB")
+    assert after_kb <= before_kb * GROWTH
