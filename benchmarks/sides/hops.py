@@ -1,8 +1,8 @@
 """One setpoint, hop by hop: ``python -m benchmarks.sides.hops SIDE [short]``.
 
-An SO-101's whole tree and its twin; the host's clock is read in the caller, the wire process and the twin. The hops
-are medians, in the order of the way; ``total`` is from the call to the twin's reading of the frame, ``call`` from the
-call to its answer.
+An SO-101's whole tree and its twin; the clock of the host is read in the caller, the wire process and the twin.
+The hops are medians, in the order of the way; ``total`` is from the call to the twin that reads the frame, ``call``
+from the call to its answer.
 """
 
 from __future__ import annotations
