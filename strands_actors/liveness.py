@@ -62,9 +62,12 @@ class Liveness:
 
 
 def _computed_ns(thread: threading.Thread) -> int:
-    """How long a thread has computed, or waited for a processor to compute on; 0 where the system does not tell
-    (macOS). Without the wait, a thread that spins on a busy machine would look as if it slept."""
+    """How long a thread has computed, or could not: it waited for a processor, or we did, who may have had the
+    interpreter's lock meanwhile. 0 where the system does not tell (macOS). Without the waits, a thread that spins
+    on a busy machine would look as if it slept."""
     # in a forked process, native_id of the main thread is still that of before the fork (CPython 3.11)
     number = None if thread is threading.main_thread() else thread.native_id
-    now = standing(os.getpid(), number)
-    return 0 if now is None else now.computed_ns + now.waited_ns
+    theirs, ours = standing(os.getpid(), number), standing(os.getpid(), threading.get_native_id())
+    if theirs is None or ours is None:
+        return 0
+    return theirs.computed_ns + theirs.waited_ns + ours.waited_ns

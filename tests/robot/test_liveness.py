@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
 
+import pytest
+
 from strands_actors.liveness import Liveness
+from strands_actors.runtime.processor import Standing
 
 
 def spin(for_s: float) -> None:
@@ -52,6 +56,26 @@ def test_a_thread_inside_a_verb_answers() -> None:
     liveness.enter()
     spin(0.1)
     assert liveness.look() == (True, 0.0)
+
+
+def test_a_thread_that_could_not_compute_because_we_stood_in_line_with_the_lock_did_not_sleep(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On a machine whose processors are taken: the thread that spins waits for the interpreter's lock, which looks
+    like sleep, and we, who have it, wait for a processor."""
+    began_ns = time.monotonic_ns()
+    own = threading.get_native_id()
+
+    def told(pid: int, thread: int | None = None) -> Standing:
+        passed_ns = time.monotonic_ns() - began_ns
+        waited_ns = passed_ns * 8 // 10 if thread == own else 0
+        return Standing(passed_ns // 10, waited_ns, True)
+
+    monkeypatch.setattr("strands_actors.liveness.standing", told)
+    liveness = Liveness()
+    liveness.look()
+    time.sleep(0.05)
+    assert liveness.look() == (True, -1.0)
 
 
 FORKED = """
