@@ -12,7 +12,6 @@ import importlib
 import inspect
 import warnings
 from collections.abc import Iterable, Mapping
-from importlib.metadata import entry_points
 from typing import Any, Literal, NamedTuple
 
 from strands_actors.runtime.contract import Driver
@@ -85,6 +84,8 @@ def _load() -> None:
     if _loaded:
         return
     _loaded = True
+    from importlib.metadata import entry_points  # 9 ms; the processes of a robot are told their driver
+
     wheres = dict(WIRES)
     for point in entry_points(group="strands_actors.drivers"):
         wheres.setdefault(point.name, point.value)

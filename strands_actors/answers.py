@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
+import sys
 from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -33,6 +33,8 @@ class PendingAnswer(Mapping[str, Any]):
         self._future = future
 
     def __await__(self) -> Generator[Any, None, Answer]:
+        import asyncio  # who awaits this has it
+
         return asyncio.shield(asyncio.wrap_future(self._future)).__await__()
 
     def __getitem__(self, key: str) -> Any:
@@ -46,6 +48,12 @@ class PendingAnswer(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return repr(self._future.result())
+
+
+def in_asyncio() -> bool:
+    """Whether an asyncio loop runs in this thread. Not by an import: who runs one has it, and it costs 8 ms."""
+    asyncio = sys.modules.get("asyncio")
+    return asyncio is not None and asyncio._get_running_loop() is not None
 
 
 def success(json: dict[str, Any]) -> Answer:

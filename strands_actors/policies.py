@@ -9,7 +9,6 @@ import importlib.util
 import math
 import time
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from typing import Any, NamedTuple
 
 from .runtime.contract import Driver
@@ -39,6 +38,8 @@ DEFAULT_PROVIDER = "lerobot_local"
 
 def list_providers() -> dict[str, Provider]:
     """By name; those of other packages too."""
+    from importlib.metadata import entry_points  # 9 ms, for who names a policy
+
     points = entry_points(group="strands_actors.policies")
     return {point.name: Provider(point.value) for point in points} | PROVIDERS
 

@@ -6,7 +6,6 @@ here touches hardware.
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import logging
 from collections.abc import Callable, Coroutine, Mapping
@@ -277,6 +276,8 @@ class RealRobot(RobotTool):
 
     async def use_tool(self, given: object, by: str) -> Answer:
         """Do what a tool's input asks for, from an asyncio loop."""
+        import asyncio  # who has a loop has it; a script without one is spared 8 ms
+
         call = read(self._driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
@@ -315,9 +316,7 @@ class RealRobot(RobotTool):
 
     def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
         """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
+        if not answers.in_asyncio():
             return now()
         if self._tree is None:
             done: Future[Answer] = Future()

@@ -16,7 +16,6 @@ from .runtime.node import AskTimeout, Unreachable
 from .supervisors import addresses
 from .supervisors.failsafe import Mode
 from .supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
-from .supervisors.policy import Policy
 from .tree_processes import ASK_S, STOP_S, TreeProcesses
 from .writer import Writer
 
@@ -49,6 +48,8 @@ class Rollouts:
             return self._task
 
     async def _run_policy(self, rollout: Rollout, policy: Any, scope: trio.CancelScope) -> None:
+        from .supervisors.policy import Policy
+
         ended = trio.Event()
 
         def report(status: TaskStatus) -> None:
@@ -122,6 +123,8 @@ class Rollouts:
 
     async def stop_task(self) -> TaskStatus | Refused:
         """End the rollout. Returns when the robot holds, whatever the policy does."""
+        from .supervisors.policy import Policy
+
         processes = self._processes
         processes.require()
         if not (await self.task()).running:

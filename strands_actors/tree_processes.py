@@ -22,8 +22,6 @@ from .runtime.process import ChildProcess, start
 from .runtime.zenoh_mesh import unix_endpoint
 from .supervisors import addresses
 from .supervisors.failsafe import LINKED, Mode
-from .supervisors.gate import Gate
-from .supervisors.guardian import Guardian
 from .supervisors.lines import keep_line
 from .supervisors.loading import describe_driver
 from .supervisors.messages import (
@@ -36,8 +34,6 @@ from .supervisors.messages import (
     StopReport,
     TreeReport,
 )
-from .supervisors.root import Root
-from .supervisors.tasks import Tasks
 
 ASK_S = 0.5
 STOP_S = 2.0
@@ -120,6 +116,12 @@ class TreeProcesses:
         }
         process = self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
         name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
+        # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
+        from .supervisors.gate import Gate
+        from .supervisors.guardian import Guardian
+        from .supervisors.root import Root
+        from .supervisors.tasks import Tasks
+
         node, at = self.node, addresses.of(self.robot)
         self.gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
         self.guardian: Ref = node.ref(at.guardian, Guardian)

@@ -16,7 +16,6 @@ from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
-from .supervisors.policy import as_infer
 from .tree import RobotTree
 from .tree_processes import NotConnected
 
@@ -186,5 +185,7 @@ def _choose_policy(policy: Any, policy_object: Any) -> Any:
     chosen = policy if policy is not None else policy_object
     if chosen is None:
         raise TypeError("policy is None. give an object with get_actions_sync, get_actions or step, or a callable")
+    from .supervisors.policy import as_infer  # with asyncio: 10 ms, for who runs a policy
+
     as_infer(chosen)
     return chosen

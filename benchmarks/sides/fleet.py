@@ -58,7 +58,7 @@ class Arm:
             step = max(step + 1, math.ceil((time.monotonic() - began_s) * hz))  # what was missed is not made up for
 
     def look(self, began_s: float) -> None:
-        status = self.robot.get_status()["content"][0]["json"]  # type: ignore[index]
+        status = self.robot.get_status()["content"][0]["json"]
         state = status.get("state", "unreachable")
         if state != self.state:
             why = status.get("cause") or status["connect_error"] or ""

@@ -1,5 +1,8 @@
 """Births and deaths: ``python -m benchmarks.sides.life SIDE [short]``.
 
+Ours is as the product starts policies, and what died: by the root's spawner, a process that was forked from the
+parent before anything ran there, and supervised.
+
 ``spawn``    from the order to start a process to the first message of its actor, in the parent's actor
 ``recover``  from SIGKILL to an answer of the actor's next incarnation, restarted by supervision
 ``restart``  the same for an actor of this process that raises
@@ -10,7 +13,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import socket
 import statistics
 import sys
 import time
@@ -24,23 +26,16 @@ import trio
 from benchmarks.house import Figures
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node, Ref, Unreachable
-from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.node import Node, Ref
+from strands_actors.runtime.process import ChildProcess
+from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 
 from .common import Count, GetCount, answer, percentiles
+from .life_child import CHILD, DEADLINE_S, ENTRY, Child, Up
 
-DEADLINE_S = 20.0
-PARENT = "strands/bench/actor/parent"
-CHILD = "strands/bench/actor/child"
-ENTRY = "benchmarks.sides.life:live"
 PATIENT = Budget(restarts=1_000_000, within_s=0.02)
-
-
-class Up(Message, frozen=True):
-    pid: int
 
 
 class Boom(Message, frozen=True):
@@ -58,29 +53,6 @@ def milliseconds(name: str, spans_s: list[float]) -> Figures:
 # -- ours
 
 
-class Child(Actor):
-    def receive(self, message: GetCount) -> Count:
-        return Count(os.getpid())
-
-
-def live(args: dict[str, Any], sock: socket.socket) -> None:
-    trio.run(_live, sock)
-
-
-async def _live(sock: socket.socket) -> None:
-    node = Node("child", MonotonicClock())
-    link = Link(node, sock)
-    async with trio.open_nursery() as nursery:
-        await nursery.start(node.run)
-        await nursery.start(node.cell("bench/actor/child", Child).run)
-        await nursery.start(link.run)
-        while True:
-            with suppress(Unreachable):
-                await node.ref(PARENT).ask(Up(os.getpid()), DEADLINE_S)
-                break
-            await trio.sleep(0.0005)
-
-
 class Parent(Actor):
     """Hears of each incarnation."""
 
@@ -91,17 +63,23 @@ class Parent(Actor):
         self.heard.set()
 
 
-async def ours(short: bool) -> Figures:
+def ours(short: bool) -> Figures:
+    spawner = Spawner()  # now: this process has one thread, and nothing is open yet
+    return trio.run(_ours, spawner, short)
+
+
+async def _ours(spawner: Spawner, short: bool) -> Figures:
     spawned_s, recovered_s = [], []
     async with trio.open_nursery() as nursery:
         node = Node("parent", MonotonicClock())
         await nursery.start(node.run)
+        await nursery.start(spawner.run)
         parent = Parent()
         await nursery.start(node.cell("bench/actor/parent", lambda: parent).run)
         children: list[ChildProcess] = []
 
         async def keep(task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-            child = start(ENTRY, {})
+            child = await spawner.start(ENTRY, {})
             children.append(child)
             async with trio.open_nursery() as inner:
                 await inner.start(child.link(node).run)
@@ -110,7 +88,6 @@ async def ours(short: bool) -> Figures:
                 inner.cancel_scope.cancel()
                 raise ChildProcessError("the child ended")
 
-        began_s = time.perf_counter()
         supervisor = Supervisor([ChildSpec("child", keep)], budget=PATIENT)
         nursery.start_soon(supervisor.run)
         await parent.heard.wait()
@@ -126,7 +103,7 @@ async def ours(short: bool) -> Figures:
         for _ in range(processes(short)):
             parent.heard = trio.Event()
             began_s = time.perf_counter()
-            child = start(ENTRY, {})
+            child = await spawner.start(ENTRY, {})
             link = child.link(node)
             nursery.start_soon(link.run)
             await parent.heard.wait()
@@ -236,5 +213,5 @@ def ray(short: bool) -> Figures:
 
 
 if __name__ == "__main__":
-    answer({"ours": lambda short: trio.run(ours, short), "multiprocessing": spawn, "ray": ray})
+    answer({"ours": ours, "multiprocessing": spawn, "ray": ray})
     sys.exit(0)

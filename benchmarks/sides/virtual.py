@@ -1,34 +1,45 @@
 """A robot's whole tree in virtual time: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
-Guardian, gate, watchdog, transport and a robot in memory, commanded at 50 Hz: how many of its seconds pass in
-one of ours; the same recorded and replayed; and whether two runs write the same at the same times.
+An SO-101: guardian, gate, watchdog, transport and the wire with its codec, on a bus in memory that has its twin's
+servos and MuJoCo at the other end, commanded at 50 Hz. How many of its seconds pass in one of ours; the same
+recorded and replayed; and whether two runs write the same bytes at the same times. ``bare_x`` is a driver without
+wire and physics.
 """
 
 from __future__ import annotations
 
+import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgspec
 import trio
 
 from benchmarks.house import Figures
+from strands_actors.drivers.common.twin import Robot
+from strands_actors.drivers.feetech.driver import Feetech
+from strands_actors.drivers.feetech.twin import FeetechBus
+from strands_actors.drivers.feetech.wire import FeetechWire
 from strands_actors.recording.file import Recording, new_info
 from strands_actors.recording.lines import Gap, Journal
 from strands_actors.recording.player import replay
 from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import VirtualClock
+from strands_actors.runtime.clock import Clock, VirtualClock
 from strands_actors.runtime.local_mesh import LocalNetwork
 from strands_actors.runtime.node import Node, Ref
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import Accepted, Acquire, Beat, Lease, Resume, Resumed, Setpoint
 from strands_actors.supervisors.tap import Acknowledge, Attach, Attached, Batch, Detach, TapKeeper
 from strands_actors.supervisors.wire import tap_keeper
-from strands_actors.testing import FakeDriver, FakeHardware, InlineTree, Written, open_inline_tree, run_virtual
-from strands_actors.testing.fake import HARDWARE
+from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .common import answer
 
+ROBOT = "so101"
+JOINT = "shoulder_pan"
+BYTE_S = 10 / Feetech.DEFAULT_BAUD
 CONTROL_S = 0.02
 TTL_NS = 100_000_000
 
@@ -37,43 +48,111 @@ def simulated_s(short: bool) -> float:
     return 5.0 if short else 60.0
 
 
+class MemoryBus:
+    """A port with servos at its other end. What they answer is there when the last byte has passed a UART of
+    1 Mbaud, at once, as a USB adapter hands it over."""
+
+    def __init__(self, servos: Robot) -> None:
+        self.written: list[tuple[float, bytes]] = []
+        self._servos = servos
+        self._coming = b""
+        self._due_s = 0.0
+
+    def write(self, data: bytes) -> None:
+        now_s = trio.current_time()
+        self.written.append((now_s, data))
+        took_s = 0.0
+        for exchange in self._servos.receive(data, Feetech.DEFAULT_BAUD):
+            took_s += len(exchange.request) * BYTE_S
+            for reply in exchange.replies:
+                took_s += reply.delay_s + len(reply.data) * BYTE_S
+                self._coming += reply.data
+        self._due_s = now_s + took_s
+
+    async def read(self) -> bytes:
+        if not self._coming:
+            await trio.sleep_forever()
+        await trio.sleep_until(self._due_s)
+        data, self._coming = self._coming, b""
+        return data
+
+    def discard_input(self) -> None:
+        if self._due_s <= trio.current_time():
+            self._coming = b""
+
+    def discard_output(self) -> None:
+        pass
+
+    def fileno(self) -> int:
+        return os.open(os.devnull, os.O_RDWR)  # for the second path, which has nothing to do here
+
+    def close(self) -> None:
+        pass
+
+
+class VirtualArm(Feetech):
+    """An SO-101 whose servos are in memory."""
+
+    def __init__(self) -> None:
+        super().__init__(ROBOT, "memory", Feetech.resolve(ROBOT, {}))
+        self.bus = MemoryBus(FeetechBus.for_robot(ROBOT, now_s=trio.current_time))
+
+    def open_wire(self, clock: Clock) -> FeetechWire:
+        return FeetechWire(self, clock, lambda path, baud: self.bus)
+
+
 @dataclass
 class Ran:
     span_s: float = 0.0
-    written: list[Written] = field(default_factory=list)
+    written: list[tuple[float, bytes]] = field(default_factory=list)
     recording: Recording | None = None
 
-    def trace(self) -> list[tuple[object, ...]]:
-        """What was written, from the first entry on."""
-        began_ns = self.written[0].t_ns
-        return [(one.t_ns - began_ns, one.kind, one.path, one.rung, repr(one.values)) for one in self.written]
+    def trace(self) -> list[tuple[int, bytes]]:
+        """What was written and when, in nanoseconds from the first frame on."""
+        began_s = self.written[0][0]
+        return [(round((at_s - began_s) * 1e9), data) for at_s, data in self.written]
 
 
-async def command(tree: InlineTree, gate: Ref, seconds: float) -> None:
+async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None:
     """What a rollout does: a setpoint every period, asked, and a beat."""
     assert isinstance(await gate.ask(Resume("bench"), 1.0), Resumed)
     lease = await gate.ask(Acquire("bench"), 1.0)
     assert isinstance(lease, Lease), lease
     clock = tree.node.clock
     for step in range(int(seconds / CONTROL_S)):
-        action = {"a": (step % 50) * 0.01}
-        setpoint = Setpoint(lease.id, lease.epoch, clock.now_ns() + TTL_NS, action, CONTROL_S, False)
+        setpoint = Setpoint(
+            lease.id, lease.epoch, clock.now_ns() + TTL_NS, {key: (step % 50) * 0.01}, CONTROL_S, False
+        )
         accepted = await gate.ask(setpoint, 1.0)
         assert isinstance(accepted, Accepted), accepted
         gate.tell(Beat(lease.id))
         await trio.sleep(CONTROL_S)
 
 
+def run_bare(seconds: float) -> float:
+    """Seconds of ours that a driver took which keeps what it is told."""
+    spans_s: list[float] = []
+
+    async def main() -> None:
+        async with open_inline_tree() as tree:
+            began_s = time.perf_counter()
+            await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), "a", seconds)
+            spans_s.append(time.perf_counter() - began_s)
+
+    run_virtual(main)
+    return spans_s[0]
+
+
 def run_tree(seconds: float) -> Ran:
     ran = Ran()
 
     async def main() -> None:
-        hardware = FakeHardware()
-        async with open_inline_tree(hardware) as tree:
+        arm = VirtualArm()
+        async with open_inline_tree(driver=arm) as tree:
             began_s = time.perf_counter()
-            await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), seconds)
+            await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), JOINT, seconds)
             ran.span_s = time.perf_counter() - began_s
-        ran.written = list(hardware.written)
+        ran.written = arm.bus.written
 
     run_virtual(main)
     return ran
@@ -96,12 +175,14 @@ def run_recorded(seconds: float) -> Ran:
 
     async def main() -> None:
         network = LocalNetwork()
-        async with open_inline_tree(FakeHardware()) as tree, trio.open_nursery() as nursery:
+        async with open_inline_tree(driver=VirtualArm()) as tree, trio.open_nursery() as nursery:
             robot = tree.gate.address.split("/")[1]
             network.join().attach(tree.node)
             path = addresses.of(robot).tap("wire")
-            description = {"class": "fake", "robot": "fake", "port": robot, "options": {}}
-            keeper = tree.node.cell(path, lambda: tap_keeper(tree.node, tree.driver, description, robot), "tap")
+            description: Mapping[str, Any] = {"class": "memory", "robot": ROBOT, "port": "memory", "options": {}}
+            keeper = tree.node.cell(
+                path, lambda: tap_keeper(tree.node, tree.driver, dict(description), robot), "tap"
+            )
             await nursery.start(keeper.run)
             node = Node("recorder", VirtualClock())
             network.join().attach(node)
@@ -113,7 +194,7 @@ def run_recorded(seconds: float) -> Ran:
             attached = await tap.ask(Attach(cell.address, 1, "bench"), 5.0)
             assert isinstance(attached, Attached), attached
             began_s = time.perf_counter()
-            await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), seconds)
+            await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), JOINT, seconds)
             ran.span_s = time.perf_counter() - began_s
             await tap.ask(Detach(1), 5.0)
             parts: list[Journal | Gap] = [
@@ -129,13 +210,9 @@ def run_recorded(seconds: float) -> Ran:
 
 def replayed(recording: Recording) -> float:
     """Seconds of ours that the replay took; it must decide as the robot did."""
-    HARDWARE["replay"] = FakeHardware()
-    try:
-        began_s = time.perf_counter()
-        outcome = replay(recording, FakeDriver("fake", "replay", {}))
-        span_s = time.perf_counter() - began_s
-    finally:
-        del HARDWARE["replay"]
+    began_s = time.perf_counter()
+    outcome = replay(recording, Feetech(ROBOT, "memory", Feetech.resolve(ROBOT, {})))
+    span_s = time.perf_counter() - began_s
     if not outcome.equal:
         raise RuntimeError(f"the replay decided otherwise: {outcome.difference}")
     return span_s
@@ -148,6 +225,7 @@ def ours(short: bool) -> Figures:
     assert recorded.recording is not None
     return {
         "tree_x": seconds / first.span_s,
+        "bare_x": seconds / run_bare(seconds),
         "recorded_x": seconds / recorded.span_s,
         "replayed_x": seconds / replayed(recorded.recording),
         "same_trace": float(first.trace() == second.trace()),

@@ -61,13 +61,16 @@ class InlineTree:
 
 @contextlib.asynccontextmanager
 async def open_inline_tree(
-    hardware: FakeHardware | None = None, clock: Clock | None = None, budget: Budget | None = None
+    hardware: FakeHardware | None = None,
+    clock: Clock | None = None,
+    budget: Budget | None = None,
+    driver: Driver | None = None,
 ) -> AsyncIterator[InlineTree]:
-    """The tree of a ``FakeDriver`` robot, connected and disarmed."""
+    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on ``hardware``."""
     hardware = hardware or FakeHardware()
     port = f"fake-{next(_ports)}"
     HARDWARE[port] = hardware
-    driver = FakeDriver("fake", port, {})
+    driver = driver or FakeDriver("fake", port, {})
     at = addresses.of(port)
     node = Node(port, clock or VirtualClock())
     places: list[InlinePlace] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
 import json
 import math
 import socket
@@ -18,7 +19,6 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
-from strands_actors import policies
 from strands_actors.policies import Mock, choose_provider
 from strands_actors.remote_policy import Remote
 from strands_actors.robot import RealRobot
@@ -102,7 +102,7 @@ def test_another_package_adds_a_provider_and_replaces_none(monkeypatch: pytest.M
         EntryPoint("wbc", "other.wbc:Wbc", "strands_actors.policies"),
         EntryPoint("mock", "other.bad:Mock", "strands_actors.policies"),
     ]
-    monkeypatch.setattr(policies, "entry_points", lambda group: points)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
     assert choose_provider("wbc", "localhost", 8000, {}) == ("other.wbc:Wbc", {"host": "localhost", "port": 8000})
     assert choose_provider("mock", "localhost", None, {})[0] == "strands_actors.policies:Mock"
 

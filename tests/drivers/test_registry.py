@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import sys
 from importlib.metadata import EntryPoint
 from types import ModuleType
@@ -213,7 +214,7 @@ def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
         EntryPoint("half", "their_drivers:Half", group),
         EntryPoint("feetech", "their_drivers:Half", group),  # no way to take a built-in wire's place
     ]
-    monkeypatch.setattr(drivers, "entry_points", lambda group: points)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
     for name in STATE:
         getattr(drivers, name).clear()
     monkeypatch.setattr(drivers, "_loaded", False)

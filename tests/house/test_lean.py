@@ -1,4 +1,4 @@
-"""The root and wire processes stay small: no numpy, no mujoco, no screen library, under 60 MB each."""
+"""Root and wire processes stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an import."""
 
 from __future__ import annotations
 
@@ -45,6 +45,18 @@ def test_a_fresh_process_loads_nothing_heavy(what: str) -> None:
     loaded = done.stdout.split()
     assert "strands_actors" in loaded
     assert [name for name in HEAVY if name in loaded] == []
+
+
+SPARED = ("asyncio", "importlib.metadata", "numpy", "mujoco", "strands_actors.supervisors.root")
+"""What a script loads when it needs it, and not by its first line."""
+
+
+def test_the_import_of_a_script_brings_only_what_every_robot_needs() -> None:
+    script = "from strands_actors import Robot, open_robot\nimport sys\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "strands_actors.robot" in loaded
+    assert [name for name in SPARED if name in loaded] == []
 
 
 def resident_mb(pid: int) -> float:
