@@ -105,7 +105,7 @@ class Tree:
         if self.driver.timing.realtime:
             run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
-        self.tasks = Tasks(self.robot, lambda: [args["wire_listen"], args["listen"]], spawner.start)
+        self.tasks = Tasks(self.robot, spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.guardian = Guardian(
             self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state, self.at.gate, self.writers

@@ -17,7 +17,6 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess
-from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
 from . import addresses
 from .census import CensusTaker
@@ -37,12 +36,10 @@ class Tasks(Actor):
     def __init__(
         self,
         robot: str,
-        connect: Callable[[], list[str]],
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
     ) -> None:
         self._robot = robot
         self._start_process = start
-        self._connect = connect
         self.process: ChildProcess | None = None
         self.starts = 0
         self.status = TaskStatus()
@@ -73,7 +70,6 @@ class Tasks(Actor):
             "provider": message.provider,
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
-            "connect": self._connect(),
         }
         try:
             self.process = await self._start_process("strands_actors.supervisors.tasks:main", args)
@@ -146,9 +142,6 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(node.run)
         link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
         await nursery.start(link.run)
-        mesh = await ZenohMesh.open(connect=args["connect"])
-        mesh.attach(node)
-        await nursery.start(mesh.run)
         nursery.start_soon(keep_line, node, robot)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)

@@ -20,7 +20,7 @@ from .node import PREFIX, Node
 from .zenoh_session import Waker, closed, config, opened, unix_endpoint
 
 _WAKE_BATCH = 512
-_PUBLISHERS = 256
+_PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
 
 
