@@ -33,6 +33,6 @@ QUESTION = Question(
         Goal("cpu_us", "feetech-servo-sdk", at_most=0.3),
     ),
     limit=LIMIT.format(
-        bytes=880, whole="position, velocity, load, voltage and temperature, 11 bytes a servo", own=704
+        bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     ),
 )

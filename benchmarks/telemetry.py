@@ -22,8 +22,9 @@ QUESTION = Question(
         Goal("robots_per_core", "strands-robots", at_least=5.0, gross=10.0),  # the short form starts two
         Goal("threads_per_robot", "", at_most=0.0),
     ),
-    limit="""Each of our robots is two processes that look at deadlines 100 times a second and beat 50 times,
-whether it moves or not; each of the reference's is 15 threads of the caller, which do nothing between their 10 Hz,
-and nobody watches them. What that costs stands in `cpu per robot`; what it buys in the kill matrix.""",
+    limit="""The processor: each of our robots is two processes that look at deadlines 100 times a second and
+beat 50 times, whether it moves or not, 4.8 % of a core and 49 MB; each of the reference's is 15 threads of the
+caller that do nothing between their ten states a second, 2.1 %. Nobody watches those. So five times as many
+robots is out of reach of a tree of processes; no thread of the caller is what it gives.""",
     rounds=3,
 )

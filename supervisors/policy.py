@@ -1,8 +1,9 @@
 """The policy actor turns observations into setpoints.
 
 Inference runs in a worker thread, which may block or spin: the loop that sends setpoints does not wait for
-it. A chunk of actions is buffered and executed at the control rate while the next inference runs. When the
-policy is late the buffer runs dry, the last setpoint expires, and the robot holds: nobody has to notice.
+it. A chunk of actions is buffered and executed at the control rate while the next inference runs, which begins
+early enough to end before the buffer does, going by how long the last one took. When the policy is late all the
+same the buffer runs dry, the last setpoint expires, and the robot holds: nobody has to notice.
 """
 
 from __future__ import annotations
@@ -46,6 +47,33 @@ ASK_S = 0.5
 ASK_EVERY_S = 0.01
 """A stream quicker than this waits for the answer to one setpoint in so long: the gate keeps a refusal of any other
 for then, and lets none pass after it."""
+
+MARGIN = 1.5
+"""How much longer than the last an inference may take before the buffer runs dry."""
+
+
+class Buffer:
+    """Actions to be sent, one a period; it is ``low`` when an inference has to begin: what is left lasts no longer
+    than ``MARGIN`` times the last one took, or is no more than half of what that brought."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_ns = period_s * NS
+        self._actions: deque[Action] = deque()
+        self._least = 0
+
+    def __len__(self) -> int:
+        return len(self._actions)
+
+    @property
+    def low(self) -> bool:
+        return len(self._actions) <= self._least
+
+    def add(self, chunk: Sequence[Action], took_ns: int) -> None:
+        self._actions.extend(chunk)
+        self._least = max(len(chunk) // 2, int(MARGIN * took_ns / self._period_ns))
+
+    def next(self) -> Action:
+        return self._actions.popleft()
 
 
 def as_infer(policy: Any) -> Infer:
@@ -106,10 +134,9 @@ class Policy(Actor):
         self._rollout = rollout
         self._make = make
         self._report = report
-        self._buffer: deque[Action] = deque()
+        self._buffer = Buffer(rollout.period_s)
         self._wanted = trio.Event()
         self._wanted.set()
-        self._chunk_size = 1
         self._lease: Lease | None = None
         self._acquiring = trio.Lock()
         self._steps = 0
@@ -143,10 +170,10 @@ class Policy(Actor):
         if now_ns - self._began_ns >= rollout.duration_s * NS and not rollout.n_steps:
             await self._end("duration", f"{rollout.duration_s:g} s are over")
         elif self._buffer and self._lease is not None:
-            await self._send(self._buffer.popleft(), now_ns)
+            await self._send(self._buffer.next(), now_ns)
         elif self._steps and now_ns - self._last_ns > rollout.ttl_s * NS:
             await self._end("policy", f"no action for {rollout.ttl_s * 1e3:g} ms")
-        if len(self._buffer) <= self._chunk_size // 2:
+        if self._buffer.low:
             self._wanted.set()
 
     async def _send(self, action: Action, now_ns: int) -> None:
@@ -185,7 +212,7 @@ class Policy(Actor):
             infer = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
             while self._ended is None:
                 await self._wanted.wait()
-                self._wanted = trio.Event()
+                began_ns = self.context.clock.now_ns()
                 observation = await self._observe()
                 if observation is None:
                     return
@@ -194,10 +221,11 @@ class Policy(Actor):
                 )
                 if self._lease is None and not await self._acquire():
                     return
-                self._chunk_size = len(chunk)
-                self._buffer.extend(chunk)
+                self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
+                self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
                 if not chunk:
                     await trio.sleep(self._rollout.period_s)
+                if self._buffer.low:
                     self._wanted.set()
         except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
             await self._end("policy", describe(error))

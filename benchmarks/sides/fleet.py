@@ -25,7 +25,7 @@ from strands_actors import Robot
 from strands_actors.robot import RealRobot
 from strands_actors.testing import WireLog
 
-SIZES = {"short": (2, 4.0), "long": (12, 30.0)}
+SIZES = {"short": (2, 4.0), "long": (12, 20.0)}
 """Robots, seconds."""
 
 LOOK_S = 0.25

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.sides.wire import Log, delays_us, percentile
 
-COUNT = {"short": 60, "long": 400}
+COUNT = {"short": 60, "long": 300}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
 STEP = {"so101": 2.0, "ur5e": 0.01}
 """Degrees, radians. Small enough for every step gate of a stream at 30 and 125 Hz."""

@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.sides.policies import COMPUTE_S
 from benchmarks.sides.wire import Log, percentile
 
-COUNT = {"short": 2, "long": 6}
+COUNT = {"short": 2, "long": 4}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
 STEP = {"so101": 0.1, "ur5e": 1e-4}
 BLOCK_S = 2.5

@@ -43,10 +43,10 @@ class FeetechReadings(Readings[protocol.Packet]):
 class FeetechWire(ServoWire[protocol.Packet]):
     CODEC = protocol
     SAFING = FeetechSafing
-    FEEDBACK: ClassVar[tuple[int, int]] = (protocol.POSITION.address, 11)
-    """Position, velocity, load, voltage, temperature .. moving: 56 to 66."""
-    FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 27)
-    """40 to 66."""
+    FEEDBACK: ClassVar[tuple[int, int]] = (protocol.POSITION.address, 8)
+    """Position, velocity, load, voltage, temperature: 56 to 63."""
+    FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
+    """40 to 63."""
 
     async def hello(self, bus: HalfDuplexBus[protocol.Packet]) -> Hello[protocol.Packet]:
         servos: dict[int, Identity] = {}
