@@ -14,6 +14,9 @@ QUESTION = Question(
     title="Where does the time of one setpoint go, from `send_action` to the robot's first byte?",
     sides={"ours": _ours},
     goals=(Goal("total_p99_us", "", at_most=5_000.0),),
-    limit=("To be written."),
+    limit="""Wake-ups, of which none is computing: the caller's loop (170 to 220 µs, with the interpreter's
+lock), the wire process (55 to 70 µs) and the twin behind its pty (120 to 170 µs). What is computed on the way,
+the lease and the encoding, the gate's checks, the driver's gates and the codec, is 160 to 190 µs in two of three
+runs, with caches that are cold after 20 ms of sleep. The stamps are of one clock, over 500 setpoints.""",
     short=False,
 )

@@ -18,8 +18,8 @@ QUESTION = Question(
         Goal("replayed_x", "", at_least=100.0, gross=8.0),
         Goal("same_trace", "", at_least=1.0, gross=1.0),
     ),
-    limit="""Of 27 ms for a simulated second of an SO-101 (470 passes of trio's loop) trio and its virtual clock are 34 %, the twin's
-servos with 500 steps of MuJoCo 19 %, actors and messages 19 %, the driver's codec and gates 11 % (cProfile). The same
-tree on a driver without wire and physics reaches 78, and two tickers of 100 Hz without any tree 185 to 212: no tree
-with a tick of 10 ms reaches more on this loop. The replay has no loop.""",
+    limit="""Of 27 ms for a simulated second of an SO-101 (470 passes of trio's loop) trio and its virtual clock
+are 34 %, the twin's servos with 500 steps of MuJoCo 19 %, actors and messages 19 %, the driver's codec and gates
+11 % (cProfile). The same tree on a driver without wire and physics reaches 78, and two tickers of 100 Hz without
+any tree 185 to 212: no tree with a tick of 10 ms reaches more on this loop. The replay has no loop.""",
 )
