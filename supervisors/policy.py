@@ -8,7 +8,6 @@ same the buffer runs dry, the last setpoint expires, and the robot holds: nobody
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import inspect
 import os
@@ -108,6 +107,8 @@ def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
     """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it executed than its
     ``execution_horizon``; of any other the whole chunk is."""
     if inspect.isawaitable(result):
+        import asyncio  # 8 ms, for policies that want it
+
         result = asyncio.run(_await(result))
     if isinstance(result, Mapping):
         return (plain(result),)

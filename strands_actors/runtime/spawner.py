@@ -10,6 +10,7 @@ there already, which is a quarter of a second of computing.
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import select
 import signal
@@ -111,6 +112,8 @@ class Spawner:
 
 def _serve(sock: socket.socket) -> None:
     """The spawner process: one request, one child; then report its end."""
+    gc.collect()
+    gc.freeze()  # a child's own collection then neither walks nor copies what it was born with (6 ms)
     children: dict[int, int] = {}
     while True:
         requests = sock.fileno()
