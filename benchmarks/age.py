@@ -21,4 +21,5 @@ QUESTION = Question(
         "The reader waits for the producer's next tick, and the newest setpoint has taken the place of the "
         "others: what remains is one wake-up of the loop."
     ),
+    rounds=3,
 )

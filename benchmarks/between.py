@@ -28,4 +28,5 @@ QUESTION = Question(
         "plain zenoh answers from the callback."
     ),
     short=False,
+    rounds=3,
 )

@@ -31,4 +31,5 @@ QUESTION = Question(
         "cancel scopes."
     ),
     short=False,
+    rounds=2,
 )

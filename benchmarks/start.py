@@ -36,4 +36,5 @@ QUESTION = Question(
         "trio."
     ),
     short=False,
+    rounds=3,
 )
