@@ -28,4 +28,5 @@ QUESTION = Question(
         "from a thread to the task that waits, measured alone), where plain zenoh answers from the callback."
     ),
     short=False,
+    rounds=3,
 )

@@ -26,4 +26,5 @@ QUESTION = Question(
         "at each hop)."
     ),
     short=False,
+    rounds=2,
 )

@@ -35,4 +35,5 @@ QUESTION = Question(
     limit=LIMIT.format(
         bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     ),
+    rounds=2,
 )

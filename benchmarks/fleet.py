@@ -20,5 +20,5 @@ QUESTION = Question(
     ),
     limit="""The machine: twelve robots are 36 processes here, a third of them twins with physics. Shares are of one
 core and for one robot; `mb` is the proportional set size.""",
-    rounds=3,
+    rounds=1,
 )

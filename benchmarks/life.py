@@ -31,4 +31,5 @@ at a load of 2. With a heap that is frozen before the fork the collection is 0.0
 birth 6 to 9 ms instead of 15 to 22. A restart in the process is six passes of trio's scheduler, 4 µs each, and
 four cancel scopes.""",
     short=False,
+    rounds=2,
 )

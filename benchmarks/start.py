@@ -35,4 +35,5 @@ is 2.4 ms, json 1.2 ms, and nearly all else our own modules (`-X importtime`). a
 of the root come when they are needed. Until it is armed the twin and then the root are executed, each importing
 trio, and the root forks the wire.""",
     short=False,
+    rounds=3,
 )

@@ -26,5 +26,5 @@ QUESTION = Question(
 beat 50 times, whether it moves or not, 4.8 % of a core and 49 MB; each of the reference's is 15 threads of the
 caller that do nothing between their ten states a second, 2.1 %. Nobody watches those. So five times as many
 robots is out of reach of a tree of processes; no thread of the caller is what it gives.""",
-    rounds=3,
+    rounds=1,
 )
