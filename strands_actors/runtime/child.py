@@ -22,7 +22,7 @@ from .process import ChildSpecification
 from .realtime import run_like_others
 
 YOUNG = 20_000
-"""Containers that are made before the collector looks at them: what is made 500 times a second is gone by itself."""
+"""Containers made before the collector looks at them: what is made 500 times a second is gone by itself."""
 
 
 def main(fd: int) -> None:
