@@ -13,9 +13,9 @@ from ..answers import json_of, until
 IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, "wrist_roll": 5, "gripper": 6}
 COUNTS_PER_DEGREE = 4095 / 360
 
-FEEDBACK = (8, 27)
+FEEDBACK = (8, 24)
 """Sizes of the blocks that are read in turn, both with the position in them."""
-FEEDBACK_END = p.MOVING.address + 1
+FEEDBACK_END = p.TEMPERATURE.address + 1
 
 
 def far(arm: Any, joint: str = "shoulder_pan") -> float:
