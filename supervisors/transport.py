@@ -51,6 +51,7 @@ from .messages import (
 OPEN_DEADLINE_S = 5.0
 HANDOVER_S = 3.0
 """Of these five: what the root may take to have its own path ready."""
+ROOT_AGAIN_S = 0.01
 SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -269,10 +270,19 @@ class Transport(Actor):
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
-        try:
-            answer = await self._guardian.ask(Handover(tuple(wire.handover())), HANDOVER_S)
-        except (AskTimeout, Unreachable) as failure:
-            raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
+        handover = Handover(tuple(wire.handover()))
+        until_s = trio.current_time() + HANDOVER_S
+        while True:
+            try:
+                answer = await self._guardian.ask(handover, HANDOVER_S)
+                break
+            except Unreachable as failure:
+                # A root that waits for a processor has not yet said what lives there.
+                if trio.current_time() >= until_s:
+                    raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
+                await trio.sleep(ROOT_AGAIN_S)
+            except AskTimeout as failure:
+                raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
         if isinstance(answer, Refused):
             raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 

@@ -1,0 +1,57 @@
+"""A wire that is ready before its root has said what lives there."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.runtime.clock import VirtualClock
+from strands_actors.runtime.node import Node
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.failsafe import Mode, State
+from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.messages import GetStatus, Status
+from strands_actors.supervisors.transport import HANDOVER_S
+from strands_actors.supervisors.wire import InlinePlace
+from strands_actors.testing import FakeHardware, run_virtual
+from strands_actors.testing.fake import HARDWARE, FakeDriver
+
+AT = addresses.of("late")
+
+
+async def status_with_a_root_after(late_s: float) -> Status:
+    """What the gate says a moment after the guardian was there."""
+    hardware = HARDWARE["late"] = FakeHardware()
+    driver = FakeDriver("fake", "late", {})
+    node = Node("late", VirtualClock())
+    try:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            InlinePlace(node, nursery, driver, "late", State(Mode.DOWN, 1, ""), "")
+            await trio.sleep(late_s)
+            guardian = Guardian(driver, AT.watchdog, lambda *_: None)  # type: ignore[arg-type, return-value]
+            await nursery.start(node.cell(AT.path("guardian"), lambda: guardian).run)
+            await trio.sleep(0.05)
+            answer = await node.ref(AT.gate, Gate).ask(GetStatus(), 1.0)
+            assert isinstance(answer, Status)
+            assert hardware.of("setpoint") == []
+            nursery.cancel_scope.cancel()
+            return answer
+    finally:
+        del HARDWARE["late"]
+
+
+def test_it_waits_for_a_root_that_is_late() -> None:
+    async def run() -> None:
+        status = await status_with_a_root_after(1.0)
+        assert (status.mode, status.connect_error) == (Mode.DISARMED, "")
+
+    run_virtual(run)
+
+
+def test_it_does_not_wait_for_ever() -> None:
+    async def run() -> None:
+        status = await status_with_a_root_after(HANDOVER_S + 0.05)
+        assert "the root did not take its path" in status.connect_error
+
+    run_virtual(run)
