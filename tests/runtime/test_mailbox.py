@@ -10,6 +10,7 @@ from trio.testing import wait_all_tasks_blocked
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.mailbox import CAPACITY, SUPERSEDED, Entry, Mailbox
 from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.turn import BURST
 
 from .kernel import Alarm, Block, Newest, Number, Other, Recorder, recorder, running_node, virtual_time
 
@@ -214,7 +215,7 @@ async def test_a_stop_from_elsewhere_waits_for_one_burst_at_most() -> None:
         before = len(log)
         node.ref(cell.address).tell(Alarm(0))
         await wait_all_tasks_blocked()
-    assert 0 < before <= 200
+    assert 0 < before <= 2 * BURST  # trio may take up the reader twice before us
     assert log[before] == Alarm(0)
 
 
