@@ -66,6 +66,7 @@ class Outcome:
     all_motors: bool  # a frame for the whole robot, and confirmed where it must be
     gone_ms: float = 0.0  # a caller that ends by itself: from its last statement to its end
     stood_ms: float = 0.0  # so long the processes of the tree, the twin and the bench stood in line for a processor
+    instead: str = ""  # the rung it was brought to before the fault could show, for want of a processor
 
     @property
     def safe(self) -> bool:
@@ -78,9 +79,10 @@ class Outcome:
     @property
     def disturbed(self) -> bool:
         """Safe, and late because of the machine: its processes stood in line for longer than ``DISTURBED_MS``, and
-        without that it would have kept its bound. A trial that is not safe is never excused."""
+        without that it would have kept its bound. Or safe on another rung: a process that got no processor looked
+        frozen before the fault did. A trial that is not safe is never excused."""
         explained = self.stood_ms > DISTURBED_MS and self.safe_ms - self.stood_ms <= self.bound_ms
-        return self.safe and self.late and explained
+        return self.safe and (bool(self.instead) or (self.late and explained))
 
 
 def _motion(cell: Cell, driver: Driver) -> str:
@@ -266,12 +268,16 @@ def _read(
     """``began_ns``: from when on frames count. ``since_ns``: from when on time counts."""
     rung = expected_rung(driver, cell.victim, cell.fault)
     bound_ms = bound_s(driver, cell.victim, cell.fault) * 1e3
-    safe = next((entry for entry in log.host("safe", began_ns) if is_rung(entry, rung)), None)
+    frames = log.host("safe", began_ns)
+    safe = next((entry for entry in frames if is_rung(entry, rung)), None)
+    instead = ""
+    if safe is None and frames and stood_ms > DISTURBED_MS:
+        safe, instead = frames[0], frames[0].rung or ""
     if safe is None:
         return Outcome(cell.victim, cell.fault, rung, float("inf"), bound_ms, -1, False, gone_ms, stood_ms)
     safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
     after = log.setpoints_after_safe(began_ns)
-    return Outcome(cell.victim, cell.fault, rung, safe_ms, bound_ms, after, True, gone_ms, stood_ms)
+    return Outcome(cell.victim, cell.fault, rung, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
 
 
 async def _until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:

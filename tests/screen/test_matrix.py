@@ -16,8 +16,9 @@ import trio
 from strands_actors.cli.matrix import one_of_each
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.runtime.contract import Driver
-from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, cells_of
+from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, WireLog, cells_of
 from strands_actors.testing.bench import driver_of
+from strands_actors.testing.cells import _read
 from strands_actors.testing.faults import proves
 from strands_actors.testing.jobs import Plan, measure_all
 from strands_actors.testing.matrix import Row, as_json, conditions, measure, page, summary
@@ -65,6 +66,27 @@ def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() ->
     row = summary("so101", WIRE_KILL, [outcome(7.0), outcome(70.0, after=1, stood_ms=30.0)])
     assert (row.trials, row.disturbed, row.unsafe, row.safe) == (2, 0, 1, False)
     assert not summary("so101", WIRE_KILL, []).safe, "what was not measured is not safe"
+
+
+def test_another_rung_is_excused_only_when_the_machine_explains_it_and_nothing_follows(tmp_path: Path) -> None:
+    """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not hold."""
+
+    def read_of(stood_ms: float, *kinds: str) -> Outcome:
+        path = tmp_path / "wire.ndjson"
+        rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(kinds, 1)]
+        for row in rows:
+            if row["kind"] == "safe":
+                row["rung"] = "limp"
+        path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        spin = Cell(Victims.CALLER, Faults.SPIN)
+        return _read(WireLog(path), driver_of("so101"), spin, 0, 0, stood_ms=stood_ms)
+
+    excused = read_of(30.0, "setpoint", "safe")
+    assert (excused.rung, excused.instead, excused.safe, excused.disturbed) == ("hold", "limp", True, True)
+    assert not read_of(0.0, "setpoint", "safe").safe
+    moved = read_of(30.0, "setpoint", "safe", "setpoint")
+    assert (moved.safe, moved.disturbed) == (False, False)
+    assert not read_of(30.0, "setpoint").safe
 
 
 def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
