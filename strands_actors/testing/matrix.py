@@ -139,8 +139,9 @@ of the robot's end of the wire, not from the program. This page was made by
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
 * **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past the
   bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for more than
-  {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or safe on another rung, because a
-  process that got no processor looked frozen before the fault did. A trial that is not safe is always counted. Benches run side by side (`jobs`) and disturb each other.
+  {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or safe on another
+  rung, because a process that got no processor looked frozen before the fault did. A trial that is not safe is
+  always counted. Benches run side by side (`jobs`) and disturb each other.
 * Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
   processes are started as they always are.
 * **proves**: requirements of [safety.md](safety.md).
