@@ -23,8 +23,8 @@ QUESTION = Question(
         Goal("threads_per_robot", "", at_most=0.0),
     ),
     limit="""The processor: each of our robots is two processes that look at deadlines 100 times a second and
-beat 50 times, whether it moves or not, 5 to 7 % of a core and 36 to 49 MB; each of the reference's is 15 threads of the
-caller that do nothing between their ten states a second, 2 %. Nobody watches those. So five times as many
-robots is out of reach of a tree of processes; no thread of the caller is what it gives.""",
+beat 50 times, whether it moves or not, 5 to 7 % of a core and 36 to 49 MB; each of the reference's is 15
+threads of the caller that do nothing between their ten states a second, 2 %. Nobody watches those. So five
+times as many robots is out of reach of a tree of processes; no thread of the caller is what it gives.""",
     rounds=1,
 )
