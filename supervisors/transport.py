@@ -276,13 +276,11 @@ class Transport(Actor):
             try:
                 answer = await self._guardian.ask(handover, HANDOVER_S)
                 break
-            except Unreachable as failure:
-                # A root that waits for a processor has not yet said what lives there.
-                if trio.current_time() >= until_s:
+            except (AskTimeout, Unreachable) as failure:
+                # Unreachable: a root that waits for a processor has not yet said what lives there.
+                if isinstance(failure, AskTimeout) or trio.current_time() >= until_s:
                     raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
                 await trio.sleep(ROOT_AGAIN_S)
-            except AskTimeout as failure:
-                raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
         if isinstance(answer, Refused):
             raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 

@@ -241,18 +241,14 @@ class Cell:
 
     def _work_promptly(self, until_ns: int) -> bool:
         """As ``work``, of an asynchronous actor, as long as it is prompt."""
-        mailbox, now_ns, context, actor = self.mailbox, self.node.clock.now_ns, self.actor.context, self.actor
-        tap = self.node.tap
+        mailbox, now_ns, actor = self.mailbox, self.node.clock.now_ns, self.actor
         at_ns = now_ns()
         while (entry := mailbox.first()) is not None:
             message, reply = entry
             if at_ns > until_ns or not actor.is_prompt(message):
                 return False
             mailbox.pop()
-            context.received_ns = at_ns
-            context.reply = reply
-            if tap is not None:
-                tap.took(self.address, at_ns, message, reply is not None)
+            self._take_up(message, reply, at_ns)
             try:
                 answer = _at_once(actor.receive(message))
             except Exception as error:
@@ -263,7 +259,7 @@ class Cell:
         return True
 
     async def _work_slowly(self) -> None:
-        pop, now_ns, node, context = self.mailbox.pop, self.node.clock.now_ns, self.node, self.actor.context
+        pop, now_ns = self.mailbox.pop, self.node.clock.now_ns
         at_ns = now_ns()
         until_ns = at_ns + LONGEST_NS
         for _ in range(BURST):
@@ -271,12 +267,9 @@ class Cell:
             if entry is None:
                 return
             message, reply = entry
-            context.received_ns = at_ns
-            context.reply = reply
-            if node.tap is not None:
-                node.tap.took(self.address, at_ns, message, reply is not None)
+            self._take_up(message, reply, at_ns)
             try:
-                answer = await node.turn.of(self.actor.receive(message))
+                answer = await self.node.turn.of(self.actor.receive(message))
             except Exception as error:
                 self._failed(reply, error)
                 raise
@@ -284,6 +277,13 @@ class Cell:
             at_ns = now_ns()
             if at_ns > until_ns:
                 return
+
+    def _take_up(self, message: Message, reply: ReplyTo | None, at_ns: int) -> None:
+        context, tap = self.actor.context, self.node.tap
+        context.received_ns = at_ns
+        context.reply = reply
+        if tap is not None:
+            tap.took(self.address, at_ns, message, reply is not None)
 
     def _answered(self, reply: ReplyTo | None, answer: Any) -> None:
         tap = self.node.tap

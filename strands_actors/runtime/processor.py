@@ -26,7 +26,7 @@ def is_stopped(pid: int) -> bool:
     process is gone. Source: proc(5)."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as stat:
-            return stat.read().rpartition(b")")[2].split(None, 1)[0] in (b"T", b"t")
+            return _state(stat.read()) in (b"T", b"t")
     except OSError:
         return False
 
@@ -38,7 +38,12 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
     try:
         with open(f"{task}/schedstat", "rb") as schedstat, open(f"{task}/stat", "rb") as stat:
             computed, waited, _ = schedstat.read().split()
-            state = stat.read().rpartition(b")")[2].split(None, 1)[0]
+            state = _state(stat.read())
     except (OSError, ValueError):
         return None
     return Standing(int(computed), int(waited), state == b"R")
+
+
+def _state(stat: bytes) -> bytes:
+    """The letter behind the name, which may hold anything."""
+    return stat.rpartition(b")")[2].split(None, 1)[0]
