@@ -73,6 +73,7 @@ class Participant:
         self._slow_ns = 0
         self._sockets = open_sockets(domain, address, multicast)
         self._out = self._sockets[0]
+        self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())  # when there was nothing to read
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
@@ -184,13 +185,14 @@ class Participant:
             try:
                 size, ancillary, _, sender = sock.recvmsg_into((self._buffer,), ANCILLARY)
             except BlockingIOError:
+                self._empty_ns[sock] = self._clock.now_ns()
                 return
             except OSError as error:
                 self.trouble = str(error)
                 return
             now_ns = self._clock.now_ns()
             if ancillary:
-                now_ns -= age_ns(ancillary[0][2])
+                now_ns -= age_ns(ancillary[0][2], now_ns - self._empty_ns[sock])
             self._engine.receive(self._view[:size], sender[0], now_ns)
 
     def _send(self, parts: Sequence[Buffer], address: Address) -> bool:

@@ -29,14 +29,16 @@ def is_host(text: str) -> bool:
         return False
 
 
-def age_ns(timespec: bytes) -> int:
-    """How long ago the kernel took a datagram in. Its clock is the wall's, which may be set meanwhile."""
+def age_ns(timespec: bytes, longest_ns: int) -> int:
+    """How long ago the kernel took a datagram in, which was not there ``longest_ns`` ago. The kernel tells it by
+    the wall's clock: when that has been set meanwhile, the datagram is taken for as old as it can be."""
     if len(timespec) != _TIMESPEC.size:
         return 0
     seconds: int
     nanoseconds: int
     seconds, nanoseconds = _TIMESPEC.unpack(timespec)
-    return max(0, time.time_ns() - seconds * 1_000_000_000 - nanoseconds)
+    age = time.time_ns() - seconds * 1_000_000_000 - nanoseconds
+    return age if 0 <= age <= longest_ns else longest_ns
 
 
 def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.socket, ...]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import time
+from types import SimpleNamespace
 
 import pytest
 import trio
 from rtps_pair import Log
 
-from strands_actors.drivers.common.rtps import Participant, open_participant, words
+from strands_actors.drivers.common.rtps import Participant, open_participant, sockets, words
 from strands_actors.runtime.contract import WireDown
 
 PATIENCE_S = 20.0
@@ -111,6 +112,36 @@ def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
     driver.close()
     driver.close()
     driver.poll()
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_have_waited(
+    step_s: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SAF-012: the kernel stamps arrivals by the wall's clock. Neither is a sample an hour old when that has been
+    set forward, which would stop the robot, nor new however long it waited when that has been set back."""
+    robot = Participant(DOMAIN, "127.0.0.27", (), False)
+    driver = Participant(DOMAIN, "127.0.0.28", (robot.address,), False)
+    seen: list[int] = []
+    writer = robot.writer(*LOW_STATE)
+    reader = driver.reader(*LOW_STATE, lambda payload, writer, t_ns: seen.append(t_ns))
+    deadline = time.monotonic() + PATIENCE_S
+    while not (writer.matched and reader.matched):
+        assert time.monotonic() < deadline
+        driver.poll()
+        robot.poll()
+    driver.poll()
+    empty_ns = time.monotonic_ns()
+    time.sleep(0.1)
+    assert writer.write(STATE) == 1
+    now_ns = time.time_ns
+    stepped = SimpleNamespace(time_ns=lambda: now_ns() + step_s * 1_000_000_000)
+    monkeypatch.setattr(sockets, "time", stepped)
+    driver.poll()
+    (t_ns,) = seen
+    assert empty_ns - 50_000_000 <= t_ns <= empty_ns
+    robot.close()
+    driver.close()
 
 
 def test_closing_ends_its_service_and_its_writers_take_nothing() -> None:
