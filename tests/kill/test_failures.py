@@ -81,7 +81,7 @@ TOLD = {
     "runtime/pubsub.py",
     "drivers/common/rtps/sockets.py",
 }
-"""Who tells others what time it is by the wall, or is told so by the kernel, and decides nothing by it."""
+"""Who tells others what time it is by the wall, or is told so by the kernel and believes what can be."""
 
 
 def test_no_part_of_the_tree_reads_the_wall_clock() -> None:

@@ -1,6 +1,6 @@
 """What runs out: descriptors, in the root and in the caller; memory, by restarts of a policy. (Memory of a policy:
-``test_failures.py``; the disk: ``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock: nobody asks it,
-``test_no_part_of_the_tree_reads_the_wall_clock``.)
+``test_failures.py``; the disk: ``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock:
+``test_clock_step.py``.)
 """
 
 from __future__ import annotations

@@ -1,0 +1,110 @@
+"""The wall's clock is set by an hour while a robot moves, for every process of its tree and for the caller.
+
+``time.time`` and ``time.time_ns`` are replaced in each of them: to set the machine's own clock is not for a test.
+(``test_no_part_of_the_tree_reads_the_wall_clock`` finds who else would read it.) The kernel's stamps on what a
+robot on legs sends keep the old time here, which is harder than a clock that is really set.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+PATIENCE_S = 20.0
+SET = """
+import time
+_time, _time_ns = time.time, time.time_ns
+def _by_s():
+    with open({at!r}) as file:
+        return int(file.read())
+time.time = lambda: _time() + _by_s()
+time.time_ns = lambda: _time_ns() + _by_s() * 1_000_000_000
+"""
+SAY_SO = """
+import os
+with open({at!r} + ".pids", "a") as file:
+    file.write(f"{{os.getpid()}} ")
+"""
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+
+@pytest.fixture
+def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
+    """Set the wall's clock of this process, and of those it starts, by so many seconds. Returns who has this clock:
+    what was started by exec; forks of it have it too."""
+    at = tmp_path / "by_s"
+    at.write_text("0")
+    (tmp_path / "site").mkdir()
+    code = SET.format(at=str(at))
+    (tmp_path / "site" / "sitecustomize.py").write_text(code + SAY_SO.format(at=str(at)))
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.setattr(time, "time", time.time)
+    monkeypatch.setattr(time, "time_ns", time.time_ns)
+    exec(code, {})
+
+    def set_by(step_s: int) -> list[int]:
+        new = tmp_path / "new"
+        new.write_text(str(step_s))
+        new.rename(at)
+        return list(map(int, Path(f"{at}.pids").read_text().split()))
+
+    return set_by
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_saf_001_a_clock_that_is_set_by_an_hour_stops_nothing(
+    strands_robot: Start, set_clock: Callable[[int], list[int]], step_s: int
+) -> None:
+    """A single command of an arm stands as long as its caller's lease, and is repeated on the wire."""
+    arm, twin = strands_robot("so101")
+    began_ns = time.monotonic_ns()
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
+    before_s = time.time()
+    assert started_by_exec(arm) <= {*set_clock(step_s)}
+    assert abs(time.time() - before_s - step_s) < 60
+    after_ns = time.monotonic_ns()
+    setpoints_go_on(twin, after_ns + 500_000_000)
+    assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
+    assert twin.log.first_safe(began_ns) is None
+    stopped = arm.stop()
+    assert stopped["status"] == "success", stopped
+    twin.log.safe_within(after_ns, PATIENCE_S)
+    twin.log.no_setpoint_after_safe(after_ns)
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
+    strands_robot: Start, set_clock: Callable[[int], list[int]], step_s: int
+) -> None:
+    robot, twin = strands_robot("g1")
+    began_ns = time.monotonic_ns()
+    assert started_by_exec(robot) <= {*set_clock(step_s)}
+    for _ in range(3):
+        assert robot.resume()["status"] == "success"  # each command stands for 100 ms
+        answer = robot.send_action({"left_knee": robot.get_observation()["left_knee"]})
+        assert answer["status"] == "success", answer
+    assert robot.get_status()["content"][0]["json"]["observation_age_s"] < PATIENCE_S
+    robot.stop()
+    assert len([entry for entry in twin.log.host("setpoint") if entry.t_ns > began_ns]) >= 3
+
+
+def started_by_exec(robot: RealRobot) -> set[int]:
+    tree = robot.tree()
+    assert tree is not None
+    return {process["pid"] for process in tree["processes"] if process["role"] in ("root", "twin")}
+
+
+def setpoints_go_on(twin: Twin, since_ns: int) -> int:
+    """When twenty have been seen after ``since_ns``."""
+    until_s = time.monotonic() + PATIENCE_S
+    while sum(entry.t_ns > since_ns for entry in twin.log.host("setpoint")) < 20:
+        assert time.monotonic() < until_s, "it does not move"
+        time.sleep(0.02)
+    return time.monotonic_ns()
