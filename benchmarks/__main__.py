@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import house, page
+from benchmarks import flames, house, page
 
 
 def options(names: list[str]) -> argparse.Namespace:
@@ -15,6 +15,7 @@ def options(names: list[str]) -> argparse.Namespace:
     parser.add_argument("--short", action="store_true", help="seconds instead of minutes; rough figures")
     parser.add_argument("--seed", type=int, default=0, help="of the order in which the sides run")
     parser.add_argument("--write", action="store_true", help="keep the result, draw it, make docs/benchmarks.md")
+    parser.add_argument("--flames", action="store_true", help="look where our side computes; kept as with --write")
     parser.add_argument("--page", action="store_true", help="run nothing; make plots and page from what is kept")
     return parser.parse_args()
 
@@ -41,6 +42,9 @@ def main() -> int:
     failed = []
     for name in names:
         question = asked[name]
+        if chosen.flames:
+            say(f"wrote {flames.record(question, chosen.short)}")
+            continue
         rounds = chosen.rounds or (1 if chosen.short else question.rounds)
         try:
             result = house.run(question, rounds, chosen.short, chosen.seed, say)
@@ -52,7 +56,7 @@ def main() -> int:
         if chosen.write:
             say(f"wrote {result.write()}")
             page.plot(question, result, page.PLOTS / f"{name}.svg")
-    if chosen.write:
+    if chosen.write or chosen.flames:
         say(f"wrote {page.write(asked)}")
     if failed:
         say(f"failed: {', '.join(failed)}")

@@ -7,6 +7,7 @@ judges.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import importlib
 import json
@@ -17,7 +18,7 @@ import random
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,8 @@ class Question:
     rounds: int = 5
     short: bool = True
     """Whether its short form runs in CI."""
+    imports: bool = False
+    """Whether importing is part of what is asked: flame graphs of the others leave it out."""
 
     def __post_init__(self) -> None:
         if OURS not in self.sides:
@@ -173,8 +176,22 @@ class Result:
         return cls(stored["name"], stored["short"], Machine(**stored["machine"]), tuple(stored["rounds"]))
 
 
+_beneath: Callable[[list[str]], list[str]] = list
+
+
+@contextlib.contextmanager
+def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
+    """Meanwhile ``beside`` runs what ``wrap`` makes of its command: the same beneath another program."""
+    global _beneath
+    before, _beneath = _beneath, wrap
+    try:
+        yield
+    finally:
+        _beneath = before
+
+
 def beside(module: str, *args: str, python: str = sys.executable, timeout_s: float = 120) -> Figures:
-    """Run ``python -m module args`` from the checkout; its last line on stdout is a JSON object of figures.
+    """Run ``python -m module args`` from the checkout; the last JSON object on its stdout has its figures.
 
     Raises ``RuntimeError`` with what it wrote to stderr when it fails or takes longer than ``timeout_s``: a peer
     that is not installed is an error, never a gap in the table.
@@ -182,14 +199,14 @@ def beside(module: str, *args: str, python: str = sys.executable, timeout_s: flo
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HOUSE.parent), os.environ.get("PYTHONPATH", "")])
     }
-    command = [python, "-m", module, *args]
+    command = _beneath([python, "-m", module, *args])
     try:
         done = subprocess.run(
             command, cwd=HOUSE.parent, env=environment, capture_output=True, text=True, timeout=timeout_s
         )
     except subprocess.TimeoutExpired as late:
         raise RuntimeError(f"{' '.join(command)} took longer than {timeout_s} s:\n{late.stderr!r}") from late
-    lines = done.stdout.strip().splitlines()
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
     if done.returncode or not lines:
         raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr[-4000:]}")
     return {figure: float(value) for figure, value in json.loads(lines[-1]).items()}

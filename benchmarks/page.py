@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks import flames
 from benchmarks.house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
 
 PAGE = HOUSE.parent / "docs" / "benchmarks.md"
@@ -113,8 +114,20 @@ def section(question: Question, result: Result) -> str:
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
         "",
+        *where_it_goes(question),
     ]
     return "\n".join(lines)
+
+
+def where_it_goes(question: Question) -> list[str]:
+    """The flame graph of our side, if there is one, and who computes most."""
+    kept = flames.KEPT / f"{question.name}.txt"
+    if not kept.exists():
+        return []
+    shares = flames.heaviest(flames.read(kept.read_text()))
+    most = ", ".join(f"`{frame.partition(' (')[0]}` {share:.0%}" for frame, share in shares)
+    drawing = f"![Where our side computes](benchmarks/flames/{question.name}.svg)"
+    return [f"Who computes in our side, by function, with what each calls in C: {most}.", "", drawing, ""]
 
 
 def plot(question: Question, result: Result, path: Path) -> None:
@@ -184,5 +197,7 @@ def write(asked: Mapping[str, Question]) -> Path:
     """Make the page anew from all results of questions that are still asked."""
     kept = [Result.read(path) for path in sorted(RESULTS.glob("*.json"))]
     sections = [section(asked[result.name], result) for result in kept if result.name in asked]
+    for seen in sorted(flames.KEPT.glob("*.txt")):
+        flames.draw(flames.read(seen.read_text()), PLOTS / "flames" / f"{seen.stem}.svg")
     PAGE.write_text("\n".join([PREFACE, *sections]))
     return PAGE

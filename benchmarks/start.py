@@ -20,6 +20,7 @@ def _reference(short: bool) -> Figures:
 
 QUESTION = Question(
     name="start",
+    imports=True,
     title="How long does it take from the import to an armed robot?",
     sides={
         **{name: _side(name) for name in ("ours", "trio and msgspec")},

@@ -37,7 +37,7 @@ async def ours(short: bool) -> Figures:
         return await timed(amount(short), lambda: one.ask(GetCount(), DEADLINE_S))
 
 
-async def trio_channel(short: bool) -> Figures:
+async def trio_channel(n: int) -> Figures:
     sender, receiver = trio.open_memory_channel[trio.MemorySendChannel[Count]](1024)
 
     async def serve() -> None:
@@ -52,7 +52,7 @@ async def trio_channel(short: bool) -> Figures:
 
     async with trio.open_nursery() as nursery:
         nursery.start_soon(serve)
-        figures = await timed(amount(short), ask)
+        figures = await timed(n, ask)
         nursery.cancel_scope.cancel()
     return figures
 
@@ -97,7 +97,7 @@ if __name__ == "__main__":
     answer(
         {
             "ours": lambda short: trio.run(ours, short),
-            "trio": lambda short: trio.run(trio_channel, short),
+            "trio": lambda short: trio.run(trio_channel, amount(short)),
             "asyncio": lambda short: asyncio.run(asyncio_queue(short)),
             "pykka": pykka,
         }

@@ -51,7 +51,10 @@ def rate(messages: int, began_s: float) -> Figures:
 
 
 def serve(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of our child: a counter, reachable over zenoh."""
+    """Entry of our child: a counter, reachable over zenoh as root and wire are."""
+    from strands_actors.runtime.zenoh_session import hand_over
+
+    hand_over()
     trio.run(_serve, args)
 
 
@@ -71,8 +74,9 @@ async def _serve(args: dict[str, Any]) -> None:
 async def reached() -> AsyncIterator[Ref]:
     """A counter in another process, answering over zenoh."""
     from strands_actors.runtime.zenoh_mesh import ZenohMesh
-    from strands_actors.runtime.zenoh_session import unix_endpoint
+    from strands_actors.runtime.zenoh_session import hand_over, unix_endpoint
 
+    hand_over()
     with tempfile.TemporaryDirectory() as directory:
         endpoint = unix_endpoint(f"{directory}/there")
         child = start(f"{CHILD}:serve", {"endpoint": endpoint})

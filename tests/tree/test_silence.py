@@ -11,8 +11,7 @@ from strands_actors.runtime.supervisor import Budget
 from strands_actors.supervisors.messages import Accepted, SilentUntil
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
-from .test_tree import freeze
-from .writer import armed
+from .writer import armed, freeze
 
 MS = 1_000_000
 FENCED_MS = 250

@@ -1,8 +1,10 @@
-"""A writer for tests of the tree: holds a lease and sends setpoints through the gate."""
+"""For tests of the tree: a writer with a lease, what the wire got, an actor that freezes."""
 
 from __future__ import annotations
 
 from typing import Any
+
+import trio
 
 from strands_actors.runtime.messages import Message
 from strands_actors.supervisors.messages import Acquire, Lease, Resume, Resumed, Setpoint
@@ -40,3 +42,20 @@ async def armed(tree: InlineTree, name: str = "writer") -> Writer:
     writer = Writer(tree, name)
     assert isinstance(await writer.acquire(), Lease)
     return writer
+
+
+def setpoints(tree: InlineTree, since_ns: int = 0) -> list[tuple[float, ...]]:
+    return [written.values for written in tree.hardware.of("setpoint", since_ns)]
+
+
+def freeze(tree: InlineTree, actor: str) -> None:
+    """From its next message on, the actor never answers again."""
+    cell = tree.node.cells[tree.gate.address.replace("gate", actor)]
+
+    def deaf(_: int) -> bool:
+        while cell.mailbox.pop() is not None:
+            pass
+        return True
+
+    cell.work = deaf  # type: ignore[method-assign]
+    cell._work_slowly = trio.sleep_forever  # type: ignore[method-assign]

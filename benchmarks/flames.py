@@ -1,0 +1,137 @@
+"""Where our side spends its time: ``python -m benchmarks --flames [NAME ...]``.
+
+Our side of a question runs once more, under py-spy, which looks at the stacks of all its processes 250 times a
+second and counts those that compute. What it saw is kept in ``benchmarks/results/flames`` and drawn as a flame
+graph: the width of a function is its share of the processor's time, what it called stands above it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from html import escape
+from pathlib import Path
+
+from benchmarks.house import OURS, RESULTS, Question, beneath
+
+KEPT = RESULTS / "flames"
+RATE_HZ = 250
+LEAST = 0.004
+"""Of all: what is narrower is not drawn."""
+WIDTH, ROW, LETTER = 1000, 17, 6.4
+COLOURS = {"strands_actors": "#fdba74", "benchmarks": "#bbf7d0", "trio": "#bfdbfe"}
+OTHERS = "#e2e8f0"
+
+LINE = re.compile(r":\d+\)$")
+WAY_IN = ("process ", "_run_code", "_run_module")
+
+Stacks = Counter[tuple[str, ...]]
+"""From the outermost function to the one that computed: how often that was seen."""
+
+
+def record(question: Question, short: bool) -> Path:
+    """Look at our side once. Raise ``RuntimeError`` without py-spy, or when the side fails."""
+    spy = shutil.which(
+        "py-spy", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
+    )
+    if spy is None:
+        raise RuntimeError("py-spy is not installed: pip install -e '.[bench]'")
+    found: Stacks = Counter()
+    with tempfile.TemporaryDirectory() as directory:
+        seen: list[Path] = []
+
+        def watched(command: list[str]) -> list[str]:
+            seen.append(Path(directory) / f"{len(seen)}.txt")
+            options = ["--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
+            return [spy, "record", *options, "--output", str(seen[-1]), "--", *command]
+
+        with beneath(watched):
+            question.sides[OURS](short)
+        for path in seen:
+            found += read(path.read_text())
+    if not question.imports:
+        found = Counter({stack: count for stack, count in found.items() if not any(map(_imports, stack))})
+    KEPT.mkdir(parents=True, exist_ok=True)
+    kept = KEPT / f"{question.name}.txt"
+    kept.write_text(written(found))
+    return kept
+
+
+def read(text: str) -> Stacks:
+    """As py-spy writes them, without processes, line numbers, and the interpreter's own way in."""
+    stacks: Stacks = Counter()
+    for line in text.splitlines():
+        stack, _, count = line.rpartition(" ")
+        frames = [LINE.sub(")", frame) for frame in stack.split(";") if not frame.startswith(WAY_IN)]
+        if frames:
+            stacks[tuple(frames)] += int(count)
+    return stacks
+
+
+def _imports(frame: str) -> bool:
+    return "<frozen importlib._bootstrap" in frame
+
+
+def written(stacks: Stacks) -> str:
+    """Ends of stacks too narrow to be drawn are cut off: their time stays with what called them."""
+    least = LEAST / 2 * stacks.total()
+    wide = inclusive(stacks)
+    short: Stacks = Counter()
+    for stack, count in stacks.items():
+        depth = len(stack)
+        while depth and wide[stack[:depth]] < least:
+            depth -= 1
+        short[stack[:depth] or ("elsewhere",)] += count
+    return "".join(f"{';'.join(stack)} {count}\n" for stack, count in sorted(short.items()))
+
+
+def inclusive(stacks: Stacks) -> Stacks:
+    """Each function where it stands, with all that it called."""
+    found: Stacks = Counter()
+    for stack, count in stacks.items():
+        for depth in range(1, len(stack) + 1):
+            found[stack[:depth]] += count
+    return found
+
+
+def heaviest(stacks: Stacks, most: int = 6) -> list[tuple[str, float]]:
+    """Functions by the share of time that they spent themselves, what they called in C included."""
+    own: Counter[str] = Counter()
+    for stack, count in stacks.items():
+        own[stack[-1]] += count
+    return [(frame, count / stacks.total()) for frame, count in own.most_common(most)]
+
+
+def draw(stacks: Stacks, path: Path) -> None:
+    total = stacks.total()
+    wide = inclusive(stacks)
+    drawn = {stack: count for stack, count in wide.items() if count >= LEAST * total}
+    height = ROW * max(map(len, drawn), default=1)
+    boxes: list[str] = []
+    left: dict[tuple[str, ...], float] = {}
+    after: dict[tuple[str, ...], float] = {(): 0.0}  # where the next function above this one begins
+    for stack, count in sorted(drawn.items()):
+        start = after[stack[:-1]]
+        left[stack] = after[stack] = start
+        after[stack[:-1]] = start + count
+        boxes.append(_box(stack[-1], start / total, count / total, height - ROW * len(stack)))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="monospace">'
+    path.write_text("\n".join([head, *boxes, "</svg>", ""]))
+
+
+def _box(frame: str, left: float, share: float, top: int) -> str:
+    name, _, place = frame.partition(" (")
+    colour = next((colour for package, colour in COLOURS.items() if place.startswith(package)), OTHERS)
+    room = int(share * WIDTH / LETTER) - 1
+    text = name if len(name) <= room else name[: max(0, room - 1)] + "…" if room > 3 else ""
+    x, y, width = left * WIDTH, top, share * WIDTH
+    return (
+        f'<g><title>{escape(frame)}: {share:.1%}</title><rect x="{x:.1f}" y="{y}" width="{width:.1f}" '
+        f'height="{ROW - 1}" fill="{colour}" stroke="#fff" stroke-width="0.5"/>'
+        f'<text x="{x + 3:.1f}" y="{y + 12}" font-size="10.5">{escape(text)}</text></g>'
+    )

@@ -1,0 +1,311 @@
+"""What is written, and how long it is repeated (SAF-001 to SAF-004), in virtual time, by the frames that
+reach the wire."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.runtime.contract import MotorReport, Reason
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.messages import (
+    Accepted,
+    Acquire,
+    Beat,
+    Cycle,
+    Lease,
+    MakeSafe,
+    Stop,
+    Write,
+)
+from strands_actors.testing import FakeHardware, open_inline_tree, run_virtual
+
+from .writer import Writer, armed, freeze, setpoints
+
+MS = 1_000_000
+
+
+def test_saf_001_deadline_is_checked_at_the_wire() -> None:
+    """The gate lets it in, the bus is slow, the deadline passes: it is not written."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
+            await trio.sleep(0.2)
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
+def test_saf_001_deadline_is_checked_at_the_wire_by_the_transport_alone() -> None:
+    """As above, with a gate that no longer answers and so cannot expire it."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
+            freeze(tree, "gate")
+            await trio.sleep(0.08)
+            assert len(tree.places) == 1, "not yet fenced"
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
+def test_saf_001_no_setpoint_after_its_deadline_while_resending() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            setpoint = writer.setpoint(ttl_s=0.1, a=5.0)
+            assert isinstance(await writer.ref.ask(setpoint, 1.0), Accepted)
+            await trio.sleep(1.0)
+            written = tree.hardware.of("setpoint")
+            assert len(written) >= 4, "it is re-sent while it lives"
+            assert all(entry.t_ns < setpoint.deadline_ns for entry in written)
+
+    run_virtual(run)
+
+
+def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
+    """A setpoint that was gated before a stop waits in the transport's mailbox while the stop overtakes it."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(a=1.0), Accepted)
+            await trio.sleep(0.01)
+            transport = tree.node.ref(tree.gate.address.replace("gate", "transport"))
+            epoch = writer.lease.epoch
+            now_ns = tree.node.clock.now_ns()
+            transport.tell(MakeSafe(epoch + 1, "limp", Reason.STOP))
+            transport.tell(Write(epoch, now_ns + 100 * MS, (9.0, 9.0)))
+            await trio.sleep(0.05)
+            safe = tree.hardware.of("safe")
+            assert safe and safe[-1].rung == "limp"
+            assert setpoints(tree, safe[-1].t_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_002_a_waiting_stop_revokes_a_write_under_way() -> None:
+    """The write is already waiting for its bus when the stop arrives: its bytes do not leave."""
+
+    async def run() -> None:
+        async with open_inline_tree(FakeHardware(write_s=0.01)) as tree:
+            writer = await armed(tree)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(writer.send, 0.1, True)
+                await writer.send(latched=True, a=7.0)
+                await trio.sleep(0.002)
+                await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert setpoints(tree) == []
+            assert tree.hardware.of("safe")
+
+    run_virtual(run)
+
+
+def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(ttl_s=0.05, a=5.0)
+            await trio.sleep(0.2)
+            assert (await tree.status()).mode == "holding"
+            held_ns = tree.node.clock.now_ns()
+            answer = await writer.send(a=6.0)
+            assert isinstance(answer, Refused) and answer.code == "stale_epoch"
+            await trio.sleep(0.1)
+            assert setpoints(tree, held_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_002_fence_comes_before_the_second_path() -> None:
+    """A transport that hangs in its write is let go later: it was fenced, so nothing follows the safe frame."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            place, second = tree.place, tree.keeper._second
+            assert second is not None
+            make_safe = second.make_safe
+            ended: list[bool] = []
+
+            async def watched(rung: str) -> tuple[MotorReport, ...]:
+                ended.append(place._ended.is_set())
+                return await make_safe(rung)
+
+            second.make_safe = watched  # type: ignore[method-assign]
+            tree.hardware.write_s = 0.5
+            await writer.send(ttl_s=5.0, latched=True, a=5.0)
+            await trio.sleep(2.0)
+            assert ended == [True], "the wire group had ended when the second path wrote"
+            assert setpoints(tree) == []
+
+    run_virtual(run)
+
+
+def test_saf_003_a_crashed_actor_ends_its_group_and_the_second_path_makes_safe() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.05)
+            crashed_ns = tree.node.clock.now_ns()
+            gate = tree.node.cells[tree.gate.address].actor
+            gate._probe = lambda probe: 1 / 0  # type: ignore[attr-defined]
+            await tree.until("disarmed")
+            safe = tree.hardware.of("safe", crashed_ns)
+            assert safe[0].path == "second" and safe[0].rung == "limp"
+            assert safe[0].t_ns - crashed_ns < 50 * MS
+            assert setpoints(tree, safe[0].t_ns) == []
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_004_frozen_gate_stops_the_keepalive_and_is_fenced() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.1)
+            freeze(tree, "gate")
+            frozen_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.4)
+            assert len(setpoints(tree, frozen_ns + 20 * MS)) == 0
+            safe = tree.hardware.of("safe", frozen_ns)
+            assert safe[0].path == "second"
+            assert safe[0].t_ns - frozen_ns < 250 * MS
+
+    run_virtual(run)
+
+
+def test_saf_004_frozen_transport_stops_the_keepalive_and_is_fenced() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.1)
+            tree.hardware.read_hangs = True
+            frozen_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.4)
+            tree.hardware.read_hangs = False
+            safe = tree.hardware.of("safe", frozen_ns)
+            assert safe[0].path == "second"
+            assert safe[0].t_ns - frozen_ns < 250 * MS
+            assert len(setpoints(tree, frozen_ns + 25 * MS)) == 0
+
+    run_virtual(run)
+
+
+def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
+    """The watchdog asks for a re-send only when the transport answered the last cycle."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")]
+            asked: list[Cycle] = []
+            put = transport.mailbox.put
+            answered: list[int] = []
+
+            class Spy:
+                def __getattr__(self, name: str) -> object:
+                    return getattr(box, name)
+
+                def put(self, message: object, reply: object, sender: str) -> bool:
+                    if isinstance(message, Cycle):
+                        asked.append(message)
+                        answered.append(watchdog._transport_answered)
+                    return put(message, reply, sender)  # type: ignore[arg-type]
+
+            box = transport.mailbox
+            watchdog = tree.node.cells[tree.gate.address.replace("gate", "watchdog")].actor
+            transport.mailbox = Spy()  # type: ignore[assignment]
+            for turn in range(40):
+                tree.hardware.read_s = 0.03 if turn % 4 == 3 else 0.001
+                await writer.send(ttl_s=0.3, a=5.0)
+                await trio.sleep(0.02)
+            transport.mailbox = box
+            resends = [cycle for cycle in asked if cycle.resend_epoch]
+            assert resends, "some cycles were answered in time"
+            assert len(resends) < len(asked), "a cycle that follows an unanswered one asks for none"
+            for cycle, last_answer in zip(asked, answered, strict=True):
+                assert (cycle.resend_epoch == 0) or last_answer == cycle.number - 1
+
+    run_virtual(run)
+
+
+def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            sent_ns = tree.node.clock.now_ns()
+            await trio.sleep(3.0)
+            last = tree.hardware.of("setpoint")[-1]
+            assert 900 * MS < last.t_ns - sent_ns <= 1020 * MS, "re-sent while the lease lived, no longer"
+            safe = tree.hardware.of("safe", sent_ns)
+            assert [entry.rung for entry in safe] == ["hold"]
+            status = await tree.status()
+            assert status.mode == "holding" and "stopped answering" in status.cause
+
+    run_virtual(run)
+
+
+def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            for _ in range(50):
+                await trio.sleep(0.1)
+                writer.ref.tell(Beat(writer.lease.id))
+            assert (await tree.status()).mode == "armed"
+            assert tree.hardware.of("safe") == []
+
+    run_virtual(run)
+
+
+def test_a_latched_setpoint_lives_from_when_its_thread_answered_not_from_the_beat() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await writer.send(latched=True, a=5.0)
+            await trio.sleep(0.5)
+            answered_ns = tree.node.clock.now_ns() - 300 * MS
+            writer.ref.tell(Beat(writer.lease.id, answered_ago_s=0.3))
+            for _ in range(30):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
+            assert 1000 * MS <= tree.hardware.of("safe")[0].t_ns - answered_ns <= 1030 * MS
+
+    run_virtual(run)
+
+
+def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_rollout() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            policy = Writer(tree, "policy")
+            await writer.send(latched=True, a=5.0)
+            for _ in range(30):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
+            assert (await tree.status()).mode == "holding"
+            await writer.acquire()
+            lease = await policy.ref.ask(Acquire("policy", over=writer.lease.id), 1.0)
+            assert isinstance(lease, Lease)
+            policy.lease = lease
+            for _ in range(60):
+                await trio.sleep(0.05)
+                writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
+                assert isinstance(await policy.send(ttl_s=0.1, a=6.0), Accepted)
+            for _ in range(30):  # but a process that is frozen as a whole ends it
+                await trio.sleep(0.05)
+                last = await policy.send(ttl_s=0.1, a=6.0)
+            assert isinstance(last, Refused)
+            assert (await tree.status()).mode == "holding"
+
+    run_virtual(run)
