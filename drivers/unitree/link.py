@@ -65,7 +65,8 @@ class Link:
         host = robot.partition(":")[0]
         try:
             own = interface or own_address(host)
-            self.participant = Participant(domain, own, (robot,), multicast=not own.startswith("127."), clock=clock)
+            multicast = not own.startswith("127.")
+            self.participant = Participant(domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
             raise WireDown(f"{robot}: {error}") from None
         self.clock = clock

@@ -25,6 +25,8 @@ from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed
 
 REST_S = 0.5
+REST_WITHIN_S = 15.0
+"""One that was just let go sinks, and lies still then."""
 REST = {"degrees": 1.0}
 """How far an axis at rest may move within ``REST_S``, in units whose name begins so; otherwise ``REST_ELSE``."""
 REST_ELSE = 0.02
@@ -58,7 +60,7 @@ async def run_drill(
         config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
         figures: list[Figure] = []
         async with open_tree(wanted) as tree:
-            await _must_rest(tree)
+            await _must_rest(tree, tell)
             for step in Drill(tree, twin, tell).steps.values():
                 figures.append(await _try(step, tree.driver))
                 done(figures[-1])
@@ -88,7 +90,18 @@ async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
     return Figure(name, False, driver.ladder[Reason.STOP], None, None, driver.bound_s * 1e3, None, why)
 
 
-async def _must_rest(tree: RobotTree) -> None:
+async def _must_rest(tree: RobotTree, tell: Callable[[str], Awaitable[None]]) -> None:
+    why = await _what_moves(tree)
+    if why:
+        await tell(f"{why}. Waiting until it rests.")
+    with trio.move_on_after(REST_WITHIN_S):
+        while why:
+            why = await _what_moves(tree)
+    if why:
+        raise Failed(f"{why}. bring the robot to rest first")
+
+
+async def _what_moves(tree: RobotTree) -> str:
     before = await tree.observe()
     await trio.sleep(REST_S)
     after = await tree.observe()
@@ -100,7 +113,8 @@ async def _must_rest(tree: RobotTree) -> None:
     limit = next((far for name, far in REST.items() if unit.startswith(name)), REST_ELSE)
     for axis, was, now in zip(tree.driver.axes, before.position, after.position, strict=True):
         if abs(now - was) > limit:
-            raise Failed(f"{axis} moves: from {was:.2f} to {now:.2f} ({unit}). bring the robot to rest first")
+            return f"{axis} moves: from {was:.2f} to {now:.2f} ({unit})"
+    return ""
 
 
 def _certificate(wanted: Plan, port: str, config: str, figures: list[Figure]) -> Certificate:

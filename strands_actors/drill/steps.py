@@ -28,6 +28,8 @@ from ..tree import RobotTree
 from ..tree_processes import NotConnected
 from .certificate import Figure
 
+RELEASE = "release_sport_mode"
+"""Of a robot that has it: its own controller lets go of the joints before ours may have them."""
 PROVIDER = "strands_actors.drill.policy:Still"
 STEPS_BEFORE = 5
 """Setpoints on the wire before something is broken."""
@@ -67,9 +69,14 @@ class Drill:
             "root freeze": self.root_freeze,
             "link loss": self.link_loss,
         }
-        if self._driver.ROLLOUTS:
+        if not self._runs_policies:
             del steps["policy kill"]
         return steps
+
+    @property
+    def _runs_policies(self) -> bool:
+        """In a process of their own."""
+        return not (self._driver.ROLLOUTS or self._driver.TASKS)
 
     # -- the steps
 
@@ -142,10 +149,13 @@ class Drill:
             answer = await self._resume()
             if not isinstance(answer, Resumed):
                 raise Failed(f"it cannot be energised: {answer.text}")
-        if self._driver.ROLLOUTS:
+        if RELEASE in self._driver.SERVICES:
+            released = await tree.perform(RELEASE, {})
+            if isinstance(released, Refused):
+                raise Failed(released.text)
+        if not self._runs_policies:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(self._send_still)
-                await trio.sleep(10 / self._driver.timing.control_hz)
+                await nursery.start(self._send_still)
                 yield
                 nursery.cancel_scope.cancel()
             return
@@ -173,13 +183,25 @@ class Drill:
                 await trio.sleep(0.1)
         return answer
 
-    async def _send_still(self) -> None:
+    async def _send_still(self, task_status: trio.TaskStatus[None]) -> None:
+        """One axis, and the others are held where they are: of a robot that lies, some lean on their end stops,
+        past what may be commanded. Started once some have been accepted. Raise ``Failed`` when they are not."""
         observation = await self._tree.observe()
         if isinstance(observation, Refused):
             raise Failed(observation.text)
-        here = self._driver.as_json(observation.position)
+        axes = iter(self._driver.as_json(observation.position).items())
+        here = dict([next(axes)])
+        accepted = 0
         while True:
-            await self._tree.send_action(here)
+            answer = await self._tree.send_action(here)
+            if not isinstance(answer, Refused):
+                accepted += 1
+                if accepted == STEPS_BEFORE:
+                    task_status.started()
+            elif not accepted and (other := next(axes, None)):
+                here = dict([other])
+            elif accepted < STEPS_BEFORE:
+                raise Failed(answer.text)
             await trio.sleep(1 / self._driver.timing.control_hz)
 
     async def _judge(

@@ -40,10 +40,6 @@ class Forked:
         assert code is not None
         return code
 
-    def send_signal(self, sig: int) -> None:
-        if self.poll() is None:
-            os.kill(self.pid, sig)
-
     def _wait(self, options: int) -> int | None:
         if self._code is None:
             pid, status = os.waitpid(self.pid, options)

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
@@ -20,6 +21,10 @@ import trio
 
 from .link import Link
 from .node import Node
+from .realtime import run_like_others
+
+NOTICED_S = 0.005
+BURY_AFTER_S = 0.1
 
 _BOOT = "import sys; from strands_actors.runtime.child import main; main(int(sys.argv[1]))"
 
@@ -75,30 +80,67 @@ class Started(Protocol):
 
     def wait(self) -> int: ...
 
-    def send_signal(self, sig: int) -> None: ...
-
 
 class OwnChild(ChildProcess):
-    """A child of this very process."""
+    """A child of this very process.
 
-    def __init__(self, popen: Started, link_socket: socket.socket) -> None:
-        super().__init__(popen.pid, link_socket)
-        self._popen = popen
+    Its end is looked at, and buried later, by a thread of ordinary priority: to bury a process the kernel walks
+    over what others have open of it in /proc, and while one of the child's own threads is not done with that,
+    goes on walking. A root that runs before everything else (``realtime``) keeps that thread from its processor:
+    two such roots on two processors walked for minutes, and wrote no safe frame."""
+
+    def __init__(self, child: Started, link_socket: socket.socket) -> None:
+        super().__init__(child.pid, link_socket)
+        self._child = child
+        self._code: int | None = None
 
     @property
     def alive(self) -> bool:
-        return self._popen.poll() is None
+        return self._ended() is None
 
     def kill(self, sig: int = signal.SIGKILL) -> None:
-        self._popen.send_signal(sig)
+        if self._ended() is None:
+            os.kill(self.pid, sig)  # as long as it is not buried nobody else has its number
 
     async def wait(self) -> int:
-        if hasattr(os, "pidfd_open"):
-            if self._popen.poll() is None:
-                await wait_for_end_of(self.pid)
-        else:  # a child of ours that nobody has waited for still answers to its number
-            await _poll_until(lambda: self._popen.poll() is not None)
-        return self._popen.wait()
+        if self._ended() is None and hasattr(os, "pidfd_open"):
+            await wait_for_end_of(self.pid)
+        while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or nothing tells
+            await trio.sleep(NOTICED_S)
+        return code
+
+    def _ended(self) -> int | None:
+        """Its exit code, once it has one."""
+        if self._code is None:
+            self._code = _exit_code(self._child)
+            if self._code is not None:
+                trio.lowlevel.spawn_system_task(_bury_later, self._child)
+        return self._code
+
+
+def _exit_code(child: Started) -> int | None:
+    if not hasattr(os, "waitid"):
+        return child.poll()  # macOS, where nobody runs before everything else
+    try:
+        seen = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:  # buried
+        return child.poll()
+    if seen is None:
+        return None
+    return seen.si_status if seen.si_code == os.CLD_EXITED else -seen.si_status
+
+
+async def _bury_later(child: Started) -> None:
+    """When what its end calls for has been done."""
+    try:
+        await trio.sleep(BURY_AFTER_S)
+    finally:
+        threading.Thread(target=_bury, args=(child,), daemon=True).start()
+
+
+def _bury(child: Started) -> None:
+    run_like_others()
+    child.wait()
 
 
 def execute(link_fd: int, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
@@ -147,9 +189,9 @@ async def wait_for_end_of(pid: int) -> None:
 
 
 async def _poll_until(condition: Callable[[], bool]) -> None:
-    """Where there is no pidfd (macOS), a death is noticed 5 ms later."""
+    """Where there is no pidfd (macOS), a death is noticed a little later."""
     while not condition():  # noqa: ASYNC110  # no event to wait for: that is why we are here
-        await trio.sleep(0.005)
+        await trio.sleep(NOTICED_S)
 
 
 def _exists(pid: int) -> bool:

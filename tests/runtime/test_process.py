@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 
 import pytest
 import trio
@@ -249,3 +250,23 @@ async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
                     answer = await ref.ask(Ask("hello"), 0.5)
         assert answer == Told("hello", process.pid)
         assert dropped <= link.dropped <= dropped + 20
+
+
+@real_time
+async def test_an_end_is_told_before_the_child_is_buried_and_by_another_thread() -> None:
+    """SAF-003: to bury a process may take the kernel long; a root does not wait for that before it makes safe."""
+    async with child("echo") as process:
+        process.kill()
+        assert await process.wait() == -signal.SIGKILL
+        assert state_of(process.pid) == "Z"
+        assert not process.alive
+        process.kill()  # harmless
+        await until(lambda: state_of(process.pid) == "")
+
+
+def state_of(pid: int) -> str:
+    """The letter of /proc; empty when there is no such process."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
+    except (FileNotFoundError, ProcessLookupError):
+        return ""

@@ -15,6 +15,7 @@ import pytest
 
 import strands_actors
 from strands_actors import Robot
+from strands_actors.cli.matrix import one_of_each
 from strands_actors.drill.certificate import (
     TWIN,
     Certificate,
@@ -25,13 +26,23 @@ from strands_actors.drill.certificate import (
     parse_age_s,
     path_of,
 )
+from strands_actors.drivers import get_native_driver_class
 from strands_actors.factory import plan
 from tests.cli.command import Command
 
+WITH_POLICY = ["stop", "policy kill", "wire kill", "root freeze", "link loss"]
+WITHOUT = [step for step in WITH_POLICY if step != "policy kill"]
 STEPS = {
-    "so101": ["stop", "policy kill", "wire kill", "root freeze", "link loss"],
-    "robotiq_2f85": ["stop", "wire kill", "root freeze", "link loss"],
+    "so101": WITH_POLICY,
+    "koch": WITH_POLICY,
+    "ur5e": WITH_POLICY,
+    "robotiq_2f85": WITHOUT,
+    "unitree_g1": WITHOUT,
+    "unitree_go2": WITHOUT,
 }
+"""One of each driver with a twin."""
+ATTEMPTS = 4
+"""A bound of 10 ms is not always held by a machine that runs other tests meanwhile."""
 
 
 @pytest.fixture(autouse=True)
@@ -52,12 +63,24 @@ def certificate(age: timedelta = timedelta()) -> Certificate:
     return Certificate("so101", "a:B", TWIN, config(), date, {}, [])
 
 
+def test_every_driver_with_a_twin_is_drilled_here() -> None:
+    assert {get_native_driver_class(robot) for robot in STEPS} == {
+        get_native_driver_class(robot) for robot in one_of_each()
+    }
+
+
 # -- the drill
 
 
 @pytest.mark.parametrize("robot", STEPS)
 def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robot: str, data: Path) -> None:
-    done = cli.json("drill", robot, "--twin")
+    for _ in range(ATTEMPTS):
+        done = json.loads(cli.run("drill", robot, "--twin", "--json").stdout)
+        late = [figure for figure in done["figures"] if "past the bound" in figure["detail"]]
+        assert done["passed"] or late, done
+        if done["passed"]:
+            break
+        assert done["certificate"] is None
     assert done["passed"] is True
     assert [figure["step"] for figure in done["figures"]] == STEPS[robot]
     for figure in done["figures"]:

@@ -51,6 +51,7 @@ class Counters:
     datagrams: int = 0
     malformed: int = 0  # datagrams, and discovery samples, that are not what they claim to be
     unmatched: int = 0  # samples of writers that no reader here hears
+    strangers: int = 0  # announcements of participants that are none of ours to talk to
     refused: int = 0  # peers and endpoints beyond the tables
     unsent: int = 0  # datagrams that the network did not take
 
@@ -71,9 +72,11 @@ class Engine:
         announce_to: Sequence[Address],
         send: Send,
         on_match: Callable[[], object] = lambda: None,
+        only: Callable[[ParticipantData, str], bool] = lambda data, host: True,
     ) -> None:
         """``announce_to``: where strangers may be: the multicast group, the ports of configured peers.
-        ``on_match``: what is matched may have changed. Called often."""
+        ``on_match``: what is matched may have changed. Called often. ``only``: whether a participant, which was
+        heard from ``host``, may become a peer."""
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
@@ -81,6 +84,7 @@ class Engine:
         self._announce_to = tuple(announce_to)
         self._network = send
         self._on_match = on_match
+        self._only = only
         self._peers: dict[bytes, _Peer] = {}
         self._matching = Matching(self._locate, on_match)
         self._reassembly = Reassembly()
@@ -229,6 +233,9 @@ class Engine:
             raise Malformed("a participant that speaks for another")
         known = self._peers.get(prefix)
         if known and known.data == data:
+            return
+        if not self._only(data, host):
+            self.counters.strangers += 1
             return
         if known:
             self._part(prefix)

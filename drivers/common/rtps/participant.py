@@ -53,10 +53,13 @@ class Participant:
         multicast: bool = True,
         lease_s: float = LEASE_S,
         clock: Clock | None = None,
+        only: str = "",
     ) -> None:
         """``address``: the IPv4 address of ours to be reached at; it selects the interface. ``peers``: ``host`` or
-        ``host:port`` of participants to look for by unicast. Raise ``ValueError`` for what cannot be meant,
-        ``WireDown`` when the sockets cannot be had."""
+        ``host:port`` of participants to look for by unicast. ``only``: have no other peers than the participants of
+        this ``host``, or the one at ``host:port``: on a network of many robots, whoever finds us would hear what we
+        write otherwise. Raise ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be
+        had."""
         if not 0 <= domain <= words.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{words.MAX_DOMAIN}")
         if not is_host(address):
@@ -77,7 +80,8 @@ class Participant:
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
-        self._engine = Engine(data, asked, self._send, self._changed.unpark_all)
+        wanted = (lambda found, heard_from: _is_at(only, found, heard_from)) if only else (lambda *_: True)
+        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, wanted)
         self._engine.tick(self._clock.now_ns())
 
     @property
@@ -223,6 +227,13 @@ async def open_participant(
             nursery.cancel_scope.cancel()
     finally:
         participant.close()
+
+
+def _is_at(only: str, data: ParticipantData, heard_from: str) -> bool:
+    host, _, port = only.partition(":")
+    if port:
+        return (host, int(port)) in data.discovery
+    return heard_from == host or any(host == its_host for its_host, _ in data.discovery)
 
 
 def _peer(text: str, domain: int) -> list[Address]:

@@ -144,6 +144,38 @@ def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_
     driver.close()
 
 
+@pytest.mark.parametrize("only_host", [True, False])
+def test_a_driver_has_no_other_peer_than_its_robot(only_host: bool) -> None:
+    """SAF-009: another robot that finds it, because it was told of its address, hears none of its commands. (The
+    wire of a robot that was restarted had the address of another's, killed before, whose robot still called it.)"""
+    others_host = "127.0.0.30" if only_host else "127.0.0.29"
+    robot = Participant(DOMAIN, "127.0.0.29", (), False)
+    only = "127.0.0.29" if only_host else robot.address
+    driver = Participant(DOMAIN, "127.0.0.31", (robot.address,), False, only=only)
+    other = Participant(DOMAIN, others_host, (driver.address,), False)
+    commands, stolen, states = Log(), Log(), Log()
+    writer, reader = driver.writer(*LOW_CMD), driver.reader(*LOW_STATE, states)
+    heard, overheard = robot.reader(*LOW_CMD, commands), other.reader(*LOW_CMD, stolen)
+    own_state, others_state = robot.writer(*LOW_STATE), other.writer(*LOW_STATE)
+    deadline = time.monotonic() + PATIENCE_S
+    while not (writer.matched and reader.matched and heard.matched and driver.counters.strangers > 2):
+        assert time.monotonic() < deadline
+        for each in (driver, robot, other):
+            each.poll()
+    for _ in range(20):
+        writer.write(COMMAND)
+        own_state.write(STATE)
+        others_state.write(COMMAND)
+        for each in (driver, robot, other):
+            each.poll()
+    assert commands.payloads == [COMMAND] * 20
+    assert states.payloads == [STATE] * 20
+    assert not stolen.payloads and not overheard.matched
+    assert driver.peers == writer.matched == reader.matched == 1
+    for each in (driver, robot, other):
+        each.close()
+
+
 def test_closing_ends_its_service_and_its_writers_take_nothing() -> None:
     async def main() -> None:
         participant = Participant(DOMAIN, "127.0.0.27", (), False)
