@@ -21,7 +21,7 @@ import trio
 
 from .link import Link
 from .node import Node
-from .realtime import run_like_others
+from .realtime import run_like_others, runs_first
 
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
@@ -84,10 +84,10 @@ class Started(Protocol):
 class OwnChild(ChildProcess):
     """A child of this very process.
 
-    Its end is looked at, and buried later, by a thread of ordinary priority: to bury a process the kernel walks
-    over what others have open of it in /proc, and while one of the child's own threads is not done with that,
-    goes on walking. A root that runs before everything else (``realtime``) keeps that thread from its processor:
-    two such roots on two processors walked for minutes, and wrote no safe frame."""
+    A process that runs before everything else (``realtime``) looks at its child's end, and leaves the burial to a
+    thread of ordinary priority, later: to bury a process the kernel walks over what is known of it in /proc, and
+    goes on walking while one of the child's own threads is not done with that. Who runs first keeps that thread
+    from its processor: two such roots on two processors walked for minutes, and wrote no safe frame."""
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
         super().__init__(child.pid, link_socket)
@@ -113,8 +113,10 @@ class OwnChild(ChildProcess):
         """Its exit code, once it has one."""
         if self._code is None:
             self._code = _exit_code(self._child)
-            if self._code is not None:
+            if self._code is not None and runs_first():
                 trio.lowlevel.spawn_system_task(_bury_later, self._child)
+            elif self._code is not None:
+                self._child.wait()
         return self._code
 
 

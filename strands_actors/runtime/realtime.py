@@ -23,11 +23,16 @@ def run_first(priority: int) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
+def runs_first() -> bool:
+    """Of the calling thread."""
+    return hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO
+
+
 def scheduling() -> str:
     """How this process is run, for people."""
     if not hasattr(os, "sched_getscheduler"):
         return "ordinary: this system has no SCHED_FIFO"
-    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+    if runs_first():
         return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
     if len(os.sched_getaffinity(0)) < 2:
         return "ordinary: SCHED_FIFO needs a second core"
@@ -36,5 +41,5 @@ def scheduling() -> str:
 
 def run_like_others() -> None:
     """A child of a process that runs first does not, until it asks for it."""
-    if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+    if runs_first():
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -40,6 +40,9 @@ class Caller:
                 break
         if problem is not None:
             raise SystemExit(problem)
+        release = getattr(self.robot, "release_sport_mode", None)
+        if release is not None and (answer := release())["status"] != "success":
+            raise SystemExit(f"its own controller does not let go: {answer}")
 
     def begin(self, motion: str) -> None:
         """Move; print the tree once the robot is on its way."""

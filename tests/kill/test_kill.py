@@ -16,22 +16,10 @@ from strands_actors.testing.bench import driver_of
 
 SLACK_MS = 400.0
 SETTLE_S = 0.2
-HARDEST = (Faults.KILL, Faults.FREEZE)
-ROBOTS = {
-    "so101": tuple(Faults),
-    "robotiq_2f85": (*HARDEST, Faults.LINK_LOSS, Faults.GARBAGE, Faults.LATE_REPLY),
-    "koch": (Faults.KILL,),
-    "ur5e": (Faults.KILL,),
-    "unitree_g1": (Faults.KILL,),
-}
-"""One of each wire, every fault on one; on the others those in which they differ."""
+ROBOTS = ("so101", "koch", "robotiq_2f85", "ur5e", "unitree_g1", "unitree_go2")
+"""One of each driver with a twin."""
 
-CELLS = [
-    (robot, cell)
-    for robot, faults in ROBOTS.items()
-    for cell in cells_of(driver_of(robot))
-    if cell.fault in faults and not cell.why_not
-]
+CELLS = [(robot, cell) for robot in ROBOTS for cell in cells_of(driver_of(robot)) if not cell.why_not]
 
 
 @pytest.fixture(scope="module")

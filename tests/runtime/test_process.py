@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import trio
 
+from strands_actors.runtime import process as process_module
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.link import BACKLOG_BYTES, Link
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
@@ -253,8 +254,12 @@ async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
 
 
 @real_time
-async def test_an_end_is_told_before_the_child_is_buried_and_by_another_thread() -> None:
-    """SAF-003: to bury a process may take the kernel long; a root does not wait for that before it makes safe."""
+async def test_an_end_is_told_before_the_child_is_buried_and_by_another_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """SAF-003: to bury a process may take the kernel long; a root that runs before everything else does not wait
+    for that before it makes safe."""
+    monkeypatch.setattr(process_module, "runs_first", lambda: True)
     async with child("echo") as process:
         process.kill()
         assert await process.wait() == -signal.SIGKILL
