@@ -14,6 +14,7 @@ from typing import TypeVar
 import trio
 import trio.lowlevel
 
+from strands_actors.runtime.actor import describe
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.frames import TELL
@@ -108,6 +109,11 @@ def _run_cell(cell: Cell, bench: Bench, settle_s: float) -> Outcome:
     try:
         breaks = _break_robot if cell.victim is Victims.TWIN else _break_process
         return trio.run(breaks, bench, caller, cell, settle_s)
+    except BaseExceptionGroup as group:  # of the nursery in which the victim is watched
+        not_moving, other = group.split(NotMoving)
+        if not_moving is None or other is not None:
+            raise
+        raise NotMoving(describe(not_moving).partition(": ")[2]) from group
     finally:
         if cell.victim is Victims.CALLER:
             bench.drop()
@@ -171,7 +177,10 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
         return began
     if cell.victim is Victims.POLICY:
         caller.trigger.write_text(cell.fault)
-        return await _until(caller.policy_broke_ns)
+        try:
+            return await _until(caller.policy_broke_ns)
+        except trio.TooSlowError:
+            raise NotMoving("the policy had ended before it was to break") from None
     return await _ask_to_break(caller, cell)
 
 

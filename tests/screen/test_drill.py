@@ -64,9 +64,9 @@ def certificate(age: timedelta = timedelta()) -> Certificate:
 
 
 def test_every_driver_with_a_twin_is_drilled_here() -> None:
-    assert {get_native_driver_class(robot) for robot in STEPS} == {
-        get_native_driver_class(robot) for robot in one_of_each()
-    }
+    ours = {get_native_driver_class(robot) for robot in one_of_each()}
+    ours = {driver for driver in ours if driver and driver.__module__.startswith("strands_actors.")}
+    assert ours == {get_native_driver_class(robot) for robot in STEPS}
 
 
 # -- the drill

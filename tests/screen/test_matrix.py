@@ -16,8 +16,8 @@ import trio
 from strands_actors.cli.matrix import one_of_each
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.runtime.contract import Driver
-from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, WireLog, cells_of
-from strands_actors.testing.bench import driver_of
+from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, WireLog, cells, cells_of
+from strands_actors.testing.bench import NotMoving, driver_of
 from strands_actors.testing.cells import _read
 from strands_actors.testing.faults import proves
 from strands_actors.testing.jobs import Plan, measure_all
@@ -190,6 +190,31 @@ class Given(Plan):
 
     def next_for(self, robot: str) -> Order | None:
         return self._orders.pop(0) if self._orders else None
+
+
+def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    began: list[str] = []
+
+    class NobodyBreaks:
+        driver = driver_of("so101")
+
+        def moving(self, motion: str) -> NobodyBreaks:
+            began.append(motion)
+            return self
+
+        def pid(self, role: str) -> int:
+            return os.getpid()
+
+        def queue(self, caller: object, victim: int) -> Queue:
+            return Queue(())
+
+    async def inflict(*_: object) -> int:
+        raise NotMoving("it had ended")
+
+    monkeypatch.setattr(cells, "_inflict", inflict)
+    with pytest.raises(NotMoving, match=r"^it had ended$"):
+        cells.run_cell(Cell(Victims.POLICY, Faults.SPIN, "", ()), NobodyBreaks())  # type: ignore[arg-type]
+    assert began == ["task"] * cells.STARTS
 
 
 def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
