@@ -169,7 +169,10 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
     """Break the victim; the time at which it broke."""
     if cell.fault in SIGNALS:
         began_ns = monotonic_ns()
-        os.kill(pid, SIGNALS[cell.fault])
+        try:
+            os.kill(pid, SIGNALS[cell.fault])
+        except ProcessLookupError:
+            raise NotMoving(f"the {cell.victim} process had ended before it was to break") from None
         return began_ns
     if cell.victim is Victims.CALLER:
         caller.tell(cell.fault)
