@@ -157,7 +157,9 @@ def page(rows: Sequence[Row], taken: dict[str, str]) -> str:
     verdict = "every one safe and within its bound" if not bad else f"**{len(bad)} not safe, or past their bound**"
     trials = sum(row.trials for row in measured)
     after = sum(row.setpoints_after for row in measured)
-    lines += [f"{len(measured)} cells, {trials} trials, {after} setpoints after a safe frame: {verdict}.", ""]
+    fewest = min((row.trials for row in measured), default=0)
+    made = f"{len(measured)} cells, {trials} trials, at least {fewest} a cell"
+    lines += [f"{made}, {after} setpoints after a safe frame: {verdict}.", ""]
     for robot in dict.fromkeys(row.robot for row in rows):
         lines += [f"## {robot}", "", *_table([row for row in rows if row.robot == robot]), ""]
     return "\n".join(lines)

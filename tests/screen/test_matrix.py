@@ -152,7 +152,7 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
     text = page(rows, taken)
     assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
     assert "* caller: garbage: a fault of the robot's end of the wire." in text
-    assert "1 cells, 2 trials, 0 setpoints after a safe frame: every one safe" in text
+    assert "1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
     for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
         assert f"| {key} |" in text
     unsafe = page([summary("so101", WIRE_KILL, [outcome(7.0, after=1)])], taken)
