@@ -112,11 +112,10 @@ def draw(stacks: Stacks, path: Path) -> None:
     drawn = {stack: count for stack, count in wide.items() if count >= LEAST * total}
     height = ROW * max(map(len, drawn), default=1)
     boxes: list[str] = []
-    left: dict[tuple[str, ...], float] = {}
     after: dict[tuple[str, ...], float] = {(): 0.0}  # where the next function above this one begins
     for stack, count in sorted(drawn.items()):
         start = after[stack[:-1]]
-        left[stack] = after[stack] = start
+        after[stack] = start
         after[stack[:-1]] = start + count
         boxes.append(_box(stack[-1], start / total, count / total, height - ROW * len(stack)))
     path.parent.mkdir(parents=True, exist_ok=True)

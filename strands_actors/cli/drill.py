@@ -10,7 +10,7 @@ import trio
 
 from ..drill.certificate import Figure
 from ..drill.run import Outcome, run_drill
-from ..drill.steps import Failed
+from ..drill.steps import Failed, runs_policies
 from .errors import Problem
 
 CONSENT = """\
@@ -71,7 +71,7 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     rungs = ", ".join(
         f"{rung} after {reason}" for reason, rung in driver.ladder.items() if reason in ("stop", "policy")
     )
-    count = 4 if driver.ROLLOUTS else 5
+    count = 5 if runs_policies(driver) else 4
     print(CONSENT.format(robot=robot, port=port, count=count, rungs=rungs), file=sys.stderr)
     if not sys.stdin.isatty():
         raise Problem("drill: nobody is there to consent. pass --yes when that was done elsewhere")

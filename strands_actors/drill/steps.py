@@ -16,7 +16,7 @@ from time import monotonic_ns
 import trio
 from msgspec.structs import replace
 
-from ..runtime.contract import Reason
+from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
 from ..runtime.process import wait_for_end_of
 from ..supervisors.failsafe import Mode
@@ -50,6 +50,11 @@ class Failed(Exception):
     """The step did not show what it has to."""
 
 
+def runs_policies(driver: Driver) -> bool:
+    """In a process of their own, which can be killed."""
+    return not (driver.ROLLOUTS or driver.TASKS)
+
+
 class Drill:
     """On a connected robot. ``twin``: the process behind its wire, if it is one."""
 
@@ -69,14 +74,9 @@ class Drill:
             "root freeze": self.root_freeze,
             "link loss": self.link_loss,
         }
-        if not self._runs_policies:
+        if not runs_policies(self._driver):
             del steps["policy kill"]
         return steps
-
-    @property
-    def _runs_policies(self) -> bool:
-        """In a process of their own."""
-        return not (self._driver.ROLLOUTS or self._driver.TASKS)
 
     # -- the steps
 
@@ -153,7 +153,7 @@ class Drill:
             released = await tree.perform(RELEASE, {})
             if isinstance(released, Refused):
                 raise Failed(released.text)
-        if not self._runs_policies:
+        if not runs_policies(self._driver):
             async with trio.open_nursery() as nursery:
                 await nursery.start(self._send_still)
                 yield

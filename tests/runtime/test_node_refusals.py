@@ -28,11 +28,6 @@ encode = msgspec.msgpack.encode
 BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
 
 
-@pytest.fixture(params=JOINTS)
-def joint(request: pytest.FixtureRequest) -> Joint:
-    return JOINTS[request.param]
-
-
 # -- what is refused
 
 

@@ -13,7 +13,7 @@ from strands_actors.runtime.frames import DOWN, Down, frame
 from strands_actors.runtime.messages import MAX_MESSAGE_BYTES, Message
 from strands_actors.runtime.node import AskTimeout, Unreachable
 
-from .joints import JOINTS, Joint, Pair, code_of, reachable
+from .joints import Joint, Pair, code_of, reachable
 from .kernel import (
     Alarm,
     Block,
@@ -33,11 +33,6 @@ from .kernel import (
 encode = msgspec.msgpack.encode
 
 BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
-
-
-@pytest.fixture(params=JOINTS)
-def joint(request: pytest.FixtureRequest) -> Joint:
-    return JOINTS[request.param]
 
 
 class Watcher(Actor):
