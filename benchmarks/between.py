@@ -15,7 +15,9 @@ def _side(name: str) -> Side:
 QUESTION = Question(
     name="between",
     title="How long does an ask take between two processes, and how many typed tells a second go there?",
-    sides={name: _side(name) for name in ("ours", "zenoh", "socket", "ray", "thespian", "xoscar")},
+    sides={
+        name: _side(name) for name in ("ours", "zenoh", "zenoh into trio", "socket", "ray", "thespian", "xoscar")
+    },
     goals=(
         Goal("ask_p50_us", "zenoh", at_most=1.15),
         Goal("ask_p99_us", "zenoh", at_most=1.15),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side
+from benchmarks.house import Figures, Goal, Question, Side, beside
 from benchmarks.stage import at_twin
 
 
@@ -16,7 +16,11 @@ def side(module: str, peer: str = "") -> Side:
 QUESTION = Question(
     name="legs",
     title="Unitree G1 at 500 Hz",
-    sides={"ours": side("legs_ours"), "cyclonedds 0.10.2": side("legs_cyclone", "cyclonedds")},
+    sides={
+        "ours": side("legs_ours"),
+        "cyclonedds 0.10.2": side("legs_cyclone", "cyclonedds"),
+        "an empty tick": lambda short: beside("benchmarks.sides.legs_bare", "short" if short else "long"),
+    },
     goals=(
         Goal("above_4_ms_pct", "", at_most=1.0, gross=20.0),
         Goal("process_pct", "", at_most=15.0),

@@ -24,6 +24,7 @@ def question(name: str, title: str, fifo: str, limit: str) -> Question:
             "ours": side("ours", fifo),
             "strands-robots": side("strands", fifo, "strands"),
             "trio.sleep_until": side("trio", fifo),
+            "Python time.sleep": side("python", fifo),
             "C clock_nanosleep": side("c", fifo),
         },
         goals=tuple(Goal(f"{cell}_p99_us", "C clock_nanosleep", at_most=1.2, gross=30.0) for cell in CELLS),

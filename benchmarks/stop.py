@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side
-from benchmarks.stage import at_twins
+from benchmarks import peers
+from benchmarks.house import Figures, Goal, Question, Side, beside
+from benchmarks.stage import at_twin, at_twins
 
 ROBOTS = {"so101": "feetech", "ur5e": "ur"}
+LEGS = "unitree_g1"
 CASES = ("idle", "blocked", "computing")
 
 
@@ -14,14 +16,24 @@ def side(who: str, peer: str = "") -> Side:
     estop = at_twins({"ur5e": "ur"}, "mesh_stop", who, peer=peer)
 
     def ask(short: bool) -> Figures:
-        return stop(short) | estop(short)
+        return stop(short) | legs(who, short) | estop(short)
 
     return ask
 
 
+def legs(who: str, short: bool) -> Figures:
+    length = "short" if short else "long"
+    if who == "ours":
+        found = at_twin(LEGS, "stop", who, length, LEGS)
+    else:
+        python = peers.python(who)
+        found = beside("benchmarks.sides.stop", who, length, LEGS, "", "", python=python, timeout_s=240)
+    return {f"g1_{figure}": value for figure, value in found.items()}
+
+
 FIGURES = (
     *(f"{wire}_stop_{case}_ms" for wire in ROBOTS.values() for case in CASES),
-    *(f"ur_task_{case}_ms" for case in CASES),
+    *(f"{wire}_task_{case}_ms" for wire in ("ur", "g1") for case in CASES),
     *(f"ur_estop_{case}_ms" for case in ("idle", "blocked")),
 )
 

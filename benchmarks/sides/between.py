@@ -12,9 +12,8 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
-from pathlib import Path
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 import msgspec
@@ -129,35 +128,38 @@ async def ours(short: bool) -> Figures:
 
 def zenoh_pair(short: bool) -> Figures:
     """A put and the put that answers it, by plain callbacks; real-time and express, like ours."""
-    import subprocess
-
     import zenoh
+
+    with _answered_by("zenoh-server") as (session, put):
+        answers = session.declare_subscriber("bench/back", zenoh.handlers.FifoChannel(1024))
+        time.sleep(0.3)  # the way back is known then, too
+
+        def ask() -> None:
+            put(b"12345678")
+            answers.recv()
+
+        return percentiles("ask", timed(asks(short), ask))
+
+
+@contextmanager
+def _answered_by(server: str) -> Iterator[tuple[Any, Callable[[bytes], None]]]:
+    """A session, and how to put what a child that runs ``server`` will answer."""
+    import subprocess
 
     with tempfile.TemporaryDirectory() as directory:
         path = f"{directory}/there"
-        server = subprocess.Popen([sys.executable, "-m", CHILD, "zenoh-server", path], stdout=subprocess.PIPE)
-        assert server.stdout is not None
+        child = subprocess.Popen([sys.executable, "-m", CHILD, server, path], stdout=subprocess.PIPE)
+        assert child.stdout is not None
         try:
-            server.stdout.readline()
+            child.stdout.readline()
             with _session([], [path]) as session:
-                answers = session.declare_subscriber("bench/back", zenoh.handlers.FifoChannel(1024))
-                put = _publisher(session, "bench/one")
-                while not put.matching_status.matching:
+                publisher = _publisher(session, "bench/one")
+                while not publisher.matching_status.matching:
                     time.sleep(0.01)
-                time.sleep(0.3)  # the way back is known then, too
-                for _ in range(WARM):
-                    put.put(b"12345678")
-                    answers.recv()
-                spans_ns = []
-                for _ in range(asks(short)):
-                    began_ns = time.perf_counter_ns()
-                    put.put(b"12345678")
-                    answers.recv()
-                    spans_ns.append(time.perf_counter_ns() - began_ns)
-            return percentiles("ask", spans_ns)
+                yield session, publisher.put
         finally:
-            server.kill()
-            server.wait()
+            child.kill()
+            child.wait()
 
 
 def zenoh_server(path: str) -> None:
@@ -190,6 +192,53 @@ def _publisher(session: Any, key: str) -> Any:
         priority=zenoh.Priority.REAL_TIME,
         express=True,
     )
+
+
+def zenoh_into_trio(short: bool) -> Figures:
+    """The same put and put, each handed to a loop of trio before it is answered or taken, with a deadline: what
+    anyone pays who keeps the state of a process in one loop."""
+    with _answered_by("loop-server") as (session, put):
+        return percentiles("ask", trio.run(_asked_in_trio, session, put, asks(short)))
+
+
+async def _asked_in_trio(session: Any, put: Callable[[bytes], None], count: int) -> list[int]:
+    spans_ns = []
+    with _taken(session, "bench/back") as answers:
+        await trio.sleep(0.3)  # the way back is known then, too
+        for number in range(WARM + count):
+            began_ns = time.perf_counter_ns()
+            with trio.fail_after(DEADLINE_S):
+                put(b"12345678")
+                await answers.receive()
+            if number >= WARM:
+                spans_ns.append(time.perf_counter_ns() - began_ns)
+    return spans_ns
+
+
+async def loop_server(path: str) -> None:
+    with _session([path], []) as session, _taken(session, "bench/one") as asked:
+        put = _publisher(session, "bench/back")
+        print("ready", flush=True)
+        async for payload in asked:
+            put.put(payload)
+
+
+@contextmanager
+def _taken(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]:
+    """What comes on a key, in trio's loop."""
+    import zenoh
+
+    sends, receives = trio.open_memory_channel[bytes](1024)
+    token = trio.lowlevel.current_trio_token()
+
+    def heard(sample: Any) -> None:
+        token.run_sync_soon(sends.send_nowait, sample.payload.to_bytes())
+
+    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(heard, indirect=False))
+    try:
+        yield receives
+    finally:
+        subscriber.undeclare()
 
 
 def unix_socket(short: bool) -> Figures:
@@ -323,12 +372,15 @@ async def _timed(n: int, ask: Callable[[], Awaitable[None]]) -> list[int]:
 
 if __name__ == "__main__":
     if sys.argv[1] == "zenoh-server":
-        zenoh_server(str(Path(sys.argv[2])))
+        zenoh_server(sys.argv[2])
+    elif sys.argv[1] == "loop-server":
+        trio.run(loop_server, sys.argv[2])
     else:
         answer(
             {
                 "ours": lambda short: trio.run(ours, short),
                 "zenoh": zenoh_pair,
+                "zenoh into trio": zenoh_into_trio,
                 "socket": unix_socket,
                 "ray": ray,
                 "thespian": thespian,

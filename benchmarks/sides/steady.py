@@ -1,4 +1,5 @@
-"""``steady WHO LENGTH FIFO``: how evenly a rollout's setpoints come. WHO: ours, strands, trio, c. FIFO: yes or no.
+"""``steady WHO LENGTH FIFO``: how evenly a rollout's setpoints come. WHO: ours, strands, trio, python, c. FIFO: yes
+or no.
 
 Of each rate and load: the ``p99`` of how far the time between two setpoints is from the period, and the share of
 setpoints that were ``late``: not there at all, or off by more than a quarter of the period. Loads: ``idle``;
@@ -95,7 +96,17 @@ def c(fifo: bool) -> Iterator[Play]:
         yield functools.partial(c_loop, program, fifo)
 
 
-# -- a loop of trio's
+# -- loops of Python
+
+
+def python_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
+    """Of one thread that does nothing else: clock_nanosleep, and the interpreter around it."""
+    stamps, start = [], time.monotonic()
+    with computing_beside(hz, load):
+        for step in range(1, round(hz * seconds)):
+            time.sleep(max(0.0, start + step / hz - time.monotonic()))
+            stamps.append(time.monotonic_ns())
+    return {"": stamps}
 
 
 def trio_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
@@ -108,12 +119,18 @@ def trio_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
             stamps.append(time.monotonic_ns())
         return stamps
 
+    with computing_beside(hz, load):
+        return {"": trio.run(main)}
+
+
+@contextlib.contextmanager
+def computing_beside(hz: int, load: str) -> Iterator[None]:
     end = threading.Event()
     thread = threading.Thread(target=compute, args=(Busy(hz), end))
     if load == "computing":
         thread.start()
     try:
-        return {"": trio.run(main)}
+        yield
     finally:
         end.set()
         if load == "computing":
@@ -133,6 +150,13 @@ def trio_(fifo: bool) -> Iterator[Play]:
     if fifo:
         run_first()
     yield trio_loop
+
+
+@contextlib.contextmanager
+def python(fifo: bool) -> Iterator[Play]:
+    if fifo:
+        run_first()
+    yield python_loop
 
 
 # -- the reference
@@ -213,7 +237,7 @@ def wait_for_the_end(robot: Any, seconds: float) -> None:
         time.sleep(0.05)
 
 
-SIDES = {"ours": ours, "strands": strands, "trio": trio_, "c": c}
+SIDES = {"ours": ours, "strands": strands, "trio": trio_, "python": python, "c": c}
 
 
 def main(who: str, length: str, scheduling: str) -> None:

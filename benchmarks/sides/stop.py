@@ -1,4 +1,5 @@
 """``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO: ours, strands.
+The reference's G1 has no twin (PORT and LOG are empty): its frame counts when Unitree's SDK would have got it.
 
 A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s, as from a
 server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). ``stop``
@@ -7,6 +8,7 @@ is the verb that a user, or an agent, stops a robot with; ``task`` is ``stop_tas
 from __future__ import annotations
 
 import asyncio
+import importlib
 import inspect
 import json
 import statistics
@@ -14,20 +16,23 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from benchmarks.sides.policies import COMPUTE_S
-from benchmarks.sides.wire import Log, percentile
+from benchmarks.sides.wire import Frame, Log, percentile
 
 COUNT = {"short": 2, "long": 4}
-JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
-STEP = {"so101": 0.1, "ur5e": 1e-4}
-BLOCK_S = 2.5
+JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint", "unitree_g1": "left_shoulder_pitch"}
+STEP = {"so101": 0.1, "ur5e": 1e-4, "unitree_g1": 1e-4}
+BLOCK_S = {"so101": 2.5, "ur5e": 2.5, "unitree_g1": 6.0}
+"""The reference writes a G1's last frame when the policy has come back, the others' after it has waited 2 s."""
 RUN_S = 0.4
 CHUNK = 16
 CASES = ("idle", "blocked", "computing")
-VERBS = {"so101": ("stop",), "ur5e": ("stop", "task")}
+VERBS = {"so101": ("stop",), "ur5e": ("stop", "task"), "unitree_g1": ("task",)}
 """The reference's ``stop_task`` of a Feetech arm writes nothing: there is no frame to wait for."""
+HERE = Path(__file__).resolve().parent
 
 
 class Policy:
@@ -35,6 +40,7 @@ class Policy:
 
     def __init__(self, robot: str, base: float, case: str) -> None:
         self._joint, self._base, self._step, self._case = JOINT[robot], base, STEP[robot], case
+        self._block_s = BLOCK_S[robot]
         self._actions = 0
         self.began_s = time.monotonic()
         self.blocking = threading.Event()
@@ -48,14 +54,15 @@ class Policy:
                 pass
         if self._case == "blocked" and time.monotonic() - self.began_s > RUN_S / 2:
             self.blocking.set()
-            time.sleep(BLOCK_S)
+            time.sleep(self._block_s)
         self._actions += 1
         swing = self._actions % 20
         return [{self._joint: self._base + self._step * (swing + at / CHUNK)} for at in range(CHUNK)]
 
 
 def position(arm: Any, robot: str) -> float:
-    seen = arm.get_observation()
+    """The reference's G1 gives none: the stand-in's joints are at zero."""
+    seen = arm.get_observation() if hasattr(arm, "get_observation") else {}
     return float(seen.get(JOINT[robot], seen.get(f"{JOINT[robot]}.pos", 0.0)))
 
 
@@ -71,17 +78,33 @@ def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: 
     """Milliseconds from the call to the frame; None when the robot had been made safe before the call: its
     processes stood in line for longer than they may."""
     policy = begin(arm, robot, case)
-    time.sleep(RUN_S + 0.003 * (number * 7 % 10))  # not always in the same moment of a chunk
-    if case == "blocked" and not policy.blocking.wait(5.0):
-        raise RuntimeError("the policy was not asked")
+    if case != "blocked":
+        time.sleep(RUN_S)
+    elif not policy.blocking.wait(5.0):  # not later: a tree makes its robot safe without a stop when no more comes
+        raise RuntimeError(f"the policy was not asked: {arm.get_task_status()}")
+    time.sleep(0.003 * (number * 7 % 10))  # not always in the same moment of a chunk
     began_ns = time.monotonic_ns()
     verb()
     safe = log.first("safe", began_ns, within_s=10.0)
-    if safe is not None:
-        return (safe.t_ns - began_ns) / 1e6
-    if log.first("safe", round(policy.began_s * 1e9), within_s=0.0) is not None:
+    before = [frame.kind for frame in log.frames if frame.t_ns < began_ns and frame.kind in ("setpoint", "safe")]
+    if before[-1:] == ["safe"]:
         return None
-    raise RuntimeError("no safe frame on the wire")
+    if safe is None:
+        raise RuntimeError("no safe frame on the wire")
+    return (safe.t_ns - began_ns) / 1e6
+
+
+class Stood(Log):
+    """What the stand-in was given."""
+
+    def __init__(self, given: list[tuple[int, float]]) -> None:
+        super().__init__("")
+        self._given = given
+
+    def read(self) -> list[Frame]:
+        new = self._given[len(self.frames) :]
+        self.frames += [Frame(t_ns, "setpoint" if stiffness else "safe", "") for t_ns, stiffness in new]
+        return self.frames
 
 
 def ours(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], object]], Callable[[], object]]:
@@ -100,9 +123,12 @@ def ours(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], objec
 
 
 def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], object]], Callable[[], object]]:
+    if robot == "unitree_g1":
+        sys.path.insert(0, str(HERE / "standins"))
+        importlib.import_module("unitree_sdk").install()
     from strands_robots import Robot
 
-    arm = Robot(robot, mode="real", driver="strands", port=port)
+    arm = Robot(robot, mode="real", driver="strands", **({"port": port} if port else {}))
 
     def stop() -> None:
         async def run() -> None:
@@ -114,7 +140,7 @@ def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], ob
 
     def again() -> None:
         """Until the blocked policy has come back no other rollout is admitted."""
-        until_s = time.monotonic() + 2 * BLOCK_S
+        until_s = time.monotonic() + 2 * BLOCK_S[robot]
         while arm.get_task_status()["content"][0]["json"]["running"] and time.monotonic() < until_s:
             time.sleep(0.02)
         if robot == "so101":
@@ -128,7 +154,7 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
     problem = arm.connect_eagerly()
     if problem is not None:
         raise RuntimeError(problem)
-    log = Log(log_path)
+    log = Log(log_path) if log_path else Stood(importlib.import_module("unitree_sdk").FRAMES)
     figures = {}
     for verb in VERBS[robot]:
         for case in CASES:
