@@ -42,11 +42,11 @@ def main() -> int:
     failed = []
     for name in names:
         question = asked[name]
-        if chosen.flames:
-            say(f"wrote {flames.record(question, chosen.short)}")
-            continue
         rounds = chosen.rounds or (1 if chosen.short else question.rounds)
         try:
+            if chosen.flames:
+                say(f"wrote {flames.record(question, chosen.short)}")
+                continue
             result = house.run(question, rounds, chosen.short, chosen.seed, say)
         except Exception as error:  # the other questions are still worth an answer
             say(f"{name} failed: {type(error).__name__}: {error}")

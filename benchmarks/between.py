@@ -30,5 +30,6 @@ QUESTION = Question(
         "from a thread to the task that waits, measured alone), where plain zenoh answers from the callback."
     ),
     short=False,
+    ground="zenoh into trio",
     rounds=3,
 )

@@ -23,5 +23,6 @@ QUESTION = Question(
         whole="21 bytes a servo, each in a frame of its own (one that is missing ends a fast answer for all)",
         own=388,
     ),
+    ground="floor",
     rounds=2,
 )

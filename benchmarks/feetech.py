@@ -35,5 +35,6 @@ QUESTION = Question(
     limit=LIMIT.format(
         bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     ),
+    ground="floor",
     rounds=2,
 )

@@ -71,18 +71,23 @@ class Question:
     """Whether its short form runs in CI."""
     imports: bool = False
     """Whether importing is part of what is asked: flame graphs of the others leave it out."""
+    ground: str = ""
+    """The side on which ours stands: the least that must happen, without what we add. It is judged like ours."""
 
     def __post_init__(self) -> None:
         if OURS not in self.sides:
             raise ValueError(f"{self.name} has no side {OURS!r}, only {', '.join(self.sides)}")
-        unknown = {goal.beside for goal in self.goals} - {"", *self.sides}
+        unknown = {self.ground, *(goal.beside for goal in self.goals)} - {"", *self.sides}
         if unknown:
             raise ValueError(f"{self.name} has goals beside {', '.join(unknown)}: not among its sides")
 
     def among(self, *sides: str) -> Question:
         """The same question to fewer sides, with the goals that these can answer."""
         kept = {name: side for name, side in self.sides.items() if name == OURS or name in sides}
-        return replace(self, sides=kept, goals=tuple(goal for goal in self.goals if goal.beside in {"", *kept}))
+        ground = self.ground if self.ground in kept else ""
+        return replace(
+            self, sides=kept, ground=ground, goals=tuple(goal for goal in self.goals if goal.beside in {"", *kept})
+        )
 
 
 @dataclass(frozen=True)
@@ -157,9 +162,9 @@ class Result:
         sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
         return list(dict.fromkeys(figure for side in sides for figure in side))
 
-    def ratio(self, figure: str, beside: str) -> Spread:
-        """Ours over theirs, taken within each round; ``KeyError`` where a side did not give that figure."""
-        return Spread.of([each[OURS][figure] / (each[beside][figure] if beside else 1.0) for each in self.rounds])
+    def ratio(self, figure: str, beside: str, of: str = OURS) -> Spread:
+        """One over another, taken within each round; ``KeyError`` where a side did not give that figure."""
+        return Spread.of([each[of][figure] / (each[beside][figure] if beside else 1.0) for each in self.rounds])
 
     def verdicts(self, goals: tuple[Goal, ...]) -> list[Verdict]:
         return [Verdict(goal, self.ratio(goal.figure, goal.beside).median) for goal in goals]

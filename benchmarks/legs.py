@@ -30,5 +30,6 @@ QUESTION = Question(
 watchdog and beats; `root` is the one that watches it. The policy in the caller keeps its interpreter's lock for
 30 of every 50 ms. The process of cyclonedds has no policy and checks nothing: its time goes into the encoding of 35
 motors field by field, in Python. Gaps are what the twin read; it shares the two cores.""",
+    ground="an empty tick",
     rounds=1,
 )

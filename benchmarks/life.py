@@ -17,7 +17,7 @@ QUESTION = Question(
     name="life",
     title="How fast does an actor start in a process of its own, and how fast is one that died there again?",
     sides={
-        **{name: _side(name) for name in ("ours", "multiprocessing", "ray")},
+        **{name: _side(name) for name in ("ours", "trio", "multiprocessing", "ray")},
         "erlang": lambda short: erlang("restart", short),
     },
     goals=(
@@ -31,5 +31,6 @@ at a load of 2. With a heap that is frozen before the fork the collection is 0.0
 birth 6 to 9 ms instead of 15 to 22. A restart in the process is six passes of trio's scheduler, 4 µs each, and
 four cancel scopes.""",
     short=False,
+    ground="trio",
     rounds=2,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ UNITS = {
     "kb": "kB",
     "x": "×",
 }
+WIDE = 12
+"""A table of more figures is turned round."""
 LOG_FROM = 20.0
 """A panel whose values differ by more than this factor gets a logarithmic axis (and says so)."""
 
@@ -33,7 +35,9 @@ PREFACE = """# Benchmarks
 *Made by `python -m benchmarks --write` from `benchmarks/results/`; do not edit.*
 
 Every table was measured in one run on one machine: each round runs all sides once, in shuffled order. A cell is the
-median over the rounds with [lowest..highest]; a ratio is taken within a round, and its median is judged.
+median over the rounds with [lowest..highest]; a ratio is taken within a round, and its median is judged. Where a
+last column names another side, that side does only what nobody can do without; what is missed there, too, is not
+ours to meet.
 """
 
 
@@ -77,29 +81,53 @@ def shown(side: str) -> str:
 
 
 def table(result: Result) -> list[str]:
-    """Side by figure, ours first."""
+    """Side by figure, ours first; of many figures, figure by side."""
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
     figures = result.figures()
     several = len(result.rounds) > 1
     head = ["", *(label(figure) for figure in figures)]
     rows = [[shown(side), *(cell(result.spread(side, figure), several) for figure in figures)] for side in sides]
-    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+    lines = [head, *rows] if len(figures) <= WIDE else [list(line) for line in zip(head, *rows, strict=True)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return ["| " + " | ".join(line) + " |" for line in lines]
 
 
-def judged(result: Result, verdict: Verdict) -> str:
-    goal = verdict.goal
-    ratio = result.ratio(goal.figure, goal.beside)
-    return (
-        f"| {label(goal.figure)} | {bound(goal)} | {cell(ratio, len(result.rounds) > 1)} "
-        f"| {'met' if verdict.met else '**missed**'} |"
-    )
+def judged(question: Question, result: Result, verdict: Verdict) -> str:
+    goal, several = verdict.goal, len(result.rounds) > 1
+    cells = [
+        label(goal.figure),
+        bound(goal),
+        cell(result.ratio(goal.figure, goal.beside), several),
+        "met" if verdict.met else "**missed**",
+    ]
+    if question.ground:
+        given = result.spread(question.ground, goal.figure) is not None
+        cells.append(cell(result.ratio(goal.figure, goal.beside, question.ground) if given else None, several))
+    return "| " + " | ".join(cells) + " |"
 
 
 def goals(question: Question, result: Result) -> list[str]:
     if not question.goals:
         return []
-    rows = [judged(result, verdict) for verdict in result.verdicts(question.goals)]
-    return ["", "| figure | goal | measured | |", "| --- | --- | --- | --- |", *rows]
+    head = ["figure", "goal", "measured", "", *([f"{question.ground} alone"] if question.ground else [])]
+    lines = [head, ["---"] * len(head)]
+    rows = [judged(question, result, verdict) for verdict in result.verdicts(question.goals)]
+    return ["", *("| " + " | ".join(line) + " |" for line in lines), *rows]
+
+
+def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[str]:
+    """A line a question: how many of its goals are met."""
+    lines = ["| question | goals | met |", "| --- | --- | --- |"]
+    for result in results:
+        question = asked[result.name]
+        met = [verdict.met for verdict in result.verdicts(question.goals)]
+        anchor = "".join(each for each in question.title.lower() if each.isalnum() or each in " -").replace(
+            " ", "-"
+        )
+        if met:
+            all_met = f"{sum(met)}" if all(met) else f"**{sum(met)}**"
+            lines.append(f"| [{question.title}](#{anchor}) | {len(met)} | {all_met} |")
+    return [*lines, ""]
 
 
 def section(question: Question, result: Result) -> str:
@@ -195,9 +223,9 @@ def with_figure(result: Result, sides: list[str], figure: str) -> dict[str, Spre
 
 def write(asked: Mapping[str, Question]) -> Path:
     """Make the page anew from all results of questions that are still asked."""
-    kept = [Result.read(path) for path in sorted(RESULTS.glob("*.json"))]
-    sections = [section(asked[result.name], result) for result in kept if result.name in asked]
+    kept = [result for path in sorted(RESULTS.glob("*.json")) if (result := Result.read(path)).name in asked]
+    sections = [section(asked[result.name], result) for result in kept]
     for seen in sorted(flames.KEPT.glob("*.txt")):
         flames.draw(flames.read(seen.read_text()), PLOTS / "flames" / f"{seen.stem}.svg")
-    PAGE.write_text("\n".join([PREFACE, *sections]))
+    PAGE.write_text("\n".join([PREFACE, *summary(asked, kept), *sections]))
     return PAGE

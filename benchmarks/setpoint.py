@@ -14,6 +14,7 @@ QUESTION = Question(
         "ours": at_twins(ROBOTS, "setpoint", "ours"),
         "strands-robots": at_twins(ROBOTS, "setpoint", "strands", peer="strands"),
         "raw SDK": at_twins(ROBOTS, "setpoint", "sdk"),
+        "a process with the SDK": at_twins(ROBOTS, "setpoint", "process"),
     },
     goals=(
         # late: the p99; beside us that of the reference and the millisecond that we may be behind it
@@ -28,5 +29,6 @@ reading (1.5 ms, 30 a second; so it was in eight of the ten slowest of 400), on 
 before it, which ur-rtde keeps for 0.4 to 1.0 ms (eight of the ten). What that buys: the caller can be killed,
 frozen or computing, and the wire still shows the safe state. `late` is the p99; beside us it is that of the
 reference plus the millisecond that the goal allows.""",
+    ground="a process with the SDK",
     rounds=2,
 )

@@ -29,6 +29,7 @@ def question(name: str, title: str, fifo: str, limit: str) -> Question:
         },
         goals=tuple(Goal(f"{cell}_p99_us", "C clock_nanosleep", at_most=1.2, gross=30.0) for cell in CELLS),
         limit=limit,
+        ground="Python time.sleep",
         rounds=1,
         short=False,
     )

@@ -138,6 +138,42 @@ async def restarts(short: bool) -> Figures:
     return percentiles("restart", spans_ns)
 
 
+# -- trio alone
+
+
+async def trio_restarts(short: bool) -> Figures:
+    """A task that takes from a channel and raises, a loop that starts it anew, an answer of the new one with a
+    deadline: no budget, no backoff, nobody told."""
+    spans_ns = []
+    asks, asked = trio.open_memory_channel[trio.Event | None](1)
+
+    async def serve(task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        async for each in asked:
+            if each is None:
+                raise RuntimeError("boom")
+            each.set()
+
+    async def keep() -> None:
+        while True:
+            with suppress(ExceptionGroup):
+                async with trio.open_nursery() as inner:
+                    await inner.start(serve)
+
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(keep)
+        for _ in range(200 if short else 2_000):
+            began_ns = time.perf_counter_ns()
+            await asks.send(None)
+            answered = trio.Event()
+            with trio.fail_after(DEADLINE_S):
+                await asks.send(answered)
+                await answered.wait()
+            spans_ns.append(time.perf_counter_ns() - began_ns)
+        nursery.cancel_scope.cancel()
+    return percentiles("restart", spans_ns)
+
+
 # -- multiprocessing
 
 
@@ -213,5 +249,7 @@ def ray(short: bool) -> Figures:
 
 
 if __name__ == "__main__":
-    answer({"ours": ours, "multiprocessing": spawn, "ray": ray})
+    answer(
+        {"ours": ours, "trio": lambda short: trio.run(trio_restarts, short), "multiprocessing": spawn, "ray": ray}
+    )
     sys.exit(0)

@@ -1,5 +1,5 @@
 """``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO: ours,
-strands, sdk.
+strands, sdk, process.
 
 All speak to the same twin over the same wire, in units of their own.
 """
@@ -7,9 +7,11 @@ All speak to the same twin over the same wire, in units of their own.
 from __future__ import annotations
 
 import json
+import multiprocessing
 import sys
 import time
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from typing import Any
 
 from benchmarks.sides.wire import Log, delays_us, percentile
@@ -22,7 +24,11 @@ STEP = {"so101": 2.0, "ur5e": 0.01}
 ALLOWANCE_US = 1000.0
 """How much later than the in-thread reference our p99 may be."""
 
+CYCLE_S = {"so101": 1 / 30, "ur5e": 1 / 125}
+"""In which a robot is read (Feetech) or given its last setpoint again (UR), if nothing else is to be done."""
+
 Send = Callable[[int], int]
+Cycle = Callable[[], object]
 
 
 def wave(robot: str, number: int) -> float:
@@ -66,17 +72,54 @@ def _verbs(arm: Any, robot: str) -> tuple[Send, Callable[[], object]]:
 
 
 def sdk(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
+    send, _, close = _sdk(robot, port)
+    return send, close
+
+
+def process(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
+    """The SDK in a process that nothing can hold up, which keeps the robot's cycle, and a pipe to it: what it costs
+    to outlive the caller, without actors, gates, leases and deadlines."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe()
+    child = context.Process(target=_keep, args=(there, robot, port), daemon=True)
+    child.start()
+    here.recv()
+
+    def send(number: int) -> int:
+        began_ns = time.monotonic_ns()
+        here.send(number)
+        return began_ns
+
+    return send, child.kill
+
+
+def _keep(told: Connection, robot: str, port: str) -> None:
+    send, cycle, _ = _sdk(robot, port)
+    told.send("ready")
+    due_s = time.monotonic()
+    while True:
+        if told.poll(max(0.0, due_s - time.monotonic())):
+            send(told.recv())
+        else:
+            cycle()
+            due_s += CYCLE_S[robot]
+
+
+def _sdk(robot: str, port: str) -> tuple[Send, Cycle, Callable[[], object]]:
     return _feetech_sdk(port) if robot == "so101" else _ur_sdk(port.partition(":")[0])
 
 
-def _feetech_sdk(port: str) -> tuple[Send, Callable[[], object]]:
-    from scservo_sdk import GroupSyncWrite, PacketHandler, PortHandler
+def _feetech_sdk(port: str) -> tuple[Send, Cycle, Callable[[], object]]:
+    from scservo_sdk import GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
     line, packets = PortHandler(port), PacketHandler(0)
     line.openPort()
     line.setBaudRate(1_000_000)
     for motor in range(1, 7):
         packets.write1ByteTxRx(line, motor, 40, 1)
+    reader = GroupSyncRead(line, packets, 56, 8)
+    for motor in range(1, 7):
+        reader.addParam(motor)
 
     def send(number: int) -> int:
         count = 2048 + round(11 * wave("so101", number))
@@ -87,31 +130,36 @@ def _feetech_sdk(port: str) -> tuple[Send, Callable[[], object]]:
         group.txPacket()
         return began_ns
 
-    return send, line.closePort
+    return send, reader.txRxPacket, line.closePort
 
 
-def _ur_sdk(host: str) -> tuple[Send, Callable[[], object]]:
+def _ur_sdk(host: str) -> tuple[Send, Cycle, Callable[[], object]]:
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 
     receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
     base = list(receive.getActualQ())
 
+    target = list(base)
+
+    def again() -> object:
+        return control.servoJ(target, 0.5, 0.5, 1 / 125, 0.1, 300)
+
     def send(number: int) -> int:
-        target = [*base[:2], base[2] + wave("ur5e", number), *base[3:]]
+        target[2] = base[2] + wave("ur5e", number)
         began_ns = time.monotonic_ns()
-        control.servoJ(target, 0.5, 0.5, 1 / 125, 0.1, 300)
+        again()
         return began_ns
 
     def close() -> None:
         control.servoStop()
         control.stopScript()
 
-    return send, close
+    return send, again, close
 
 
 def main(who: str, length: str, robot: str, port: str, log: str) -> None:
-    send, close = {"ours": ours, "strands": strands, "sdk": sdk}[who](robot, port)
+    send, close = {"ours": ours, "strands": strands, "sdk": sdk, "process": process}[who](robot, port)
     calls_us: list[float] = []
 
     def timed(number: int) -> int:
