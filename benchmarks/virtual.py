@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
+from benchmarks.house import Figures, Goal, Question, Side, beside
 
 
-def _ours(short: bool) -> Figures:
-    return beside("benchmarks.sides.virtual", "ours", *(["short"] if short else []))
+def _side(name: str) -> Side:
+    def side(short: bool) -> Figures:
+        return beside("benchmarks.sides.virtual", name, *(["short"] if short else []))
+
+    return side
 
 
 QUESTION = Question(
     name="virtual",
     title="How many seconds of a robot's whole tree pass in one of ours, in virtual time?",
-    sides={"ours": _ours},
+    sides={"ours": _side("ours"), "two empty ticks": _side("ticks")},
     goals=(
         Goal("tree_x", "", at_least=100.0, gross=8.0),
         Goal("replayed_x", "", at_least=100.0, gross=8.0),
         Goal("same_trace", "", at_least=1.0, gross=1.0),
     ),
+    ground="two empty ticks",
     limit="""Of 27 ms for a simulated second of an SO-101 (470 passes of trio's loop) trio and its virtual clock
 are 34 %, the twin's servos with 500 steps of MuJoCo 19 %, actors and messages 19 %, the driver's codec and gates
 11 % (cProfile). The same tree on a driver without wire and physics reaches 78, and two tickers of 100 Hz without

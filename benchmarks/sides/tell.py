@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import deque
 from typing import Any
 
 import trio
@@ -75,6 +76,22 @@ async def trio_channel(short: bool) -> Figures:
     return figures
 
 
+def bare(short: bool) -> Figures:
+    """A deque in and out, and the handler's own call, in bursts as a mailbox holds them."""
+    n = amount(short) - amount(short) % WINDOW
+    waiting: deque[Any] = deque()
+    counter = Counter()
+    receive, put, take = counter.receive, waiting.append, waiting.popleft
+    began_s = time.perf_counter()
+    for _ in range(n // WINDOW):
+        for _ in range(WINDOW):
+            put(STATE)
+        while waiting:
+            receive(take())
+    assert counter.n == n
+    return dict.fromkeys(("tell_per_s", "bounded_per_s"), rate(n, began_s))
+
+
 async def asyncio_queue(short: bool) -> Figures:
     n = amount(short)
 
@@ -135,5 +152,6 @@ if __name__ == "__main__":
             "trio": lambda short: trio.run(trio_channel, short),
             "asyncio": lambda short: asyncio.run(asyncio_queue(short)),
             "pykka": pykka,
+            "bare": bare,
         }
     )

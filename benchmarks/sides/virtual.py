@@ -41,6 +41,7 @@ ROBOT = "so101"
 JOINT = "shoulder_pan"
 BYTE_S = 10 / Feetech.DEFAULT_BAUD
 CONTROL_S = 0.02
+TICK_S = 0.01
 TTL_NS = 100_000_000
 
 
@@ -232,5 +233,25 @@ def ours(short: bool) -> Figures:
     }
 
 
+def ticks(short: bool) -> Figures:
+    """Nothing but the two ticks of 100 Hz that a tree has: its watchdog's and its transport's."""
+    seconds = simulated_s(short)
+    spans_s: list[float] = []
+
+    async def tick() -> None:
+        for _ in range(int(seconds / TICK_S)):
+            await trio.sleep(TICK_S)
+
+    async def main() -> None:
+        began_s = time.perf_counter()
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(tick)
+            nursery.start_soon(tick)
+        spans_s.append(time.perf_counter() - began_s)
+
+    run_virtual(main)
+    return {"tree_x": seconds / spans_s[0]}
+
+
 if __name__ == "__main__":
-    answer({"ours": ours})
+    answer({"ours": ours, "ticks": ticks})
