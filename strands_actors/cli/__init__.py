@@ -256,12 +256,16 @@ def matrix(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the page there.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
     resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
+    again: Annotated[
+        str | None, typer.Option(help="Cells that are repeated: wire-exit, so101/wire-spin ...")
+    ] = None,
+    why: Annotated[str, typer.Option(help="For the page: why these, and none of the others.")] = "",
     json: Json = False,
 ) -> None:
     """Break everything there is to break on the twins, and measure."""
     from .matrix import run as measure
 
-    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume))
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, again, why))
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import trio
@@ -10,7 +11,8 @@ import trio
 from ..drivers import get_native_driver_class, list_native_drivers
 from ..runtime.contract import Driver
 from ..testing import trials as testing_trials
-from ..testing.faults import Cell, Faults, Victims
+from ..testing.bench import driver_of
+from ..testing.faults import Cell, Faults, Victims, cells_of
 from ..testing.jobs import Plan, measure_all
 from ..testing.matrix import Row, as_json, conditions, page, rows_of, summary, verdict
 from ..testing.trials import Trial, Trials
@@ -20,13 +22,21 @@ CLEAR = "\r\x1b[K"
 
 
 def run(
-    drivers: str | None, repeats: int, out: Path | None, json: bool, jobs: int = 1, resume: Path | None = None
+    drivers: str | None,
+    repeats: int,
+    out: Path | None,
+    json: bool,
+    jobs: int = 1,
+    resume: Path | None = None,
+    again: str | None = None,
+    why: str = "",
 ) -> int:
     """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other rows with it: they
     are written, and then it is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
+    repeated = _repeated(again, why, resume, robots)
     try:
-        trials = Trials(resume, jobs)
+        trials = Trials(resume, jobs, repeated, why)
     except testing_trials.Problem as problem:
         raise Problem(f"matrix: {problem}") from None
     problems = trio.run(measure_all, Plan(robots, repeats, trials), jobs, _Progress(trials, repeats).heard)
@@ -77,6 +87,18 @@ def _chosen(text: str) -> list[str]:
         if robot not in known:
             raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(known)}")
     return robots
+
+
+def _repeated(again: str | None, why: str, resume: Path | None, robots: Iterable[str]) -> list[str]:
+    cells = [name.strip() for name in (again or "").split(",") if name.strip()]
+    if (cells or why) and not (cells and why and resume):
+        raise Problem("matrix: --again, --why and --resume go together: some trials of that file count no more")
+    known = {f"{cell}" for robot in robots for cell in cells_of(driver_of(robot)) if not cell.why_not}
+    for name in cells:
+        robot, _, cell = name.rpartition("/")
+        if cell not in known or (robot and robot not in robots):
+            raise Problem(f"matrix: no cell {name!r}. there are {', '.join(sorted(known))}, and ROBOT/CELL of each")
+    return cells
 
 
 def _tell(row: Row) -> None:

@@ -3,6 +3,9 @@
 A child ends by ``os._exit``: no thread, no exit handler and no open session keeps it, or its lease, alive.
 Signals keep their default action: a child that is told to end is simply gone, and its parent makes the
 robot safe exactly as if it had crashed. One way of dying, one way of being safe.
+
+What an exception says is said in few words: its parent makes the robot safe once this process has ended, and the
+lines of source that Python prints take 3 ms to be read.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import signal
 import socket
 import sys
 import traceback
+from collections.abc import Iterator
 
 import msgspec
 
@@ -39,10 +43,8 @@ def main(fd: int) -> None:
         gc.set_threshold(YOUNG, 10, 10)
         entry(specification.args, sock)
         code = 0
-    except SystemExit as stop:
-        code = _exit_code(stop)
-    except BaseException:
-        traceback.print_exc()
+    except BaseException as error:
+        code = _exit_code(error)
     finally:
         # Nobody may be left to read what is flushed; the end must come all the same.
         for stream in (sys.stderr, sys.stdout):
@@ -51,14 +53,36 @@ def main(fd: int) -> None:
         os._exit(code)
 
 
-def _exit_code(stop: SystemExit) -> int:
-    """As the interpreter does it: nothing is success, a text is printed and is failure."""
-    if stop.code is None:
+def _exit_code(error: BaseException) -> int:
+    """As the interpreter does it: ``sys.exit`` without anything is success, with a text it is failure, and the text
+    is printed, as is every other exception. A trio nursery wraps what is raised in it."""
+    if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
+        return _exit_code(error.exceptions[0])
+    if not isinstance(error, SystemExit):
+        print("\n".join(told(error)), file=sys.stderr)
+        return 1
+    if error.code is None:
         return 0
-    if isinstance(stop.code, int):
-        return stop.code
-    print(stop.code, file=sys.stderr)
+    if isinstance(error.code, int):
+        return error.code
+    print(error.code, file=sys.stderr)
     return 1
+
+
+def told(error: BaseException, indent: str = "") -> Iterator[str]:
+    """Where it was raised and what it says, innermost last; then what it was raised from, or in place of, and what
+    is in it if it is a group."""
+    yield f"{indent}Traceback, without the source:"
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        yield f'{indent}  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'
+    yield f"{indent}{type(error).__qualname__}: {error}"
+    before = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    if before is not None:
+        yield f"{indent}which came after:"
+        yield from told(before, indent)
+    if isinstance(error, BaseExceptionGroup):
+        for part in error.exceptions:
+            yield from told(part, indent + "    ")
 
 
 def _read_exactly(sock: socket.socket) -> bytes:

@@ -47,7 +47,20 @@ class Caller:
     def begin(self, motion: str) -> None:
         """Move; print the tree once the robot is on its way."""
         self._loops = motion == "loop"
-        self._joint, self._here = next(iter(self.robot.get_observation().items()))
+        why = "the robot has no joint"
+        for joint, here in self.robot.get_observation().items():
+            self._joint, self._here = joint, here
+            why = self._move(motion)
+            if not why:
+                break
+            # a robot that has fallen lies on the end stops of some of its joints, but not of all
+            self.resume()
+        if why:
+            raise SystemExit(why)
+        print(json.dumps(self.robot.tree()), flush=True)
+
+    def _move(self, motion: str) -> str:
+        """Why it does not; empty: it moves."""
         self._began_s = time.monotonic()
         if motion == "task":
             self._start_task()
@@ -57,9 +70,10 @@ class Caller:
         while time.monotonic() < self._began_s + MOVED_S:
             self.step()
             time.sleep(0.02)
-        if motion == "rollout" and not self.robot.get_task_status()["content"][0]["json"]["running"]:
-            raise SystemExit("the rollout has ended by itself")
-        print(json.dumps(self.robot.tree()), flush=True)
+        task = self.robot.get_task_status()["content"][0]["json"]
+        if motion == "rollout" and not task["running"]:
+            return f"the rollout has ended by itself: {task['exit_reason']}, {task['exit_detail']}"
+        return ""
 
     def _start_task(self) -> None:
         started = self.robot.start_task(
@@ -85,12 +99,15 @@ class Caller:
         return {self._joint: self._here + self._far * swing}
 
     def again(self, motion: str) -> None:
+        self.resume()
+        self.begin(motion)
+
+    def resume(self) -> None:
         deadline_s = time.monotonic() + 10.0
         while (answer := self.robot.resume())["status"] != "success":
             if time.monotonic() > deadline_s:
                 raise SystemExit(f"no resume: {answer}")
             time.sleep(0.05)
-        self.begin(motion)
 
     def obey(self, line: str) -> None:
         match line.split():

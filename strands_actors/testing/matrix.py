@@ -109,13 +109,19 @@ def conditions(trials: Trials) -> dict[str, str]:
     loads = [trial.load for trial in trials.all] or [0.0]
     dates = [trial.at for trial in trials.all] or [trials.runs[-1].at]
     jobs = sorted({run.jobs for run in trials.runs})
+    again = {
+        f"measured again from {run.at} on": f"{', '.join(run.again)}. {run.why} {run.subject['strands-actors']}"
+        for run in trials.runs
+        if run.again
+    }
     disturbed = sum(trial.outcome.disturbed for trial in trials.all)
     return {
         "date": f"{dates[0]} to {dates[-1]} UTC",
-        **trials.runs[-1].subject,
+        **trials.runs[0].subject,
         "load": f"{min(loads):.1f} to {max(loads):.1f} (last minute, at each trial)",
         "jobs": f"{' or '.join(map(str, jobs))} side by side",
         "trials": f"{len(trials.all)}, of which disturbed: {disturbed}",
+        **again,
     }
 
 

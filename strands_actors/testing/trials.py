@@ -1,7 +1,7 @@
 """Trials as they come, one JSON line each, in a file that a later run continues: an ended run loses nothing.
 
 A run begins with a line on what it measures: code, machine, Python. Only a run that would measure the same may
-continue the file.
+continue the file; or one that says what is different, and for which cells: these it measures anew.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +21,7 @@ import msgspec
 from strands_actors import __version__, drivers, runtime, supervisors
 
 from .cells import Outcome
-from .faults import Cell
+from .faults import Cell, Faults, Victims
 
 _MEASURED = (".py", ".toml")
 
@@ -44,11 +44,18 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """What is measured, and with how many benches side by side."""
+    """What is measured, and with how many benches side by side. ``again``: cells whose trials before it do not
+    count, ``wire-exit`` or ``so101/wire-exit``; ``why`` that is so, and the other cells' trials still count."""
 
     subject: dict[str, str]
     jobs: int
     at: str
+    again: tuple[str, ...] = ()
+    why: str = ""
+
+    def repeats(self, robot: str, victim: str, fault: str) -> bool:
+        cell = Cell(Victims(victim), Faults(fault))
+        return f"{cell}" in self.again or f"{robot}/{cell}" in self.again
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
@@ -120,18 +127,20 @@ def _at(found: Trial, safe_ms: float) -> Trial:
 class Trials:
     """All trials of a matrix, in ``path`` if there is one."""
 
-    def __init__(self, path: Path | None, jobs: int) -> None:
+    def __init__(self, path: Path | None, jobs: int, again: Sequence[str] = (), why: str = "") -> None:
         """Read what the file has, and note that a run begins. Raise ``Problem``."""
         self.runs: list[Run] = []
         self.all: list[Trial] = []
         self._path = path
-        begun = Run(subject(), jobs, now())
         if path is not None and path.exists():
             self._read(path)
-        for run in self.runs:
-            if run.subject != begun.subject:
-                raise Problem(f"{path} was measured with {_words(run)}, this is {_words(begun)}. Give another file")
-        self.runs.append(begun)
+        begun = Run(subject(), jobs, now(), tuple(again), why)
+        if self.runs and self.runs[-1].subject != begun.subject and not why:
+            raise Problem(
+                f"{path} was measured with {_words(self.runs[-1])}, this is {_words(begun)}. Give another file, or "
+                "say which cells are to be measured again, and why the others are not"
+            )
+        self._begin(begun)
         self._write(begun)
 
     def add(self, trial: Trial) -> None:
@@ -142,6 +151,11 @@ class Trials:
         wanted = (robot, cell.victim, cell.fault)
         return [trial.outcome for trial in self.all if trial.cell == wanted]
 
+    def _begin(self, run: Run) -> None:
+        self.runs.append(run)
+        if run.again:
+            self.all = [trial for trial in self.all if not run.repeats(*trial.cell)]
+
     def _read(self, path: Path) -> None:
         for number, line in enumerate(_whole_lines(path), 1):
             try:
@@ -151,7 +165,7 @@ class Trials:
             if isinstance(found, Trial):
                 self.all.append(found)
             elif isinstance(found, Run):
-                self.runs.append(found)
+                self._begin(found)
 
     def _write(self, line: Trial | Run) -> None:
         if self._path is not None:

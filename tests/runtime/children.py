@@ -62,6 +62,24 @@ def echo(args: dict[str, Any], sock: socket.socket) -> None:
     trio.run(_echo, sock)
 
 
+async def _exits(code: int) -> None:
+    async with trio.open_nursery() as outer, trio.open_nursery() as inner:
+        outer.start_soon(trio.sleep_forever)
+        inner.start_soon(sys.exit, code)
+
+
+async def _raises() -> None:
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(_fails)
+
+
+async def _fails() -> None:
+    try:
+        {}["a"]
+    except KeyError:
+        raise RuntimeError("a fault of the child") from None
+
+
 def ends(args: dict[str, Any], sock: socket.socket) -> None:
     """Ends as it is told; nothing that still runs or fails to flush may keep it."""
     threading.Thread(target=time.sleep, args=(1000,)).start()
@@ -75,6 +93,10 @@ def ends(args: dict[str, Any], sock: socket.socket) -> None:
             raise RuntimeError("a fault of the child")
         case "exit":
             sys.exit(args["code"])
+        case "exit in a task":
+            trio.run(_exits, args["code"])
+        case "raise in a task":
+            trio.run(_raises)
 
 
 def speaks(args: dict[str, Any], sock: socket.socket) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import signal
 import time
 from collections.abc import AsyncIterator
@@ -116,6 +117,8 @@ async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> N
         ({"how": "exit", "code": "no fuse"}, 1),
         ({"how": "return", "deaf": True}, 0),
         ({"how": "exit", "code": 7, "deaf": True}, 7),
+        ({"how": "exit in a task", "code": 7}, 7),
+        ({"how": "raise in a task"}, 1),
     ],
     ids=str,
 )
@@ -129,8 +132,20 @@ async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
         assert await process.wait() == code
         assert not process.alive
     said = capfd.readouterr().err
-    assert ("RuntimeError: a fault of the child" in said) is (args["how"] == "raise")
+    assert ("RuntimeError: a fault of the child" in said) is str(args["how"]).startswith("raise")
     assert ("no fuse" in said) is (args.get("code") == "no fuse")
+
+
+@real_time
+async def test_a_child_that_fails_says_where_and_reads_no_source_for_it(capfd: pytest.CaptureFixture[str]) -> None:
+    async with child("ends", how="raise in a task") as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == 1
+    said = capfd.readouterr().err
+    assert re.search(r'File ".*/children.py", line \d+, in _fails\n +RuntimeError: a fault of the child', said)
+    assert "ExceptionGroup: Exceptions from Trio nursery" in said
+    assert "start_soon(" not in said and 'raise RuntimeError("' not in said
+    assert "KeyError" not in said  # raised ``from None``
 
 
 @pytest.mark.parametrize("entry", [f"{children.__name__}:none", "there.is.none:main"])

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 import trio
 
+from strands_actors.cli import run
 from strands_actors.cli.matrix import one_of_each
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.runtime.contract import Driver
@@ -105,6 +106,47 @@ def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"cores", b"CORES"))
     with pytest.raises(Problem, match="was measured with"):
         Trials(path, jobs=1)
+
+
+def test_other_code_continues_a_file_only_for_a_reason_and_repeats_what_it_concerns(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    some_trials(outcome(7.0), path=path)
+    path.write_bytes(path.read_bytes().replace(b"code ", b"code of another day "))
+    with pytest.raises(Problem, match="which cells are to be measured again"):
+        Trials(path, jobs=2)
+    kept = Trials(path, 2, ["wire-exit", "koch/wire-kill"], "A process that ends says less.")
+    assert len(kept.of("so101", WIRE_KILL)) == 1
+    repeated = Trials(path, 2, ["so101/wire-kill"], "It was late.")
+    assert not repeated.of("so101", WIRE_KILL)
+    assert not Trials(path, 2).all  # the file remembers
+    taken = conditions(repeated)
+    assert "code of another day" in taken["strands-actors"]
+    said = [text for key, text in taken.items() if key.startswith("measured again from ")]
+    assert said and said[-1].startswith("so101/wire-kill. It was late. 0.1.0, code ")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--again", "wire-exit"], "go together"),
+        (["--again", "wire-exit", "--why", "x"], "go together"),
+        (["--resume", "t", "--why", "x"], "go together"),
+        (["--resume", "t", "--why", "x", "--again", "wire-exit, so101/wire-run"], "no cell 'so101/wire-run'"),
+        (["--resume", "t", "--why", "x", "--again", "koch/wire-exit"], "no cell 'koch/wire-exit'"),
+    ],
+    ids=str,
+)
+def test_what_is_repeated_is_a_cell_with_a_reason(
+    options: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["matrix", "--drivers", "so101", *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def left(plan: Plan, robot: str = "") -> list[Order]:
