@@ -39,8 +39,13 @@ class Row:
     proves: tuple[str, ...] = ()
 
     @property
+    def excused(self) -> bool:
+        """More often than not: that is no longer the machine."""
+        return self.disturbed > self.trials
+
+    @property
     def safe(self) -> bool:
-        return bool(self.why_not) or (self.trials > 0 and not self.unsafe and not self.late)
+        return bool(self.why_not) or not (not self.trials or self.unsafe or self.late or self.excused)
 
 
 Progress = Callable[[str, Cell, int], None]
@@ -147,7 +152,8 @@ of the robot's end of the wire, not from the program. This page was made by
   bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for more than
   {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or safe on another
   rung, because a process that got no processor looked frozen before the fault did. A trial that is not safe is
-  always counted. Benches run side by side (`jobs`) and disturb each other.
+  always counted, and a cell of which more trials were disturbed than not is not called safe. Benches run side by
+  side (`jobs`) and disturb each other.
 * Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
   processes are started as they always are.
 * **proves**: requirements of [safety.md](safety.md).
@@ -195,7 +201,9 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
 def verdict(row: Row) -> str:
     if row.safe:
         return "safe"
-    return "not safe" if row.unsafe else "late" if row.late else "not measured"
+    if row.unsafe or row.late:
+        return "not safe" if row.unsafe else "late"
+    return "mostly disturbed" if row.trials else "not measured"
 
 
 def _is(row: Row, victim: str, fault: str, why: str) -> bool:

@@ -197,6 +197,9 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
     assert "1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
     for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
         assert f"| {key} |" in text
+    excused = [outcome(70.0, stood_ms=30.0)] * 2
+    assert summary("so101", WIRE_KILL, [*excused, outcome(7.0), outcome(8.0)]).safe
+    assert "8.0 **mostly disturbed** |" in page([summary("so101", WIRE_KILL, [*excused, outcome(8.0)])], taken)
     unsafe = page([summary("so101", WIRE_KILL, [outcome(7.0, after=1)])], taken)
     assert "**not safe**" in unsafe
     assert "**1 not safe" in unsafe
