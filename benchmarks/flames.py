@@ -27,7 +27,10 @@ COLOURS = {"strands_actors": "#fdba74", "benchmarks": "#bbf7d0", "trio": "#bfdbf
 OTHERS = "#e2e8f0"
 
 LINE = re.compile(r":\d+\)$")
+FRAME = re.compile(r" \([^()]+\)$")
 WAY_IN = ("process ", "_run_code", "_run_module")
+COMMAND = "(<string>)"
+"""Where what ``python -c`` was given stands."""
 
 Stacks = Counter[tuple[str, ...]]
 """From the outermost function to the one that computed: how often that was seen."""
@@ -46,7 +49,8 @@ def record(question: Question, short: bool) -> Path:
 
         def watched(command: list[str]) -> list[str]:
             seen.append(Path(directory) / f"{len(seen)}.txt")
-            options = ["--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
+            # nonblocking: a tree notices that one of its processes is stopped, be it to look at its stack
+            options = ["--nonblocking", "--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
             return [spy, "record", *options, "--output", str(seen[-1]), "--", *command]
 
         with beneath(watched):
@@ -62,12 +66,14 @@ def record(question: Question, short: bool) -> Path:
 
 
 def read(text: str) -> Stacks:
-    """As py-spy writes them, without processes, line numbers, and the interpreter's own way in."""
+    """As py-spy writes them, without processes (whose commands may have semicolons), line numbers, the way into the
+    interpreter, and programs of one line, which only take processors away."""
     stacks: Stacks = Counter()
     for line in text.splitlines():
         stack, _, count = line.rpartition(" ")
         frames = [LINE.sub(")", frame) for frame in stack.split(";") if not frame.startswith(WAY_IN)]
-        if frames:
+        frames = [frame for frame in frames if FRAME.search(frame)]
+        if not all(frame.endswith(COMMAND) for frame in frames):
             stacks[tuple(frames)] += int(count)
     return stacks
 
@@ -85,7 +91,7 @@ def written(stacks: Stacks) -> str:
         depth = len(stack)
         while depth and wide[stack[:depth]] < least:
             depth -= 1
-        short[stack[:depth] or ("elsewhere",)] += count
+        short[stack[:depth] or ("elsewhere (of little each)",)] += count
     return "".join(f"{';'.join(stack)} {count}\n" for stack, count in sorted(short.items()))
 
 

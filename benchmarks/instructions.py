@@ -55,7 +55,10 @@ QUESTION = Question(
         "a deque and a call": _side("bare", "tell"),
     },
     goals=(),
-    limit="",
+    limit="""Callgrind counts the instructions of the process for 2500 of each less those for 500, so that
+neither the machine nor the start is in it: the same code gives the same figures. One setpoint of a G1, from the
+frame that came to the frame that leaves, is 430 000, or 50 µs with warm caches and 200 with those of a process
+that has slept for 2 ms (timed by the thread's own clock): at 500 Hz caches are what is paid for.""",
     rounds=1,
     short=False,
 )

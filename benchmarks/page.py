@@ -121,7 +121,7 @@ def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[st
     for result in results:
         question = asked[result.name]
         met = [verdict.met for verdict in result.verdicts(question.goals)]
-        anchor = "".join(each for each in question.title.lower() if each.isalnum() or each in " -").replace(
+        anchor = "".join(each for each in question.title.lower() if each.isalnum() or each in " -_").replace(
             " ", "-"
         )
         if met:

@@ -42,9 +42,12 @@ QUESTION = Question(
     title="From a stop to the safe frame",
     sides={"ours": side("ours"), "strands-robots": side("strands", "strands")},
     goals=tuple(Goal(figure, "", at_most=2.0, gross=25.0) for figure in FIGURES),
-    limit="""The call crosses from the caller's thread to its loop and from there to the wire process: on a
-quiet machine 0.6 ms on Feetech's bus and 0.8 to 1.2 on a UR, whatever the policy does, half of it waking up
-(see `setpoint`). On a UR the frame is ur-rtde's, which waits until the script has taken the setpoint before. An
-e-stop over the mesh passes another process between, and took 2.4 to 5.6 ms in a first run.""",
+    limit="""The call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to
+1.8 ms, whatever the policy does, half of it waking up (half of all samples are in epoll; see `setpoint`). On a UR
+the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of the third
+row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four times on
+the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh adds the root's process, two
+passes of zenoh's threads and JSON that anybody may send: 2.5 to 5 ms; the reference's e-stop of a blocked issuer
+takes 2 s.""",
     rounds=1,
 )

@@ -29,7 +29,10 @@ QUESTION = Question(
     ),
     ground="a deque and a call",
     limit="""A message costs 210 ns to tell and 300 ns to handle (the halves timed alone in bursts of 2000,
-Python 3.11), of which reading the clock, which recordings need, is 45 ns. What no actor can do without, a deque
-in and out and the handler's own call, is 105 ns in the same minute. A pass of the scheduler is shared by a
-burst.""",
+Python 3.11), of which reading the clock, which recordings need, is 45 ns. Counted by callgrind (see
+`instructions`) it is 8900 instructions, a deque in and out and the handler's call 1400 of them; the rest is what
+makes it a message: its type looked up, its lane, the bound, the time it was taken up, the turn, each some 20
+bytecodes of this interpreter. So nothing physical stands in the way, Python does: 13 times trio's unbounded
+channel would be 320 ns for both halves. With the bound, which is how actors are used, the goal is met, since trio
+then passes its scheduler for each message.""",
 )

@@ -23,7 +23,7 @@ from typing import Any
 from benchmarks.sides.stop import Policy, position
 from benchmarks.sides.wire import Log
 
-COUNT = {"short": 1, "long": 2}
+COUNT = {"short": 1, "long": 4}
 CASES = ("idle", "blocked")
 AGAIN_S = 0.5
 MEET_S = 3.0

@@ -38,6 +38,9 @@ PRIORITY = 11
 HERE = Path(__file__).resolve().parent
 NS = 1_000_000_000
 
+SPIN = "import os; os.sched_setscheduler(0, 0, os.sched_param(0)); any(False for _ in iter(int, 1))"
+"""With ordinary priority, though this process may not have it."""
+
 Stamps = Sequence[int]
 Play = Callable[[int, str, float], dict[str, Stamps]]
 """From rate, load and seconds to the times of setpoints in ns, of one kind or several."""
@@ -60,11 +63,7 @@ def steadiness(stamps_ns: Stamps, hz: int, seconds: float) -> dict[str, float]:
 @contextlib.contextmanager
 def cores_taken(taken: bool) -> Iterator[None]:
     spinners = [
-        # ordinary, though this process may not be
-        subprocess.Popen(
-            [sys.executable, "-c", "import os\nos.sched_setscheduler(0, 0, os.sched_param(0))\nwhile 1: 0"]
-        )
-        for _ in range((os.cpu_count() or 1) if taken else 0)
+        subprocess.Popen([sys.executable, "-c", SPIN]) for _ in range((os.cpu_count() or 1) if taken else 0)
     ]
     try:
         time.sleep(0.2 if taken else 0.0)
