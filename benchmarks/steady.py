@@ -44,8 +44,8 @@ the wire: the C loop does neither. `p99` is how far the time between two new set
 that between any two frames (the tree sends the last again when a new one is late), `late` the share that is
 missing or off by more than a quarter period. `computing` works 30 of 50 ms in the process of the policy.
 
-A p99 of a second at 30 Hz is its worst of 80, and the C loop's own varies from 14 to 3000 µs from run to run: the
-ratio is the machine's mood as much as ours. The last column is the least that Python can: one thread, `time.sleep`,
+At 30 Hz the p99 is the worst of 80, and the C loop's own varies from 14 to 3000 µs from run to run: the ratio is
+the machine's mood as much as ours. The last column is the least that Python can: one thread, `time.sleep`,
 a stamp. With a policy that computes it is 5 to 8 ms off, because Python passes the interpreter's lock on every 5 ms
 only; ours is better than that by asking for it every 0.1 ms, and cannot be as good as C beside a lock. Idle, the
 wake-up of a second process is on top: seven tenths of all samples are in epoll. With both cores busy each of three
