@@ -42,6 +42,9 @@ def config(
         "transport/link/tx/keep_alive": 4,
         # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut off.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
+        # Commands and answers leave at once, each in a batch of its own. zenoh has room for one such batch: of five
+        # put in a row on a busy machine the third and those behind it were dropped. It takes 16 at most.
+        "transport/link/tx/queue/size/real_time": 16,
         "transport/shared_memory/enabled": False,
     }
     for key, value in {**settings, **(more or {})}.items():

@@ -83,7 +83,7 @@ class Samples:
         client.subscribe(key, self.received.append)
 
     async def wait(self, count: int = 1) -> list[dict[str, Any]]:
-        await until(lambda: len(self.received) >= count, f"{count} samples")
+        await until(lambda: len(self.received) >= count, f"{count} samples, there are {self.received}")
         return [msgspec.json.decode(received.payload) for received in self.received]
 
 

@@ -1,0 +1,63 @@
+"""What is put in a row arrives, on a busy machine, too."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import partial
+
+import pytest
+import trio
+
+from strands_actors.rundir import Name
+from strands_actors.runtime.pubsub import PubSub
+from strands_actors.runtime.zenoh_session import unix_endpoint
+
+from .world import until
+
+BURST = 12
+ROUNDS = 30
+
+
+@pytest.fixture
+def every_core_taken() -> Iterator[None]:
+    spinning = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))
+    ]
+    yield
+    for process in spinning:
+        process.kill()
+        process.wait()
+
+
+def all_there(heard: list[str], sent: list[str]) -> bool:
+    return heard[-len(sent) :] == sent
+
+
+@pytest.mark.usefixtures("every_core_taken")
+def test_commands_put_in_a_row_all_arrive_although_nobody_has_a_core_to_send_them() -> None:
+    async def test() -> None:
+        name = Name("burst")
+        endpoint = unix_endpoint(name.socket("mesh"))
+        there, here = await PubSub.open([endpoint]), await PubSub.open([], [endpoint])
+        heard: list[str] = []
+        there.subscribe("strands/bench/cmd", lambda received: heard.append(received.payload.decode()))
+        async with trio.open_nursery() as nursery:
+            await nursery.start(there.run)
+            await nursery.start(here.run)
+            await until(lambda: here.connections, "a connection")
+            while not heard:  # the subscription has arrived as well
+                here.put("strands/bench/cmd", b"first", "command")
+                await trio.sleep(0.02)
+            for burst in range(ROUNDS):
+                sent = [f"{burst}.{number}" for number in range(BURST)]
+                for text in sent:
+                    here.put("strands/bench/cmd", text.encode(), "command")
+                await until(partial(all_there, heard, sent), f"{sent}, heard {heard}", 5.0)
+            here.close()
+            there.close()
+        name.release()
+
+    trio.run(test)
