@@ -132,8 +132,8 @@ def test_saf_001_a_streams_setpoint_expires_and_the_mesh_must_resume() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client, control(client, robot) as arm:
             assert not isinstance(await arm.send_action({"a": 2.0}, ttl_s=0.2), Refused)
-            await tree.until("holding")
-            held_ns = hardware.of("safe")[-1].t_ns
+            await tree.until("holding")  # is what the gate has ordered; the frame follows
+            held_ns = (await until(lambda: hardware.of("safe"), "the hold"))[-1].t_ns
             assert code(await arm.send_action({"a": 3.0}, ttl_s=0.2)) == "stale_epoch"
             refused = await arm.acquire()
             assert refused is not None and code(refused) == "holding"
