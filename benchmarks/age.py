@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
-
-
-def _side(name: str, short: bool) -> Figures:
-    return beside("benchmarks.sides.age", name, *(["short"] if short else []))
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="age",
     title="How old is a setpoint of a 1 kHz producer when a reader takes it that needs 5 ms for each?",
-    sides={"ours": lambda short: _side("ours", short), "trio": lambda short: _side("trio", short)},
+    sides={"ours": side_of("age", "ours"), "trio": side_of("age", "trio")},
     goals=(
         Goal("age_p99_us", "", at_most=1_500.0, gross=10.0),
         Goal("waiting_most", "", at_most=1.0),

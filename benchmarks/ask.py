@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
+from benchmarks.house import Goal, Question, side_of
 from benchmarks.sides.erlang import erlang
-
-
-def _side(name: str, short: bool) -> Figures:
-    return beside("benchmarks.sides.ask", name, *(["short"] if short else []))
-
 
 QUESTION = Question(
     name="ask",
     title="How long does an ask with a deadline take, in one process?",
     sides={
-        "ours": lambda short: _side("ours", short),
-        "trio": lambda short: _side("trio", short),
-        "asyncio": lambda short: _side("asyncio", short),
-        "pykka": lambda short: _side("pykka", short),
+        "ours": side_of("ask", "ours"),
+        "trio": side_of("ask", "trio"),
+        "asyncio": side_of("ask", "asyncio"),
+        "pykka": side_of("ask", "pykka"),
         "erlang": lambda short: erlang("ask", short),
     },
     goals=(

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.between", name, *(["short"] if short else []))
-
-    return side
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="between",
     title="How long does an ask take between two processes, and how many typed tells a second go there?",
     sides={
-        name: _side(name) for name in ("ours", "zenoh", "zenoh into trio", "socket", "ray", "thespian", "xoscar")
+        name: side_of("between", name)
+        for name in ("ours", "zenoh", "zenoh into trio", "socket", "ray", "thespian", "xoscar")
     },
     goals=(
         Goal("ask_p50_us", "zenoh", at_most=1.15),

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.estop", name, *(["short"] if short else []))
-
-    return side
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="estop",
     title="How long does a stop take between two processes beside telemetry that is sent flat out?",
-    sides={name: _side(name) for name in ("ours", "plain zenoh")},
+    sides={name: side_of("estop", name) for name in ("ours", "plain zenoh")},
     goals=(
         Goal("estop_p50_us", "", at_most=500.0),
         Goal("estop_p99_us", "", at_most=1_000.0),

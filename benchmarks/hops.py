@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
-
-
-def _ours(short: bool) -> Figures:
-    return beside("benchmarks.sides.hops", "ours", *(["short"] if short else []))
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="hops",
     title="Where does the time of one setpoint go, from `send_action` to the robot's first byte?",
-    sides={"ours": _ours},
+    sides={"ours": side_of("hops", "ours")},
     goals=(Goal("total_p99_us", "", at_most=5_000.0),),
     limit="""Wake-ups, of which none is computing: the caller's loop (170 to 220 µs, with the interpreter's
 lock), the wire process (55 to 70 µs) and the twin behind its pty (120 to 170 µs). What is computed on the way,

@@ -217,6 +217,15 @@ def beside(module: str, *args: str, python: str = sys.executable, timeout_s: flo
     return {figure: float(value) for figure, value in json.loads(lines[-1]).items()}
 
 
+def side_of(module: str, name: str) -> Side:
+    """What ``benchmarks.sides.<module>`` measures when it is told ``name``."""
+
+    def side(short: bool) -> Figures:
+        return beside(f"benchmarks.sides.{module}", name, *(["short"] if short else []))
+
+    return side
+
+
 def run(
     question: Question,
     rounds: int,

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
+from benchmarks.house import Goal, Question, side_of
 from benchmarks.sides.erlang import erlang
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.life", name, *(["short"] if short else []))
-
-    return side
-
 
 QUESTION = Question(
     name="life",
     title="How fast does an actor start in a process of its own, and how fast is one that died there again?",
     sides={
-        **{name: _side(name) for name in ("ours", "trio", "multiprocessing", "ray")},
+        **{name: side_of("life", name) for name in ("ours", "trio", "multiprocessing", "ray")},
         "erlang": lambda short: erlang("restart", short),
     },
     goals=(

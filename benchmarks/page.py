@@ -80,6 +80,10 @@ def shown(side: str) -> str:
     return f"**{OUR_NAME}**" if side == OURS else side
 
 
+def row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
 def table(result: Result) -> list[str]:
     """Side by figure, ours first; of many figures, figure by side."""
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
@@ -89,7 +93,7 @@ def table(result: Result) -> list[str]:
     rows = [[shown(side), *(cell(result.spread(side, figure), several) for figure in figures)] for side in sides]
     lines = [head, *rows] if len(figures) <= WIDE else [list(line) for line in zip(head, *rows, strict=True)]
     lines.insert(1, ["---"] * len(lines[0]))
-    return ["| " + " | ".join(line) + " |" for line in lines]
+    return [row(line) for line in lines]
 
 
 def judged(question: Question, result: Result, verdict: Verdict) -> str:
@@ -103,7 +107,7 @@ def judged(question: Question, result: Result, verdict: Verdict) -> str:
     if question.ground:
         given = result.spread(question.ground, goal.figure) is not None
         cells.append(cell(result.ratio(goal.figure, goal.beside, question.ground) if given else None, several))
-    return "| " + " | ".join(cells) + " |"
+    return row(cells)
 
 
 def goals(question: Question, result: Result) -> list[str]:
@@ -112,7 +116,7 @@ def goals(question: Question, result: Result) -> list[str]:
     head = ["figure", "goal", "measured", "", *([f"{question.ground} alone"] if question.ground else [])]
     lines = [head, ["---"] * len(head)]
     rows = [judged(question, result, verdict) for verdict in result.verdicts(question.goals)]
-    return ["", *("| " + " | ".join(line) + " |" for line in lines), *rows]
+    return ["", *(row(line) for line in lines), *rows]
 
 
 def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[str]:

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.start", name, *(["short"] if short else []))
-
-    return side
+from benchmarks.house import Figures, Goal, Question, beside, side_of
 
 
 def _reference(short: bool) -> Figures:
@@ -23,7 +16,7 @@ QUESTION = Question(
     imports=True,
     title="How long does it take from the import to an armed robot?",
     sides={
-        **{name: _side(name) for name in ("ours", "trio and msgspec")},
+        **{name: side_of("start", name) for name in ("ours", "trio and msgspec")},
         "strands-robots 0.5.3": _reference,
     },
     goals=(

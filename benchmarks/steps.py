@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.steps", name, *(["short"] if short else []))
-
-    return side
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="steps",
     title="How many steps of physics a second does a simulated SO-101 make, through the verbs?",
-    sides={name: _side(name) for name in ("ours", "mj_step")},
+    sides={name: side_of("steps", name) for name in ("ours", "mj_step")},
     goals=(Goal("steps_per_s", "mj_step", at_least=0.8),),
     limit="""The goal means that verbs should not slow the physics down, and no verb lets it run: the twin steps
 to the wall's clock, 500 times a second at its time step of 2 ms, because deadlines, leases and beats of the tree

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks import peers
 from benchmarks.house import Figures, Goal, Question, Side, beside
-from benchmarks.stage import at_twin, at_twins
+from benchmarks.stage import at_twins
 
 ROBOTS = {"so101": "feetech", "ur5e": "ur"}
 LEGS = "unitree_g1"
@@ -16,19 +16,22 @@ def side(who: str, peer: str = "") -> Side:
     estop = at_twins({"ur5e": "ur"}, "mesh_stop", who, peer=peer)
 
     def ask(short: bool) -> Figures:
-        return stop(short) | legs(who, short) | estop(short)
+        return stop(short) | legs(who)(short) | estop(short)
 
     return ask
 
 
-def legs(who: str, short: bool) -> Figures:
-    length = "short" if short else "long"
+def legs(who: str) -> Side:
+    """The reference's G1 needs no twin: a stand-in for the SDK is enough."""
     if who == "ours":
-        found = at_twin(LEGS, "stop", who, length, LEGS)
-    else:
-        python = peers.python(who)
+        return at_twins({LEGS: "g1"}, "stop", who)
+
+    def ask(short: bool) -> Figures:
+        length, python = "short" if short else "long", peers.python(who)
         found = beside("benchmarks.sides.stop", who, length, LEGS, "", "", python=python, timeout_s=240)
-    return {f"g1_{figure}": value for figure, value in found.items()}
+        return {f"g1_{figure}": value for figure, value in found.items()}
+
+    return ask
 
 
 FIGURES = (

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
+from benchmarks.house import Goal, Question, side_of
 from benchmarks.sides.erlang import erlang
-
-
-def _side(name: str, short: bool) -> Figures:
-    return beside("benchmarks.sides.tell", name, *(["short"] if short else []))
-
 
 QUESTION = Question(
     name="tell",
     title="How many messages a second go into one actor of the same process?",
     sides={
-        "ours": lambda short: _side("ours", short),
-        "trio": lambda short: _side("trio", short),
-        "asyncio": lambda short: _side("asyncio", short),
-        "pykka": lambda short: _side("pykka", short),
-        "a deque and a call": lambda short: _side("bare", short),
+        "ours": side_of("tell", "ours"),
+        "trio": side_of("tell", "trio"),
+        "asyncio": side_of("tell", "asyncio"),
+        "pykka": side_of("tell", "pykka"),
+        "a deque and a call": side_of("tell", "bare"),
         "erlang": lambda short: erlang("tell", short),
     },
     goals=(

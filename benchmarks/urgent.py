@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
-
-
-def _side(name: str, short: bool) -> Figures:
-    return beside("benchmarks.sides.urgent", name, *(["short"] if short else []))
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="urgent",
     title="How long does a stop wait behind 10 000 queued messages of 20 µs each?",
     sides={
-        "ours": lambda short: _side("ours", short),
-        "trio": lambda short: _side("trio", short),
-        "pykka": lambda short: _side("pykka", short),
+        "ours": side_of("urgent", "ours"),
+        "trio": side_of("urgent", "trio"),
+        "pykka": side_of("urgent", "pykka"),
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0, gross=10.0),),
     limit=(

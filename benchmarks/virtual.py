@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-
-
-def _side(name: str) -> Side:
-    def side(short: bool) -> Figures:
-        return beside("benchmarks.sides.virtual", name, *(["short"] if short else []))
-
-    return side
-
+from benchmarks.house import Goal, Question, side_of
 
 QUESTION = Question(
     name="virtual",
     title="How many seconds of a robot's whole tree pass in one of ours, in virtual time?",
-    sides={"ours": _side("ours"), "two empty ticks": _side("ticks")},
+    sides={"ours": side_of("virtual", "ours"), "two empty ticks": side_of("virtual", "ticks")},
     goals=(
         Goal("tree_x", "", at_least=100.0, gross=8.0),
         Goal("replayed_x", "", at_least=100.0, gross=8.0),

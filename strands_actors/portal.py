@@ -31,7 +31,7 @@ LEAVE_S = 0.08
 SWITCH_S = 0.0001
 """How long a thread that computes may keep the interpreter's lock from the loop, which lets go of it at each of its
 system calls and wants it back. With Python's own 5 ms a setpoint beside a policy that computes was 23 ms off its
-time (p99), a stop 12 ms late; with this 3 and 1. Two threads that both compute pay for it: 5 to 10 % (measured)."""
+time (p99), a stop 12 ms late; with this 3 and 3. Two threads that both compute pay for it: 5 to 10 % (measured)."""
 
 _callers = itertools.count(1)
 

@@ -44,6 +44,8 @@ SPIN = "import os; os.sched_setscheduler(0, 0, os.sched_param(0)); any(False for
 Stamps = Sequence[int]
 Play = Callable[[int, str, float], dict[str, Stamps]]
 """From rate, load and seconds to the times of setpoints in ns, of one kind or several."""
+Side = Callable[[bool], contextlib.AbstractContextManager[Play]]
+"""Told whether to run first."""
 
 
 def steadiness(stamps_ns: Stamps, hz: int, seconds: float) -> dict[str, float]:
@@ -144,18 +146,14 @@ def compute(policy: Still, end: threading.Event) -> None:
         end.wait(max(0.0, 0.05 - (time.monotonic() - began_s)))
 
 
-@contextlib.contextmanager
-def trio_(fifo: bool) -> Iterator[Play]:
-    if fifo:
-        run_first()
-    yield trio_loop
+def in_this_process(play: Play) -> Side:
+    @contextlib.contextmanager
+    def side(fifo: bool) -> Iterator[Play]:
+        if fifo:
+            run_first()
+        yield play
 
-
-@contextlib.contextmanager
-def python(fifo: bool) -> Iterator[Play]:
-    if fifo:
-        run_first()
-    yield python_loop
+    return side
 
 
 # -- the reference
@@ -236,7 +234,13 @@ def wait_for_the_end(robot: Any, seconds: float) -> None:
         time.sleep(0.05)
 
 
-SIDES = {"ours": ours, "strands": strands, "trio": trio_, "python": python, "c": c}
+SIDES = {
+    "ours": ours,
+    "strands": strands,
+    "trio": in_this_process(trio_loop),
+    "python": in_this_process(python_loop),
+    "c": c,
+}
 
 
 def main(who: str, length: str, scheduling: str) -> None:

@@ -52,12 +52,11 @@ class Caller:
             self._joint, self._here = joint, here
             why = self._move(motion)
             if not why:
-                break
+                print(json.dumps(self.robot.tree()), flush=True)
+                return
             # a robot that has fallen lies on the end stops of some of its joints, but not of all
             self.resume()
-        if why:
-            raise SystemExit(why)
-        print(json.dumps(self.robot.tree()), flush=True)
+        raise SystemExit(why)
 
     def _move(self, motion: str) -> str:
         """Why it does not; empty: it moves."""

@@ -45,7 +45,7 @@ class Row:
 
     @property
     def safe(self) -> bool:
-        return bool(self.why_not) or not (not self.trials or self.unsafe or self.late or self.excused)
+        return bool(self.why_not) or (self.trials > 0 and not (self.unsafe or self.late or self.excused))
 
 
 Progress = Callable[[str, Cell, int], None]
@@ -201,8 +201,10 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
 def verdict(row: Row) -> str:
     if row.safe:
         return "safe"
-    if row.unsafe or row.late:
-        return "not safe" if row.unsafe else "late"
+    if row.unsafe:
+        return "not safe"
+    if row.late:
+        return "late"
     return "mostly disturbed" if row.trials else "not measured"
 
 
