@@ -44,6 +44,7 @@ class Tasks(Actor):
         self.starts = 0
         self.status = TaskStatus()
         self._stopping = False
+        self._gone = trio.Event()
 
     async def started(self) -> None:
         at = addresses.of(self._robot)
@@ -64,7 +65,9 @@ class Tasks(Actor):
 
     async def _start(self, message: StartTask) -> TaskStatus | Refused:
         if self.process is not None:
-            return Refused("running", "start_task: a task is already running", "stop it first")
+            if self.status.running:
+                return Refused("running", "start_task: a task is already running", "stop it first")
+            await self._dismiss(self.process)
         args = {
             "robot": self._robot,
             "provider": message.provider,
@@ -78,9 +81,15 @@ class Tasks(Actor):
         self.starts += 1
         self.context.note(Happened("the policy process was started", message.provider, self.process.pid))
         self._stopping = False
+        self._gone = trio.Event()
         self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
         self.context.start_soon(self._attend, self.process)
         return self.status
+
+    async def _dismiss(self, process: ChildProcess) -> None:
+        """Its task has ended, and itself not quite."""
+        await process.fence()
+        await self._gone.wait()
 
     async def _attend(self, process: ChildProcess) -> None:
         async with trio.open_nursery() as nursery:
@@ -96,6 +105,7 @@ class Tasks(Actor):
                 self.status, running=False, exit_reason=reason, exit_detail=detail
             )
             self._gate.tell(Stop(Reason.POLICY, detail or "the task was stopped"))
+        self._gone.set()
 
     async def _stop(self) -> TaskStatus:
         process = self.process
