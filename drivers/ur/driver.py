@@ -25,7 +25,7 @@ from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import JOINTS, arm_of, arms
-from .gates import CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
+from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
 from .protocol import RTDE_PORT
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class UR(Driver):
         "no register tells: whether it is armed is sensor watchdog_hz"
     )
     bound_s = 0.1
+    conditions = CONDITIONS
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState
+from strands_actors.runtime.contract import Candidate, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
 from .arms import JOINTS, Arm
@@ -24,6 +24,9 @@ LOOKAHEAD_S = 0.1
 
 _ROUNDING = 1e-9
 
+_PAUSED = (RuntimeState.PAUSED, RuntimeState.PAUSING)
+_RUNNING = (RuntimeState.PLAYING, *_PAUSED)
+
 _UNLOCK = {
     "PROTECTIVE_STOP": "look at the arm, then unlock it on the pendant",
     "SAFEGUARD_STOP": "close the safeguard",
@@ -32,7 +35,7 @@ _UNLOCK = {
 
 def all_gates(arm: Arm, state_ttl_s: float) -> tuple[GateCheck, ...]:
     """In the order in which they are asked: the first that refuses answers."""
-    return (stale(state_ttl_s), robot_mode, safety_mode, program, past_range(arm), too_fast(arm))
+    return (stale(state_ttl_s), paused, past_range(arm), too_fast(arm))
 
 
 def parse(action: Mapping[str, object], robot: str, state: GateState) -> Candidate | Refused:
@@ -74,21 +77,32 @@ def refuse_modes(robot: int, safety: int) -> Refused | None:
     return None
 
 
-def robot_mode(candidate: Candidate, state: GateState) -> Refused | None:
-    return refuse_modes(_sensor(state, "robot_mode", RobotMode.NO_CONTROLLER), 1)
+# -- what must be true for a motion to begin, and to go on
 
 
-def safety_mode(candidate: Candidate, state: GateState) -> Refused | None:
-    return refuse_modes(RobotMode.RUNNING, _sensor(state, "safety_mode", 0))
+def modes(observation: Observation, now_ns: int) -> Refused | None:
+    robot = _sensor(observation, "robot_mode", RobotMode.NO_CONTROLLER)
+    return refuse_modes(robot, _sensor(observation, "safety_mode", 0))
 
 
-def program(candidate: Candidate, state: GateState) -> Refused | None:
-    """The control script runs, is not paused, and was not stopped since the robot was armed: motion never goes on
-    by itself after a protective stop."""
-    runs = _sensor(state, "runtime_state", 0)
-    if _sensor(state, "control", 0) != 1 or runs not in (RuntimeState.PLAYING, RuntimeState.PAUSED):
+def program(observation: Observation, now_ns: int) -> Refused | None:
+    """The control script runs, and was not stopped since the robot was armed: motion never goes on by itself after
+    a protective stop, or when the controller's watchdog has ended the script."""
+    runs = _sensor(observation, "runtime_state", 0)
+    if _sensor(observation, "control", 0) != 1 or runs not in _RUNNING:
         return Refused("program", "move: control script is not running", "stop(), then resume()", limit="PLAYING")
-    if runs == RuntimeState.PAUSED or state.observation.sensors.get("speed_scaling", (0.0,))[0] <= 0.0:
+    return None
+
+
+CONDITIONS = (modes, program)
+
+
+# -- of one setpoint
+
+
+def paused(candidate: Candidate, state: GateState) -> Refused | None:
+    runs = _sensor(state.observation, "runtime_state", 0)
+    if runs in _PAUSED or state.observation.sensors.get("speed_scaling", (0.0,))[0] <= 0.0:
         return Refused("paused", "move: the program is paused", "play it on the pendant, or raise the speed slider")
     return None
 
@@ -155,6 +169,6 @@ def too_fast(arm: Arm) -> GateCheck:
     return too_fast
 
 
-def _sensor(state: GateState, name: str, missing: int) -> int:
-    row = state.observation.sensors.get(name)
+def _sensor(observation: Observation, name: str, missing: int) -> int:
+    row = observation.sensors.get(name)
     return round(row[0]) if row else missing

@@ -262,10 +262,10 @@ def _require_motion(log: WireLog, broken_ns: int) -> None:
     for entry in log.entries():
         if entry.t_ns >= broken_ns:
             break
-        if entry.sender == "host" and entry.kind in ("setpoint", "safe"):
+        if entry.kind in ("setpoint", "safe", "watchdog"):
             last = entry.kind
     if last != "setpoint":
-        raise NotMoving(f"the last that the wire showed before it was broken is {last or 'nothing'}, no setpoint")
+        raise NotMoving(f"the last on the wire before it was broken is {last or 'nothing'}, no setpoint")
 
 
 def _read(

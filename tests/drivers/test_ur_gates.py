@@ -38,7 +38,12 @@ def state(period_s: float = 0.008, age_s: float = 0.005, **sensors: float) -> Ga
 
 
 def judge(action: Mapping[str, Any], at: GateState, robot: str = "ur5e") -> Candidate | Refused:
+    """As the gate asks: conditions, parse, gates."""
     ur = driver(robot)
+    for condition in ur.conditions:
+        refusal = condition(at.observation, at.now_ns)
+        if refusal is not None:
+            return refusal
     candidate = ur.parse(action, at)
     if isinstance(candidate, Refused):
         return candidate

@@ -6,8 +6,9 @@ import functools
 import math
 import os
 import signal
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from ur_arm import ELBOW, PAN, arm_on, nudge, pid, wave
 
 from strands_actors import Robot
 from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
@@ -210,6 +212,34 @@ def test_a_stop_of_the_controllers_own(
     json_of(nudge(moving))
 
 
+def end_program(twin: Twin) -> None:
+    """As on the pendant."""
+    with socket.create_connection((twin.port.partition(":")[0], DASHBOARD_PORT)) as dashboard:
+        dashboard.sendall(b"stop\n")
+        until(lambda: b"Stopped" in dashboard.recv(4096), "it is stopped")
+
+
+def protective_stop(twin: Twin) -> None:
+    twin.order("safety PROTECTIVE_STOP")
+
+
+@pytest.mark.parametrize("how", [end_program, protective_stop])
+def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
+    arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
+) -> None:
+    """Nobody sends a setpoint that could be refused: the tree itself notices, makes safe and says why."""
+    json_of(nudge(arm))
+    how(twin)
+    ended_ns = time.monotonic_ns()
+    until(lambda: state(arm) == "disarmed", "it is disarmed")
+    # which of the two the tree hears of first is chance
+    assert status(arm)["cause"].startswith(("control script is not running", "PROTECTIVE_STOP (3)"))
+    until(lambda: twin.log.first_safe(ended_ns), "a safe frame of ours")
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(ended_ns)
+    assert "call resume() first" in why(nudge(arm))
+
+
 def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir: Path) -> None:
     twin.order("safety PROTECTIVE_STOP")
     time.sleep(0.1)
@@ -373,3 +403,16 @@ def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path,
 def nudge_blind(arm: RealRobot) -> dict[str, object]:
     """A command without a look first: there may be nothing to see."""
     return dict(arm.send_action({PAN: 0.0}))
+
+
+def test_a_twin_without_a_processor_for_a_moment_does_not_miss_what_has_come(arm: RealRobot, twin: Twin) -> None:
+    """Its watchdog (0.1 s) goes by what it was sent, not by when it came to read it."""
+    for _ in range(5):
+        assert nudge(arm)["status"] == "success"
+        twin.pause()
+        time.sleep(0.15)
+        again_ns = time.monotonic_ns()
+        twin.go_on()
+        until(lambda: len(twin.log.host("setpoint", again_ns)) > 20, "it is written to again")  # noqa: B023
+    assert not [entry for entry in twin.log.entries() if entry.kind == "watchdog"]
+    assert state(arm) == "armed"

@@ -106,6 +106,7 @@ class URServer(TcpServer):
         due_s = trio.current_time()
         while True:
             await self._frost.thawed()
+            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
             self.controller.tick()
             self._rtde.push(time.monotonic())
             due_s = max(due_s + period_s, trio.current_time() - period_s)

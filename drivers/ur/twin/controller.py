@@ -182,14 +182,15 @@ class Controller:
     # -- time
 
     def tick(self) -> None:
-        now_s = self.now_s()
-        elapsed_s, self._ticked_s = min(now_s - self._ticked_s, 0.1), now_s
+        # As of the tick before: what had come by then has been read, also by a twin that had no processor.
+        seen_s, now_s = self._ticked_s, self.now_s()
+        elapsed_s, self._ticked_s = min(now_s - seen_s, 0.1), now_s
         if self._starting is not None and now_s >= self._starting[0]:
             make = self._starting[1]
             self._starting = None
             self.program = make()
         for period_s, written_s in list(self._watched.values()):
-            if now_s - written_s > period_s:
+            if seen_s - written_s > period_s:
                 self.stop_program()
                 self._on_event("watchdog")
                 break
