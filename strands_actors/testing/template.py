@@ -92,13 +92,17 @@ class Template:
 
 
 def serve(sock: socket.socket) -> dict[str, Any]:
-    """Fork for each request; return in the child, with what it is to do. Ends when nobody can ask any more."""
+    """Fork for each request; return in the child, with what it is to do. Ends when nobody can ask any more, and the
+    last child with it: one that spins, as it was told to, would never notice."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel collects them
     sock.sendall(b"ready")
+    last = -1
     while True:
         request, descriptors, _, _ = socket.recv_fds(sock, _MAX_REQUEST, 3)
         if not request:
-            _end()
+            _end(last)
+        if last >= 0:
+            os.close(last)
         pid = os.fork()
         if pid == 0:
             os.setsid()
@@ -111,10 +115,23 @@ def serve(sock: socket.socket) -> dict[str, Any]:
             return wanted
         for descriptor in descriptors:
             os.close(descriptor)
+        last = _descriptor_of(pid)
         sock.sendall(str(pid).encode())
 
 
-def _end() -> NoReturn:
+def _descriptor_of(pid: int) -> int:
+    """By which a child can be killed, and nobody else who has got its number since; -1: it is gone, or the system has
+    none (macOS)."""
+    try:
+        return os.pidfd_open(pid)
+    except (AttributeError, ProcessLookupError):
+        return -1
+
+
+def _end(last: int) -> NoReturn:
+    if last >= 0:
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(last, signal.SIGKILL)
     os._exit(0)
 
 

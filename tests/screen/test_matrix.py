@@ -299,3 +299,27 @@ def test_what_is_asked_wrongly_is_one_line(cli: Command, arguments: list[str], n
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert named in done.stderr
+
+
+MOVING = """
+import time
+from strands_actors.testing.bench import moving_robot
+with moving_robot("so101") as (bench, caller):
+    caller.tell("spin")
+    print(caller.process.pid, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_bench_that_is_killed_leaves_no_caller_that_spins() -> None:
+    with subprocess.Popen([sys.executable, "-c", MOVING], stdout=subprocess.PIPE, text=True) as bench:
+        try:
+            assert bench.stdout is not None
+            caller = int(bench.stdout.readline())
+            assert Path(f"/proc/{caller}").exists()
+        finally:
+            bench.kill()
+    deadline_s = time.monotonic() + 20.0
+    while Path(f"/proc/{caller}").exists():
+        assert time.monotonic() < deadline_s, "it spins on"
+        time.sleep(0.01)
