@@ -120,8 +120,8 @@ def serve(sock: socket.socket) -> dict[str, Any]:
 
 
 def _descriptor_of(pid: int) -> int:
-    """By which a child can be killed, and nobody else who has got its number since; -1: it is gone, or the system has
-    none (macOS)."""
+    """By which a child can be killed, and nobody who has got its number since; -1: it is gone, or the
+    system has none (macOS)."""
     try:
         return os.pidfd_open(pid)
     except (AttributeError, ProcessLookupError):
