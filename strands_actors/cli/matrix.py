@@ -108,3 +108,5 @@ def _tell(row: Row) -> None:
         f"disturbed {row.disturbed}  {verdict(row) if row.safe else verdict(row).upper()}"
     )
     print(f"{CLEAR if sys.stderr.isatty() else ''}{line}", file=sys.stderr, flush=True)
+    for story in row.stories[-1:]:
+        print(f"    the wire: {story}", file=sys.stderr, flush=True)

@@ -68,6 +68,7 @@ class Outcome:
     gone_ms: float = 0.0  # a caller that ends by itself: from its last statement to its end
     stood_ms: float = 0.0  # so long the processes of the tree, the twin and the bench stood in line for a processor
     instead: str = ""  # the rung it was brought to before the fault could show, for want of a processor
+    story: str = ""  # of one that is not safe, or late: what the wire showed, milliseconds from the fault
 
     @property
     def safe(self) -> bool:
@@ -162,7 +163,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     since_ns = died_ns[0] if ended_by_itself else began_ns
     gone_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
     _require_motion(bench.log, began_ns)
-    return _read(bench.log, bench.driver, cell, began_ns, since_ns, gone_ms, stood_ms)
+    return _told(_read(bench.log, bench.driver, cell, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
@@ -230,7 +231,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     bench.twin.fault("ok")
     _require_motion(bench.log, broken_ns)
     outcome = _read(bench.log, bench.driver, cell, since_ns, since_ns, 0.0, stood_ms)
-    return outcome if confirmed else replace(outcome, all_motors=False)
+    return _told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
@@ -290,6 +291,11 @@ def _read(
     safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
     after = log.setpoints_after_safe(began_ns)
     return Outcome(cell.victim, cell.fault, rung, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
+
+
+def _told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
+    """With its story, where somebody will want to know it: the log itself is gone with the next trial."""
+    return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
 async def _until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:

@@ -37,6 +37,7 @@ class Row:
     unsafe: int = 0  # trials without a whole safe frame, or with a setpoint behind it
     disturbed: int = 0  # trials that were late because their processes stood in line for a processor
     proves: tuple[str, ...] = ()
+    stories: tuple[str, ...] = ()  # of the trials that are not safe, or late
 
     @property
     def excused(self) -> bool:
@@ -103,6 +104,7 @@ def summary(robot: str, cell: Cell, outcomes: Sequence[Outcome]) -> Row:
         sum(not outcome.safe for outcome in outcomes),
         len(outcomes) - len(counted),
         cell.proves,
+        tuple(outcome.story for outcome in counted if not outcome.safe or outcome.late),
     )
 
 
@@ -189,6 +191,10 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
             f"| {row.bound_ms:.0f} | {row.setpoints_after} | {row.trials} | {row.disturbed} "
             f"| {', '.join(row.proves)} |"
         )
+    for row in rows:
+        for story in row.stories:
+            yield ""
+            yield f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}."
     yield ""
     yield "Not applicable:"
     yield ""

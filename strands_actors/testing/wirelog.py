@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+RUNS = 12
+"""Of a story."""
+
 
 class Entry(NamedTuple):
     t_ns: int  # CLOCK_MONOTONIC, when the bytes were read off the wire
@@ -56,6 +59,20 @@ class WireLog:
     def tail(self) -> Tail:
         """From its beginning, and then what is new."""
         return Tail(self.path)
+
+    def story(self, since_ns: int) -> str:
+        """What the wire shows from then on, for people: each kind with its first time in ms, runs of one kind as
+        one, the last ``RUNS`` of them. What a robot answers is left out."""
+        runs: list[tuple[str, float, int]] = []
+        for entry in self.entries(since_ns):
+            if entry.sender == "robot" and entry.kind == "read":
+                continue
+            what = f"{entry.sender} {entry.kind}" + (f" ({entry.rung})" if entry.rung else "")
+            if runs and runs[-1][0] == what:
+                runs[-1] = what, runs[-1][1], runs[-1][2] + 1
+            else:
+                runs.append((what, (entry.t_ns - since_ns) / 1e6, 1))
+        return ", ".join(f"{at_ms:.1f} {what} x {count}" for what, at_ms, count in runs[-RUNS:]) or "nothing"
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
         """What the host wrote of one kind."""

@@ -90,6 +90,30 @@ def test_another_rung_is_excused_only_when_the_machine_explains_it_and_nothing_f
     assert not read_of(30.0, "setpoint").safe
 
 
+def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> None:
+    path = tmp_path / "wire.ndjson"
+    kinds = [("host", "enable"), *[("host", "setpoint")] * 3, ("robot", "read"), ("robot", "watchdog")]
+    rows = [{"t_ns": at * 10**6, "from": who, "kind": kind, "hex": ""} for at, (who, kind) in enumerate(kinds)]
+    rows.append({"t_ns": 7_500_000, "from": "host", "kind": "safe", "hex": "", "rung": "limp"})
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    story = WireLog(path).story(10**6)
+    assert story == "0.0 host setpoint x 3, 4.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
+    assert WireLog(path).story(10**9) == "nothing"
+    told = [
+        cells._told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))
+    ]
+    assert [each.story for each in told] == ["", story, story]
+    row = summary("so101", WIRE_KILL, told)
+    assert row.stories == (story, story)
+    text = page([row], conditions(some_trials(*told, path=tmp_path / "trials.jsonl")))
+    assert f"wire kill, not safe: from the fault on the wire showed {story}." in text
+    assert [each.story for each in Trials(tmp_path / "trials.jsonl", 1).of("so101", WIRE_KILL)] == [
+        "",
+        story,
+        story,
+    ]
+
+
 def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
     path = tmp_path / "trials.jsonl"
     drivers: dict[str, type[Driver] | None] = {"so101": None}
