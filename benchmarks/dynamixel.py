@@ -13,6 +13,7 @@ QUESTION = Question(
         "our wire": side("koch", "wire"),
         "dynamixel-sdk": side("koch", "sdk"),
         "floor": side("koch", "floor"),
+        "floor in a loop of trio": side("koch", "loop"),
     },
     goals=(
         Goal("of_limit_x", "", at_least=0.90),
@@ -23,6 +24,6 @@ QUESTION = Question(
         whole="21 bytes a servo, each in a frame of its own (one that is missing ends a fast answer for all)",
         own=388,
     ),
-    ground="floor",
+    ground="floor in a loop of trio",
     rounds=2,
 )

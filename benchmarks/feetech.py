@@ -16,10 +16,10 @@ def side(robot: str, who: str, peer: str = "") -> Side:
 LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is what this machine leaves of that: the same
 bytes, made in advance, through a blocking descriptor. Two thirds of our processor time are the kernel's, in the
 `write` of a pseudo terminal (`SerialPort.write` in the flame graph); encoding and decoding are 20 µs a cycle.
-What we add to the floor is one wake-up of trio's loop per answer, 30 to 60 µs here: a loop that serves stops
-meanwhile cannot block in `read`. The vendor's SDK, which does, stands between. `our wire` is what a robot of
-ours does in every cycle: it reads {whole}, so its own limit is {own} Hz, and is asked at the control rate, not
-flat out."""
+What we add to the floor is mostly one wake-up of trio's loop per answer, which `floor in a loop of trio` has, too:
+a loop that serves stops meanwhile cannot block in `read`. The vendor's SDK, which does, stands between. `our
+wire` is what a robot of ours does in every cycle: it reads {whole}, so its own limit is {own} Hz, and is asked at
+the control rate, not flat out."""
 
 QUESTION = Question(
     name="feetech",
@@ -30,6 +30,7 @@ QUESTION = Question(
         "feetech-servo-sdk": side("so101", "sdk"),
         "lerobot": side("so101", "lerobot", "lerobot"),
         "floor": side("so101", "floor"),
+        "floor in a loop of trio": side("so101", "loop"),
     },
     goals=(
         Goal("of_limit_x", "", at_least=0.90),
@@ -38,6 +39,6 @@ QUESTION = Question(
     limit=LIMIT.format(
         bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     ),
-    ground="floor",
+    ground="floor in a loop of trio",
     rounds=2,
 )

@@ -1,5 +1,5 @@
 """``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot,
-floor.
+floor, loop (the floor in a loop of trio).
 
 The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the
 positions of all servos in one sync read, and write the same goals in one sync write; ``wire`` is what a robot of
@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from benchmarks.sides.wire import percentile
@@ -48,6 +49,19 @@ def told(cycle: Cycle, seconds: float) -> dict[str, float]:
     while time.perf_counter() - began_s < seconds:
         at_s = time.perf_counter()
         cycle(len(took_us))
+        took_us.append((time.perf_counter() - at_s) * 1e6)
+    elapsed_s = time.perf_counter() - began_s
+    return figures(took_us, time.process_time() - used_s, elapsed_s)
+
+
+async def told_async(cycle: Callable[[int], Awaitable[None]], seconds: float) -> dict[str, float]:
+    for number in range(50):
+        await cycle(number)
+    took_us: list[float] = []
+    used_s, began_s = time.process_time(), time.perf_counter()
+    while time.perf_counter() - began_s < seconds:
+        at_s = time.perf_counter()
+        await cycle(len(took_us))
         took_us.append((time.perf_counter() - at_s) * 1e6)
     elapsed_s = time.perf_counter() - began_s
     return figures(took_us, time.process_time() - used_s, elapsed_s)
@@ -166,23 +180,26 @@ def _without_torch() -> None:
 # -- the least there is
 
 
+def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
+    """A question, the bytes of its answer, and goals, made in advance."""
+    if robot == FEETECH:
+        from strands_actors.drivers.feetech import protocol as feetech
+
+        frames = [feetech.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+        return feetech.sync_read(MOTORS, 56, 2), 6 * 8, frames
+    from strands_actors.drivers.dynamixel import protocol as dynamixel
+
+    frames = [dynamixel.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    return dynamixel.fast_sync_read(MOTORS, 132, 4), 8 + 6 * 8, frames
+
+
 def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """Frames made in advance, answers counted and not looked at, blocking: what terminal and machine leave."""
-    import os
+    """Answers are counted and not looked at, blocking: what terminal and machine leave."""
     import termios
 
     import serial
 
-    if robot == FEETECH:
-        from strands_actors.drivers.feetech import protocol as feetech
-
-        ask, answer_bytes = feetech.sync_read(MOTORS, 56, 2), 6 * 8
-        frames = [feetech.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
-    else:
-        from strands_actors.drivers.dynamixel import protocol as dynamixel
-
-        ask, answer_bytes = dynamixel.fast_sync_read(MOTORS, 132, 4), 8 + 6 * 8
-        frames = [dynamixel.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
+    ask, answer_bytes, frames = _made(robot)
     device = serial.Serial(port, BAUD)
     fd = device.fileno()
     os.set_blocking(fd, True)
@@ -198,6 +215,27 @@ def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
         os.write(fd, frames[number % 20])
 
     return told(cycle, seconds)
+
+
+def loop(robot: str, port: str, seconds: float) -> dict[str, float]:
+    """As ``floor``, in a loop of trio that could serve others meanwhile."""
+    import serial
+    import trio
+
+    ask, answer_bytes, frames = _made(robot)
+    device = serial.Serial(port, BAUD)
+    fd = device.fileno()
+    os.set_blocking(fd, False)
+
+    async def cycle(number: int) -> None:
+        os.write(fd, ask)
+        missing = answer_bytes
+        while missing > 0:
+            await trio.lowlevel.wait_readable(fd)
+            missing -= len(os.read(fd, 4096))
+        os.write(fd, frames[number % 20])
+
+    return trio.run(told_async, cycle, seconds)
 
 
 # -- ours
@@ -221,16 +259,7 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
     gc.freeze()  # as the wire process does
     lost: list[int] = []
     cycle = _whole(wire, driver, lost) if whole_wire else _bus(wire, robot, lost)
-    took_us: list[float] = []
-    for number in range(50):
-        await cycle(number)
-    used_s, began_s = time.process_time(), time.perf_counter()
-    while time.perf_counter() - began_s < seconds:
-        at_s = time.perf_counter()
-        await cycle(len(took_us))
-        took_us.append((time.perf_counter() - at_s) * 1e6)
-    elapsed_s = time.perf_counter() - began_s
-    found = figures(took_us, time.process_time() - used_s, elapsed_s)
+    found = await told_async(cycle, seconds)
     wire.close()
     return _unless_lost(found, lost)
 
@@ -286,6 +315,8 @@ def main(who: str, length: str, robot: str, port: str) -> None:
             found = ours(robot, port, seconds, who == "wire")
         case "floor":
             found = floor(robot, port, seconds)
+        case "loop":
+            found = loop(robot, port, seconds)
         case "sdk" if robot == FEETECH:
             found = feetech_sdk(port, seconds)
         case "sdk":
