@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+import functools
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Any
 
 import trio
@@ -85,6 +86,17 @@ class AsyncRobot:
     def observations(self, hz: float = 30.0) -> Observations:
         """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
         return Observations(self._tree, hz)
+
+    async def service(self, name: str, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``."""
+        return await answered(name, verbs.service, self._tree, name, arguments)
+
+    def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
+        """The driver's own services as methods."""
+        plan: Plan | None = self.__dict__.get("_plan")
+        if plan is None or name not in plan.driver_class.SERVICES:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return functools.partial(self.service, name)
 
     async def stop(self) -> Answer:
         """De-energise every motor and report each."""

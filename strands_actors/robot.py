@@ -335,7 +335,9 @@ class SimRobot(RealRobot):
     there follow the wire, and a command to them here is refused.
     """
 
-    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "observe", "resume", "run_policy", "start_task", "reset"})
+    LAZY: ClassVar[frozenset[str]] = frozenset(
+        {"move", "observe", "resume", "run_policy", "start_task", "reset", "step"}
+    )
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         super().__init__(plan, approval)
@@ -352,6 +354,13 @@ class SimRobot(RealRobot):
         """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise ``SimulationError`` without a
         display."""
         self._call(self._world.view)
+
+    def step(self, steps: int = 1) -> Answer:
+        """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed. Answers with
+        ``position`` after them and ``sim_time_s``. A target that was sent before counts from the first step on;
+        ``get_observation`` follows within a control period. Deadlines, leases and rollouts are of the clock all the
+        same, and between calls the physics keeps to it."""
+        return self.service("step", steps=steps)
 
     def reset(self) -> Answer:
         """Stop, put every joint back to where it began, energise."""

@@ -273,7 +273,7 @@ class Gate(Actor):
         refusal = self._refuse_by_lease(service, message.lease, message.epoch)
         if refusal is not None:
             return refusal
-        if self._live_until_ns:
+        if self._live_until_ns and not self._driver.SERVICES[service].in_motion:
             return Refused(
                 "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
             )

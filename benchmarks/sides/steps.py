@@ -1,28 +1,45 @@
 """Steps of an SO-101's physics: ``python -m benchmarks.sides.steps SIDE [short]``.
 
-Through the verbs the simulation is commanded and read in turn, as fast as it answers; the physics keeps to
-wall time, so that its steps a second are what one over the time step is. How many it could do, its processor
-time says.
+The arm is sent somewhere and the physics steps, in turn: a control period (20 ms), a second, ten seconds at a time.
+Through the verbs that is ``send_action`` and ``step``.
 """
 
 from __future__ import annotations
 
-import os
+import math
 import time
 import tomllib
+from collections.abc import Callable
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from benchmarks.house import Figures
 
 from .common import answer
 
-CONTROL_S = 0.02
+SIZES = {"control_period_per_s": 10, "second_per_s": 500, "ten_seconds_per_s": 5000}
+"""Steps at a time."""
 
 
 def span_s(short: bool) -> float:
-    return 1.0 if short else 5.0
+    return 0.5 if short else 3.0
+
+
+def target_deg(number: int) -> float:
+    return (number % 40) - 20.0
+
+
+def rates(go: Callable[[int, int], None], short: bool) -> Figures:
+    """``go(number, steps)``: to another target, and so many steps."""
+    figures: Figures = {}
+    for figure, steps in SIZES.items():
+        go(0, steps)
+        number, began_s = 0, time.perf_counter()
+        while (passed_s := time.perf_counter() - began_s) < span_s(short):
+            go(number, steps)
+            number += 1
+        figures[figure] = number * steps / passed_s
+    return figures
 
 
 def table() -> dict[str, Any]:
@@ -31,39 +48,23 @@ def table() -> dict[str, Any]:
     return found
 
 
-def processor_s(pid: int) -> float:
-    """User and system time of a process, all its threads."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def verbs(short: bool) -> Figures:
     from strands_actors import Robot
-    from strands_actors.drivers.common.model_rows import TIMESTEP_S
 
     with Robot("so101") as robot:
         problem = robot.connect_eagerly()
         assert problem is None, problem
-        assert robot.engine is not None
-        pid = robot.engine.pid
-        cycles = 0
-        began_s, before_s = time.perf_counter(), processor_s(pid)
-        while (passed_s := time.perf_counter() - began_s) < span_s(short):
-            sent = robot.send_action({"shoulder_pan": (cycles % 40) - 20.0})
-            assert sent["status"] == "success", sent
-            assert robot.get_observation()
-            cycles += 1
-        steps = passed_s / TIMESTEP_S
-        used_s = processor_s(pid) - before_s
-    return {
-        "steps_per_s": steps / passed_s,
-        "steps_per_cpu_s": steps / used_s,
-        "cycles_per_s": cycles / passed_s,
-    }
+
+        def go(number: int, steps: int) -> None:
+            sent = robot.send_action({"shoulder_pan": target_deg(number)})
+            stepped = robot.step(steps)
+            assert sent["status"] == stepped["status"] == "success", (sent, stepped)
+
+        return rates(go, short)
 
 
 def raw(short: bool) -> Figures:
-    """The same model and targets, a control period at a time."""
+    """The same model and targets."""
     import mujoco
 
     from strands_actors.drivers.common.physics import Plant
@@ -71,19 +72,12 @@ def raw(short: bool) -> Figures:
     plant = Plant.from_table(table())
     for index in range(len(plant.joints)):
         plant.take(index, True)
-    each = round(CONTROL_S / plant.model.opt.timestep)
-    steps, cycles = 0, 0
-    began_s, before_s = time.perf_counter(), time.process_time()
-    while (passed_s := time.perf_counter() - began_s) < span_s(short):
-        plant.data.ctrl[0] = ((cycles % 40) - 20.0) * 0.017
-        mujoco.mj_step(plant.model, plant.data, each)
-        steps += each
-        cycles += 1
-    return {
-        "steps_per_s": steps / passed_s,
-        "steps_per_cpu_s": steps / (time.process_time() - before_s),
-        "cycles_per_s": cycles / passed_s,
-    }
+
+    def go(number: int, steps: int) -> None:
+        plant.data.ctrl[0] = math.radians(target_deg(number))
+        mujoco.mj_step(plant.model, plant.data, steps)
+
+    return rates(go, short)
 
 
 if __name__ == "__main__":

@@ -20,9 +20,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from .door.protocol import TIMESTEP_S
 from .without_gl import mujoco
 
-TIMESTEP_S = 0.002
 LINK_EXTENT_M = 0.1
 """Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be exact."""
 

@@ -37,5 +37,9 @@ class PlantBody:
     def hold(self) -> None:
         self.aim(self._plant.position_rad)
 
+    def step(self, steps: int) -> None:
+        self._plant.step(steps)
+        self.pass_time()
+
     def reset(self) -> None:
         self._plant.go_home()

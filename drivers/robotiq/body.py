@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from strands_actors.drivers.common.door.body import Felt, Hand
+from strands_actors.drivers.common.door.protocol import TIMESTEP_S
 
 from .mechanism import Gripper
 from .protocol import TOP
@@ -57,6 +58,9 @@ class GripperBody:
 
     def hold(self) -> None:
         self.aim((self._closed,))
+
+    def step(self, steps: int) -> None:
+        self._gripper.hurry(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._gripper.open_up()

@@ -130,6 +130,12 @@ class Gripper:
         """Since it was made."""
         return self._then_s - self._born_s
 
+    def hurry(self, seconds: float) -> None:
+        """Be led for so long at once, which no clock has seen."""
+        self._born_s -= seconds
+        if self.led_to is not None and not (self.stuck or self.driven):
+            self._lead(self.led_to, seconds)
+
     def open_up(self) -> None:
         """At once, and led by nobody."""
         self._position, self.led_to = float(self._setup.open), None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from strands_actors.drivers.common.door import protocol as p
 from strands_actors.drivers.common.door.body import Hand
-from strands_actors.drivers.common.door.client import DoorClient
+from strands_actors.drivers.common.door.client import DoorClient, Refusal
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+from strands_actors.runtime.messages import Refused
 
 from .gates import HELD_BY_WIRE, LET_GO
 
@@ -31,6 +32,7 @@ class SimWire(Wire):
         self._driver = driver
         self._clock = clock
         self._door: DoorClient | None = None
+        self._beside: DoorClient | None = None
         self._armed = False
         self._seen: Observation | None = None
 
@@ -73,10 +75,23 @@ class SimWire(Wire):
         self._armed = self._armed and self._driver.energised(rung)
         return await _make_safe(self._driver, self._door, rung)
 
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """``step``, in a conversation beside the readings'. A target written before is heard before."""
+        permit.check()
+        self._beside = beside = self._beside or DoorClient(self._driver.port)
+        try:
+            step = p.Step(0, int(arguments.get("steps", 1)))
+            sample = await beside.call(step, p.Sample, self._driver.SERVICES[service].within_s)
+        except Refusal as refusal:
+            return Refused("wire", f"{service}: {refusal}")
+        position = self._driver.as_json(self._observed(sample).position)
+        return {"position": position, "sim_time_s": sample.time_s}
+
     def close(self) -> None:
-        if self._door is not None:
-            self._door.close()
-        self._door = self._seen = None
+        for door in (self._door, self._beside):
+            if door is not None:
+                door.close()
+        self._door = self._beside = self._seen = None
         self._armed = False
 
     @property
@@ -86,9 +101,13 @@ class SimWire(Wire):
         return self._door
 
     def _observe(self, sample: p.Sample) -> Observation:
+        self._seen = self._observed(sample)
+        return self._seen
+
+    def _observed(self, sample: p.Sample) -> Observation:
         driver, now_ns = self._driver, self._clock.now_ns()
         rows = list(zip(sample.position, sample.velocity, driver.units, strict=True))
-        self._seen = Observation(
+        return Observation(
             t_ns=now_ns,
             position=tuple(zero + scale * position for position, _, (zero, scale) in rows),
             stamp_ns=(now_ns,) * len(rows),
@@ -96,7 +115,6 @@ class SimWire(Wire):
             sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,)},
             faults=_faults(driver.axes, sample.hands) if self._armed else {},
         )
-        return self._seen
 
 
 class SimSecondPath(SecondPath):

@@ -14,10 +14,10 @@ to a pose from which it cannot fall before the policy ends.
 from __future__ import annotations
 
 import importlib
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.drivers.common.numbers import is_count
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
 from strands_actors.runtime.messages import Refused
@@ -167,13 +167,7 @@ class Go2Driver(_Legs):
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         refusal = super().check_service(service, arguments)
         attempts = arguments.get("attempts", ATTEMPTS)
-        if refusal is None and not _is_count(attempts, ATTEMPTS):
+        if refusal is None and not is_count(attempts, ATTEMPTS):
             why = f"{service}: attempts is {attempts}"
             return Refused("bad_argument", why, f"give 1 to {ATTEMPTS}", str(attempts), f"1..{ATTEMPTS}")
         return refusal
-
-
-def _is_count(value: object, most: int) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return False
-    return value == int(value) and 1 <= value <= most

@@ -70,6 +70,7 @@ class Service(msgspec.Struct, frozen=True):
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
+    in_motion: bool = False  # may be asked for while a target stands
 
 
 class Observation(Message, frozen=True):

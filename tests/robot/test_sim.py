@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -367,3 +368,74 @@ def test_a_display_that_does_not_answer_opens_no_window(
     monkeypatch.setenv("DISPLAY", ":4711")
     with pytest.raises(SimulationError, match="view: the viewer did not open"):
         new_sim().view()
+
+
+# -- faster than the clock
+
+
+def test_a_step_lets_time_pass_that_no_clock_has_seen(new_sim: NewSim) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_pan": 60.0}))
+    began_s = time.monotonic()
+    before = json_of(sim.step())
+    after = json_of(sim.step(50_000))
+    took_s = time.monotonic() - began_s
+    assert 100.0 <= after["sim_time_s"] - before["sim_time_s"] <= 100.0 + took_s
+    assert took_s < 50.0
+    assert abs(after["position"]["shoulder_pan"] - 60.0) < 1.0
+    at(sim, "shoulder_pan", 60.0)
+    time.sleep(0.5)
+    then = json_of(sim.step())["sim_time_s"] - after["sim_time_s"]
+    assert 0.4 < then < 20.0, "between steps it keeps to the clock"
+
+
+def test_a_target_that_was_sent_before_counts_from_the_first_step_on(new_sim: NewSim) -> None:
+    sim = new_sim()
+    for target in [-40.0, 40.0] * 20:
+        json_of(sim.send_action({"shoulder_pan": target}))
+        assert abs(json_of(sim.step(2000))["position"]["shoulder_pan"] - target) < 1.0
+
+
+def test_a_robot_that_was_let_go_of_falls_in_no_time(new_sim: NewSim) -> None:
+    sim = new_sim()
+    json_of(sim.send_action({"shoulder_lift": -40.0}))
+    json_of(sim.step(2000))
+    json_of(sim.stop())
+    assert json_of(sim.step(2000))["position"]["shoulder_lift"] > -30.0
+
+
+@pytest.mark.parametrize("steps", [0, -1, 1.5, True, 100_001, math.inf, "1"])
+def test_steps_are_counted(new_sim: NewSim, steps: Any) -> None:
+    assert "give a whole number, 1 to 100000" in why(new_sim().step(steps))
+
+
+def test_the_time_of_a_robot_on_its_wire_is_the_clocks(new_sim: NewSim, new_arm: NewArm) -> None:
+    sim = new_sim()
+    arm = new_arm(sim)
+    json_of(arm.send_action({"shoulder_pan": 1.0}))
+    assert "step: the robot on the wire is energised" in why(sim.step(10))
+    json_of(arm.stop())
+    json_of(sim.step(10))
+
+
+@pytest.mark.parametrize("robot", ["robotiq_2f85", "ur5e"])
+def test_other_bodies_step_too(robot: str, new_sim: NewSim) -> None:
+    sim = new_sim(robot)
+    axis, value = {"robotiq_2f85": ("gripper", 0.5), "ur5e": ("shoulder_pan_joint", 0.5)}[robot]
+    json_of(sim.send_action({axis: value}))
+    began_s = time.monotonic()
+    stepped = json_of(sim.step(2000))
+    assert time.monotonic() - began_s < 3.0
+    assert abs(stepped["position"][axis] - value) < 0.05 * value
+
+
+def test_a_simulation_of_a_trio_program_steps(run_dir: Path) -> None:
+    async def main() -> None:
+        async with open_robot("so101") as robot:
+            await robot.send_action({"shoulder_pan": 30.0})
+            stepped = json_of(await robot.step(steps=2000))
+            assert abs(stepped["position"]["shoulder_pan"] - 30.0) < 1.0
+            with pytest.raises(AttributeError):
+                robot.release_sport_mode  # noqa: B018
+
+    trio.run(main)

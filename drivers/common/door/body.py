@@ -53,6 +53,10 @@ class Body(Protocol):
         """Let what was taken stay where it is."""
         ...
 
+    def step(self, steps: int) -> None:
+        """Let so many time steps of the model (``model_rows.TIMESTEP_S``) pass at once."""
+        ...
+
     def reset(self) -> None:
         """Everything as at first."""
         ...

@@ -16,6 +16,10 @@ MAX_REQUEST = 1 << 16
 MAX_REPLY = 1 << 26
 """Bytes; the longest is a picture."""
 
+TIMESTEP_S = 0.002
+"""Of the physics of every twin."""
+MOST_STEPS = 100_000
+
 LIMP = "limp"
 HOLD = "hold"
 
@@ -50,6 +54,13 @@ class Read(Frame, frozen=True):
 
 class Reset(Frame, frozen=True):
     """Back to where it began, limp. ``Sample``, or ``No`` while the wire holds a joint."""
+
+
+class Step(Frame, frozen=True):
+    """Let so many time steps pass at once, 1 to ``MOST_STEPS``, after what other clients have said before.
+    ``Sample``, or ``No`` while the wire holds a joint."""
+
+    steps: int
 
 
 class Render(Frame, frozen=True):
@@ -102,7 +113,7 @@ class No(Frame, frozen=True):
     why: str
 
 
-Request = Hello | Take | Aim | Safe | Read | Reset | Render | GetModel | GetPose
+Request = Hello | Take | Aim | Safe | Read | Reset | Step | Render | GetModel | GetPose
 Reply = Axes | Sample | Picture | Model | Pose | No
 
 FrameT = TypeVar("FrameT")

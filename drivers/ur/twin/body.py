@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from strands_actors.drivers.common.door.body import Felt, Hand
+from strands_actors.drivers.common.door.protocol import TIMESTEP_S
 from strands_actors.drivers.common.plant_body import PlantBody
 
 from .controller import Controller
@@ -39,6 +40,10 @@ class URBody(PlantBody):
     def hold(self) -> None:
         if self._hand is Hand.SIM:
             self._controller.move(Hold())
+
+    def step(self, steps: int) -> None:
+        self._controller.motion.advance(self._plant, steps * TIMESTEP_S)
+        super().step(steps)
 
     def reset(self) -> None:
         super().reset()
