@@ -54,7 +54,7 @@ class Body(Protocol):
         ...
 
     def step(self, steps: int) -> None:
-        """Let so many time steps of the model (``model_rows.TIMESTEP_S``) pass at once."""
+        """Let so many time steps of physics (``protocol.TIMESTEP_S``) pass at once."""
         ...
 
     def reset(self) -> None:
