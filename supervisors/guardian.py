@@ -138,7 +138,7 @@ class Guardian(Actor):
             for pid in self._stoppage.look(self._writers()):
                 self._gate.tell(Stopped(pid))
         if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):
-            self._break(Reason.WIRE, "the wire process stopped answering")
+            self._break(Reason.WIRE, f"the wire process stopped answering ({self._silence.told(now_ns)})")
 
     def _break(self, reason: Reason, why: str) -> None:
         if not self._broken.is_set():

@@ -71,10 +71,25 @@ class Silence:
             self._looked_ns, self._before = now_ns, self._look()
         if silent_ns <= self._ttl_ns or self._ticks < OWN_TICKS:
             return False
-        return silent_ns > self._longest_ns or silent_ns - self._stood_in_line_ns(now_ns) > self._ttl_ns
+        return (
+            silent_ns > self._longest_ns or silent_ns - self._stood_in_line_ns(now_ns, self._look()) > self._ttl_ns
+        )
 
-    def _stood_in_line_ns(self, now_ns: int) -> int:
+    def told(self, now_ns: int) -> str:
+        """For people, once it is silent for too long: how long, and what it did since it was first looked at. A
+        frozen one did nothing, one that spins computed, one that is starved stood in line."""
+        text = f"silent for {(now_ns - self.heard_ns) / 1e6:.0f} ms"
         before, after = self._before, self._look()
+        if before is None or after is None:
+            return text
+        computed_ms = (after.computed_ns - before.computed_ns) / 1e6
+        return (
+            f"{text}; in the last {(now_ns - self._looked_ns) / 1e6:.0f} it computed for {computed_ms:.0f} "
+            f"and stood in line for {self._stood_in_line_ns(now_ns, after) / 1e6:.0f}"
+        )
+
+    def _stood_in_line_ns(self, now_ns: int, after: Standing | None) -> int:
+        before = self._before
         if before is None or after is None:
             return 0
         waited_ns = after.waited_ns - before.waited_ns

@@ -56,6 +56,26 @@ def test_a_starved_process_has_longer_and_not_for_ever(counted: bool) -> None:
     assert LONGEST_S * 1e3 < after_ms <= LONGEST_S * 1e3 + TICK_MS
 
 
+@pytest.mark.parametrize(
+    ("computes", "waits", "says"),
+    [
+        (0.0, 0.0, "silent for 110 ms; in the last 50 it computed for 0 and stood in line for 0"),
+        (1.0, 0.0, "silent for 110 ms; in the last 50 it computed for 50 and stood in line for 0"),
+        (0.2, 0.8, "silent for 110 ms; in the last 50 it computed for 10 and stood in line for 40"),
+    ],
+)
+def test_what_a_silent_process_did_is_told(computes: float, waits: float, says: str) -> None:
+    now_ms = 0
+    silence = Silence(TTL_S, lambda: Standing(round(computes * now_ms * MS), round(waits * now_ms * MS), False))
+    silence.heard(1)
+    for now_ms in range(10, 120, 10):
+        silence.tick(now_ms * MS + 1)
+    assert silence.told(now_ms * MS + 1) == says
+    alone = Silence(TTL_S)
+    alone.heard(1)
+    assert alone.told(110 * MS + 1) == "silent for 110 ms"
+
+
 def test_where_nobody_can_tell_silence_is_silence() -> None:
     silence = Silence(TTL_S)
     silence.heard(1)
