@@ -13,7 +13,7 @@ CASES = ("idle", "blocked", "computing")
 
 def side(who: str, peer: str = "") -> Side:
     stop = at_twins(ROBOTS, "stop", who, peer=peer)
-    estop = at_twins({"ur5e": "ur"}, "mesh_stop", who, peer=peer)
+    estop = at_twins({"ur5e": "ur"}, "mesh_stop", who, peer=peer, timeout_s=300)
 
     def ask(short: bool) -> Figures:
         return stop(short) | legs(who)(short) | estop(short)
@@ -43,7 +43,11 @@ FIGURES = (
 QUESTION = Question(
     name="stop",
     title="From a stop to the safe frame",
-    sides={"ours": side("ours"), "strands-robots": side("strands", "strands")},
+    sides={
+        "ours": side("ours"),
+        "strands-robots": side("strands", "strands"),
+        "plain zenoh and the SDK": at_twins({"ur5e": "ur"}, "mesh_stop", "bare", timeout_s=300),
+    },
     goals=tuple(Goal(figure, "", at_most=2.0, gross=25.0) for figure in FIGURES),
     limit="""The call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to
 1.8 ms, whatever the policy does, half of it waking up (half of all samples are in epoll; see `setpoint`). On a UR
@@ -52,5 +56,6 @@ row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock
 the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh adds the root's process, two
 passes of zenoh's threads and JSON that anybody may send: 2.5 to 5 ms; the reference's e-stop of a blocked issuer
 takes 2 s.""",
+    ground="plain zenoh and the SDK",
     rounds=1,
 )

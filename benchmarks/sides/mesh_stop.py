@@ -1,6 +1,7 @@
 """``estop WHO LENGTH ROBOT PORT LOG``: an e-stop over the mesh, to the first safe frame of another process' robot.
 
-Two processes, a robot each; WHO: ours, strands. This one gives the e-stop, while the policy of its own robot
+Two processes, a robot each; WHO: ours, strands, or bare: plain zenoh between the least that could be at either end,
+a ``put`` and a process with the vendor's SDK. This one gives the e-stop, while the policy of its own robot
 answers at once (``idle``) or does not come back (``blocked``). The other's is on the wire; its rollout is begun
 again each time."""
 
@@ -13,6 +14,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -23,9 +25,10 @@ from typing import Any
 from benchmarks.sides.stop import Policy, position
 from benchmarks.sides.wire import Log
 
-COUNT = {"short": 1, "long": 4}
+COUNT = {"short": 1, "long": 8}
 CASES = ("idle", "blocked")
 AGAIN_S = 0.5
+CYCLE_S = 1 / 125
 MEET_S = 3.0
 """What two processes need to find each other."""
 
@@ -95,7 +98,58 @@ def our_estop() -> Iterator[Callable[[], None]]:
         member.cancel()
 
 
+def bare(length: str, port: str, log: Log) -> dict[str, float]:
+    """Nobody's policy is asked for a stop here: one case, told as each."""
+    from benchmarks.sides.between import _session
+
+    with tempfile.TemporaryDirectory() as directory:
+        path = f"{directory}/other"
+        command = [sys.executable, "-m", "benchmarks.sides.mesh_stop", "sdk", port, path]
+        with subprocess.Popen(command) as process:
+            try:
+                until_s = time.monotonic() + MEET_S + 15.0
+                while not os.path.exists(path):
+                    if process.poll() is not None or time.monotonic() > until_s:
+                        raise RuntimeError("the process with the SDK does not begin")
+                    time.sleep(0.02)
+                session = _session([], [path])
+                halt = session.declare_publisher("bench/stop")
+                took = []
+                for _ in range(2 * COUNT[length]):
+                    wait_until_moving(log)
+                    began_ns = time.monotonic_ns()
+                    halt.put(b"stop")
+                    took.append(first_safe_ms(log, began_ns))
+            finally:
+                process.kill()
+    return dict.fromkeys((f"estop_{case}_ms" for case in CASES), statistics.median(took))
+
+
+def with_sdk(port: str, path: str) -> None:
+    """Repeats a target at the control rate; a stop ends that, for a second."""
+    from rtde_control import RTDEControlInterface
+    from rtde_receive import RTDEReceiveInterface
+
+    from benchmarks.sides.between import _session
+
+    host = port.partition(":")[0]
+    control, here = RTDEControlInterface(host), list(RTDEReceiveInterface(host).getActualQ())
+    told = threading.Event()
+    session = _session([path], [])
+    subscriber = session.declare_subscriber("bench/stop", lambda _: told.set())
+    while True:
+        control.servoJ(here, 0.5, 0.5, CYCLE_S, 0.1, 300)
+        if told.wait(CYCLE_S):
+            control.servoStop()
+            time.sleep(1.0)
+            told.clear()
+        assert subscriber is not None  # dropped, it would hear nothing
+
+
 def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
+    if who == "bare":
+        print(json.dumps(bare(length, port, Log(log_path))), flush=True)
+        os._exit(0)
     if who == "ours":
         from benchmarks.sides.stamper import ROBOT, Stamper
         from benchmarks.stage import at_home
@@ -136,13 +190,17 @@ def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict
                 raise RuntimeError("the issuer's policy was not asked")
             began_ns = time.monotonic_ns()
             press()
-            safe = log.first("safe", began_ns, within_s=15.0)
-            if safe is None:
-                raise RuntimeError("no safe frame on the wire")
-            took.append((safe.t_ns - began_ns) / 1e6)
+            took.append(first_safe_ms(log, began_ns))
             time.sleep(3.0)  # the issuer's policy comes back
         figures[f"estop_{case}_ms"] = statistics.median(took)
     return figures
+
+
+def first_safe_ms(log: Log, began_ns: int) -> float:
+    safe = log.first("safe", began_ns, within_s=15.0)
+    if safe is None:
+        raise RuntimeError("no safe frame on the wire")
+    return float(safe.t_ns - began_ns) / 1e6
 
 
 def wait_until_moving(log: Log) -> None:
@@ -158,5 +216,7 @@ def wait_until_moving(log: Log) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "other":
         keep_moving(*sys.argv[2:])
+    elif sys.argv[1] == "sdk":
+        with_sdk(*sys.argv[2:])
     else:
         main(*sys.argv[1:])
