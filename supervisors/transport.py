@@ -87,6 +87,7 @@ class Transport(Actor):
         self._lost: Wire | None = None  # closed; the last that was open, until another one is
         self._performing: trio.CancelScope | None = None
         self._opening: trio.CancelScope | None = None
+        self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
         self._written_ns = 0
@@ -106,11 +107,13 @@ class Transport(Actor):
         return type(message) in _PROMPT and self._wire is not None and self._wire.prompt
 
     async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
+        if self._spent and not isinstance(message, MakeSafe):
+            return  # the root ends this process: it is told, and misses our beats
         try:
             await self._obey(message)
         except ProcessSpent as spent:
+            self._spent = True
             self._guardian.tell(Renew(str(spent)))
-            await trio.sleep_forever()  # the root ends this process; if it does not hear, it misses our beats
 
     async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
         match message:

@@ -8,7 +8,7 @@ import trio
 
 from strands_actors.runtime.contract import ProcessSpent
 from strands_actors.runtime.supervisor import Budget
-from strands_actors.supervisors.messages import Accepted, SilentUntil
+from strands_actors.supervisors.messages import Accepted, RootGone, SilentUntil
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
 from .writer import armed, freeze
@@ -107,6 +107,32 @@ def test_opening_and_arming_announce_it(silent_s: float, monkeypatch: pytest.Mon
 
     run_virtual(run)
     assert 0.9e9 < seen[0] < 1.0e9
+
+
+def test_saf_004_a_spent_process_makes_safe_when_its_root_is_gone_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A root that spins ends nobody. Seen on a UR: the SDK hung, the root did, and no safe frame was written."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+            await trio.sleep(0.05)
+            monkeypatch.setattr(tree.keeper, "_break", lambda *_: None)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
+
+            async def read() -> None:
+                raise ProcessSpent("the SDK hangs")
+
+            transport._wire.read = read  # type: ignore[attr-defined]
+            await trio.sleep(0.05)
+            since_ns = tree.node.clock.now_ns()
+            assert not tree.hardware.of("setpoint", since_ns)
+            tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
+            await trio.sleep(0.05)
+            assert tree.hardware.of("safe", since_ns)[0].path == "wire"
+            assert not tree.hardware.of("setpoint", since_ns)
+
+    run_virtual(run)
 
 
 def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
