@@ -129,9 +129,9 @@ async def ours(short: bool) -> Figures:
                 await done.wait()
             result = figures(spans_ns, taken, began_s)
             await child.fence()
-            mesh.close()
-            topics.close()
             nursery.cancel_scope.cancel()
+        mesh.close()  # what is closed cannot be polled any more
+        topics.close()
     return result
 
 
