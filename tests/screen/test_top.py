@@ -40,7 +40,8 @@ def on_screen(cli: Command, monkeypatch: pytest.MonkeyPatch, script: Script) -> 
 async def until(pilot: Pilot[None], look: Callable[[], bool], what: str) -> None:
     deadline_s = time.monotonic() + PATIENCE_S
     while not look():
-        assert time.monotonic() < deadline_s, f"not on the screen: {what}"
+        told = [note.message for note in pilot.app._notifications]
+        assert time.monotonic() < deadline_s, f"not on the screen: {what}. It says {told}"
         await pilot.pause(0.02)
 
 
@@ -101,9 +102,10 @@ def test_a_robot_appears_is_stopped_locked_resumed_and_leaves(
             await pilot.press("r")
             await until(pilot, lambda: isinstance(app.screen, Confirm), "the question")
             await pilot.press("n")
+            await until(pilot, lambda: not isinstance(app.screen, Confirm), "that the question was answered")
             assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
             await pilot.press("r")
-            await until(pilot, lambda: isinstance(app.screen, Confirm), "the question")
+            await until(pilot, lambda: isinstance(app.screen, Confirm), "the question, again")
             await pilot.press("y")
             await until(pilot, lambda: state(app) == "armed", "the resume")
             assert robot.call("send_action", MOVE)["status"] == "success"
