@@ -54,8 +54,9 @@ QUESTION = Question(
 the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of the third
 row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four times on
 the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh adds the root's process, two
-passes of zenoh's threads and JSON that anybody may send: 3 to 4 ms. `plain zenoh and the SDK`, a `put` and a process
-that does nothing but move the arm, misses its goal as well; the reference's e-stop of a blocked issuer takes 2 s.""",
+passes of zenoh's threads and JSON that anybody may send: 3 to 4 ms. `plain zenoh and the SDK`, a `put` and a
+process that does nothing but move the arm, misses its goal as well; the reference's e-stop of a blocked issuer
+takes 2 s.""",
     ground="plain zenoh and the SDK",
     rounds=1,
 )
