@@ -93,9 +93,7 @@ class AsyncRobot:
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
         """The driver's own services as methods."""
-        plan: Plan | None = self.__dict__.get("_plan")
-        if plan is None or name not in plan.driver_class.SERVICES:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
 
     async def stop(self) -> Answer:

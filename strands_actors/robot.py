@@ -207,9 +207,7 @@ class RealRobot(RobotTool):
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """The driver's own services as methods."""
-        plan: Plan | None = self.__dict__.get("_plan")
-        if plan is None or name not in plan.driver_class.SERVICES:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
 
     def stop(self) -> Answer | PendingAnswer:

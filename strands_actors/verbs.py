@@ -11,6 +11,7 @@ from typing import Any
 
 from . import answers
 from .answers import Answer
+from .factory import Plan
 from .policies import choose_provider, robot_facts
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
@@ -78,6 +79,13 @@ async def release(tree: RobotTree) -> Answer:
     """Give the lease up."""
     refused = await tree.release()
     return answers.success({"released": True}) if refused is None else answers.refused(refused)
+
+
+def require_service(handle: object, plan: Plan | None, name: str) -> None:
+    """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None while the handle
+    is not made yet."""
+    if plan is None or name not in plan.driver_class.SERVICES:
+        raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
 
 async def service(tree: RobotTree, name: str, arguments: Mapping[str, Any]) -> Answer:

@@ -14,9 +14,3 @@ def finite(value: object) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
-
-
-def is_count(value: object, most: int) -> bool:
-    """A whole number, 1 to ``most``, however it is written."""
-    number = finite(value)
-    return number is not None and number == int(number) and 1 <= number <= most

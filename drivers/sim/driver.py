@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.drivers.common.door.protocol import HOLD, LIMP, MOST_STEPS, TIMESTEP_S
-from strands_actors.drivers.common.numbers import is_count
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, SecondPath, Service
 from strands_actors.runtime.messages import Refused
@@ -45,6 +44,7 @@ class SimDriver(Driver):
             "computed; deadlines and leases are of the clock all the same",
             within_s=30.0,
             arguments={"steps": 1},
+            counts={"steps": MOST_STEPS},
             in_motion=True,
         )
     }
@@ -63,16 +63,6 @@ class SimDriver(Driver):
         self.units = real.model_units()
         self.gates = (held(self.axes),)
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
-
-    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        steps = arguments.get("steps", 1)
-        refusal = super().check_service(service, arguments)
-        if refusal is None and not is_count(steps, MOST_STEPS):
-            why = f"{service}: steps is {steps!r}"
-            return Refused(
-                "bad_argument", why, f"give a whole number, 1 to {MOST_STEPS}", f"{steps}", f"1..{MOST_STEPS}"
-            )
-        return refusal
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse(action, state)

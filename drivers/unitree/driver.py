@@ -17,7 +17,6 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from strands_actors.drivers.common.numbers import is_count
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
 from strands_actors.runtime.messages import Refused
@@ -161,13 +160,6 @@ class Go2Driver(_Legs):
             "end the robot's own controller, so that its joints can be commanded: it no longer balances by itself",
             within_s=ATTEMPTS * RELEASE_S + 1.0,
             arguments={"attempts": ATTEMPTS},
+            counts={"attempts": ATTEMPTS},
         )
     }
-
-    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        refusal = super().check_service(service, arguments)
-        attempts = arguments.get("attempts", ATTEMPTS)
-        if refusal is None and not is_count(attempts, ATTEMPTS):
-            why = f"{service}: attempts is {attempts}"
-            return Refused("bad_argument", why, f"give 1 to {ATTEMPTS}", str(attempts), f"1..{ATTEMPTS}")
-        return refusal

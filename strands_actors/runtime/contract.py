@@ -70,6 +70,7 @@ class Service(msgspec.Struct, frozen=True):
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
+    counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
     in_motion: bool = False  # may be asked for while a target stands
 
 
@@ -268,7 +269,7 @@ class Driver(ABC):
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        """Pure. Only names and arguments that ``SERVICES`` declares pass."""
+        """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""
         known = self.SERVICES.get(service)
         if known is None:
             names = ", ".join(self.SERVICES) or "none"
@@ -281,6 +282,11 @@ class Driver(ABC):
                 return Refused(
                     "unknown_argument", f"{service}: no argument {name}", f"it takes {names}", name, names
                 )
+        for name, most in known.counts.items():
+            value = arguments.get(name, known.arguments[name])
+            if not _is_count(value, most):
+                why, limit = f"{service}: {name} is {value!r}", f"1..{most}"
+                return Refused("bad_argument", why, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
     def preload(self) -> None:  # noqa: B027  # most have nothing to load
@@ -318,3 +324,9 @@ class Driver(ABC):
     def energised(self, rung: str) -> bool:
         """Whether motors keep torque on this rung."""
         return rung == "hold"
+
+
+def _is_count(value: object, most: int) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return 1 <= value <= most and value == int(value)
