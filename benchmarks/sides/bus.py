@@ -13,7 +13,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 from benchmarks.sides.wire import percentile
@@ -40,31 +40,37 @@ def goal(number: int) -> int:
     return GOAL + number % 20
 
 
+class Laps:
+    """Numbers, one for each cycle, for so many seconds; then ``figures``, of what passed between them."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def __iter__(self) -> Iterator[int]:
+        yield from range(50)  # not counted
+        took_us: list[float] = []
+        used_s, began_s = time.process_time(), time.perf_counter()
+        while time.perf_counter() - began_s < self._seconds:
+            at_s = time.perf_counter()
+            yield len(took_us)
+            took_us.append((time.perf_counter() - at_s) * 1e6)
+        elapsed_s = time.perf_counter() - began_s
+        self.figures = figures(took_us, time.process_time() - used_s, elapsed_s)
+
+
 def told(cycle: Cycle, seconds: float) -> dict[str, float]:
     """Run it so long; cycles a second, processor time."""
-    for number in range(50):
+    laps = Laps(seconds)
+    for number in laps:
         cycle(number)
-    took_us: list[float] = []
-    used_s, began_s = time.process_time(), time.perf_counter()
-    while time.perf_counter() - began_s < seconds:
-        at_s = time.perf_counter()
-        cycle(len(took_us))
-        took_us.append((time.perf_counter() - at_s) * 1e6)
-    elapsed_s = time.perf_counter() - began_s
-    return figures(took_us, time.process_time() - used_s, elapsed_s)
+    return laps.figures
 
 
 async def told_async(cycle: Callable[[int], Awaitable[None]], seconds: float) -> dict[str, float]:
-    for number in range(50):
+    laps = Laps(seconds)
+    for number in laps:
         await cycle(number)
-    took_us: list[float] = []
-    used_s, began_s = time.process_time(), time.perf_counter()
-    while time.perf_counter() - began_s < seconds:
-        at_s = time.perf_counter()
-        await cycle(len(took_us))
-        took_us.append((time.perf_counter() - at_s) * 1e6)
-    elapsed_s = time.perf_counter() - began_s
-    return figures(took_us, time.process_time() - used_s, elapsed_s)
+    return laps.figures
 
 
 def figures(took_us: list[float], used_s: float, elapsed_s: float) -> dict[str, float]:

@@ -28,7 +28,6 @@ from benchmarks.sides.wire import Log
 COUNT = {"short": 1, "long": 8}
 CASES = ("idle", "blocked")
 AGAIN_S = 0.5
-CYCLE_S = 1 / 125
 MEET_S = 3.0
 """What two processes need to find each other."""
 
@@ -127,23 +126,19 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
 
 def with_sdk(port: str, path: str) -> None:
     """Repeats a target at the control rate; a stop ends that, for a second."""
-    from rtde_control import RTDEControlInterface
-    from rtde_receive import RTDEReceiveInterface
-
     from benchmarks.sides.between import _session
+    from benchmarks.sides.setpoint import CYCLE_S, ur_arm
 
-    host = port.partition(":")[0]
-    control, here = RTDEControlInterface(host), list(RTDEReceiveInterface(host).getActualQ())
+    control, _, again = ur_arm(port.partition(":")[0])
     told = threading.Event()
     session = _session([path], [])
-    subscriber = session.declare_subscriber("bench/stop", lambda _: told.set())
+    _subscriber = session.declare_subscriber("bench/stop", lambda _: told.set())  # dropped, it would hear nothing
     while True:
-        control.servoJ(here, 0.5, 0.5, CYCLE_S, 0.1, 300)
-        if told.wait(CYCLE_S):
+        again()
+        if told.wait(CYCLE_S["ur5e"]):
             control.servoStop()
             time.sleep(1.0)
             told.clear()
-        assert subscriber is not None  # dropped, it would hear nothing
 
 
 def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:

@@ -133,17 +133,19 @@ def _feetech_sdk(port: str) -> tuple[Send, Cycle, Callable[[], object]]:
     return send, reader.txRxPacket, line.closePort
 
 
-def _ur_sdk(host: str) -> tuple[Send, Cycle, Callable[[], object]]:
+def ur_arm(host: str) -> tuple[Any, list[float], Cycle]:
+    """The SDK's control of an arm that stands; a target, at first where it is; what sends it there."""
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 
     receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
-    base = list(receive.getActualQ())
+    target = list(receive.getActualQ())
+    return control, target, lambda: control.servoJ(target, 0.5, 0.5, CYCLE_S["ur5e"], 0.1, 300)
 
-    target = list(base)
 
-    def again() -> object:
-        return control.servoJ(target, 0.5, 0.5, 1 / 125, 0.1, 300)
+def _ur_sdk(host: str) -> tuple[Send, Cycle, Callable[[], object]]:
+    control, target, again = ur_arm(host)
+    base = list(target)
 
     def send(number: int) -> int:
         target[2] = base[2] + wave("ur5e", number)
