@@ -4,6 +4,9 @@ A child ends by ``os._exit``: no thread, no exit handler and no open session kee
 Signals keep their default action: a child that is told to end is simply gone, and its parent makes the
 robot safe exactly as if it had crashed. One way of dying, one way of being safe.
 
+Standard output belongs to the program, which another may read: what a child prints, or an SDK within it,
+goes to standard error.
+
 What an exception says is said in few words: its parent makes the robot safe once this process has ended, and the
 lines of source that Python prints take 3 ms to be read.
 """
@@ -13,6 +16,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import io
 import os
 import signal
 import socket
@@ -31,6 +35,7 @@ YOUNG = 20_000
 
 def main(fd: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _print_to_stderr()
     sock = socket.socket(fileno=fd)
     run_like_others()
     code = 1
@@ -51,6 +56,15 @@ def main(fd: int) -> None:
             with contextlib.suppress(Exception):
                 stream.flush()
         os._exit(code)
+
+
+def _print_to_stderr() -> None:
+    """What C prints, too; and of Python a line as soon as it ends: who is killed flushes nothing."""
+    if sys.stderr is None or sys.stdout is None:
+        return  # closed by whoever started the program; the descriptors may be anything's
+    os.dup2(2, 1)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
 
 
 def _exit_code(error: BaseException) -> int:

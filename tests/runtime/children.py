@@ -99,6 +99,13 @@ def ends(args: dict[str, Any], sock: socket.socket) -> None:
             trio.run(_raises)
 
 
+def prints(args: dict[str, Any], sock: socket.socket) -> None:
+    """Prints as Python and as a library of C do, and is killed."""
+    print("by Python")
+    os.write(1, b"by C\n")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def speaks(args: dict[str, Any], sock: socket.socket) -> None:
     """Says what it was given and what it inherited, on the raw socket."""
     inherited = [os.readlink(f"/proc/self/fd/{fd}") for fd in args["fds"]]

@@ -148,6 +148,14 @@ async def test_a_child_that_fails_says_where_and_reads_no_source_for_it(capfd: p
     assert "KeyError" not in said  # raised ``from None``
 
 
+@real_time
+async def test_standard_output_is_the_programs_own(capfd: pytest.CaptureFixture[str]) -> None:
+    async with child("prints") as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == -signal.SIGKILL
+    assert capfd.readouterr() == ("", "by Python\nby C\n")
+
+
 @pytest.mark.parametrize("entry", [f"{children.__name__}:none", "there.is.none:main"])
 @real_time
 async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.CaptureFixture[str]) -> None:
