@@ -33,7 +33,7 @@ def show_robots(as_json: bool) -> None:
     Console().print(table)
 
 
-def serve_twin(robot: str, port_file: Path, log: Path | None, fault: str | None) -> None:
+def serve_twin(robot: str, port_file: Path, log: Path | None, fault: str | None, parent_fd: int | None) -> None:
     driver_class = get_native_driver_class(robot)
     if driver_class is None or not issubclass(driver_class, Driver):
         raise Problem(f"twin: no driver for {robot!r}. there are {', '.join(list_native_drivers())}")
@@ -44,6 +44,7 @@ def serve_twin(robot: str, port_file: Path, log: Path | None, fault: str | None)
             port_file=str(port_file),
             log=None if log is None else str(log),
             fault=fault,
+            parent_fd=parent_fd,
         )
     except ValueError as refusal:
         raise Problem(f"twin: {refusal}") from refusal

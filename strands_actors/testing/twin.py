@@ -52,9 +52,11 @@ class Twin:
         arguments = ["twin", self.robot, "--port-file", str(self._port_file), "--log", str(self.log.path)]
         if self._fault is not None:
             arguments += ["--fault", self._fault]
-        with self._errors.open("w") as errors:
+        theirs, self._ours = os.pipe()  # ends with this process, however that ends
+        with self._errors.open("w") as errors, open(theirs, "rb") as parent:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", self._program, *arguments],
+                [sys.executable, "-c", self._program, *arguments, "--parent-fd", str(parent.fileno())],
+                pass_fds=(parent.fileno(),),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
@@ -127,6 +129,8 @@ class Twin:
             self.process.kill()
             self.process.communicate()
             raise
+        finally:
+            os.close(self._ours)
 
 
 def _is_there(port: str) -> bool:

@@ -330,20 +330,20 @@ import time
 from strands_actors.testing.bench import moving_robot
 with moving_robot("so101") as (bench, caller):
     caller.tell("spin")
-    print(caller.process.pid, flush=True)
+    print(caller.process.pid, bench.twin.process.pid, flush=True)
     time.sleep(600)
 """
 
 
-def test_a_bench_that_is_killed_leaves_no_caller_that_spins() -> None:
+def test_a_bench_that_is_killed_leaves_neither_a_caller_that_spins_nor_a_twin() -> None:
     with subprocess.Popen([sys.executable, "-c", MOVING], stdout=subprocess.PIPE, text=True) as bench:
         try:
             assert bench.stdout is not None
-            caller = int(bench.stdout.readline())
-            assert Path(f"/proc/{caller}").exists()
+            left = [Path(f"/proc/{pid}") for pid in bench.stdout.readline().split()]
+            assert len(left) == 2 and all(map(Path.exists, left))
         finally:
             bench.kill()
     deadline_s = time.monotonic() + 20.0
-    while Path(f"/proc/{caller}").exists():
-        assert time.monotonic() < deadline_s, "it spins on"
+    while any(map(Path.exists, left)):
+        assert time.monotonic() < deadline_s, left
         time.sleep(0.01)
