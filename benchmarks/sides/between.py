@@ -32,6 +32,7 @@ WINDOW = CAPACITY - 1
 ADDRESS = "strands/bench/actor/one"
 WARM = 200
 CHILD = "benchmarks.sides.between"
+QUESTION = b"12345678"
 
 
 def asks(short: bool) -> int:
@@ -135,7 +136,7 @@ def zenoh_pair(short: bool) -> Figures:
         time.sleep(0.3)  # the way back is known then, too
 
         def ask() -> None:
-            put(b"12345678")
+            put(QUESTION)
             answers.recv()
 
         return percentiles("ask", timed(asks(short), ask))
@@ -196,31 +197,46 @@ def _publisher(session: Any, key: str) -> Any:
 
 def zenoh_into_trio(short: bool) -> Figures:
     """The same put and put, each handed to a loop of trio before it is answered or taken, with a deadline: what
-    anyone pays who keeps the state of a process in one loop."""
+    anyone pays who keeps the state of a process in one loop. And typed tells, each a put that the loop decodes and
+    counts."""
     with _answered_by("loop-server") as (session, put):
-        return percentiles("ask", trio.run(_asked_in_trio, session, put, asks(short)))
+        return trio.run(_asked_in_trio, session, put, short)
 
 
-async def _asked_in_trio(session: Any, put: Callable[[bytes], None], count: int) -> list[int]:
-    spans_ns = []
+async def _asked_in_trio(session: Any, put: Callable[[bytes], None], short: bool) -> Figures:
     with _taken(session, "bench/back") as answers:
+
+        async def counted(within_s: float = DEADLINE_S) -> int:
+            with trio.fail_after(within_s):
+                put(QUESTION)
+                return int.from_bytes(await answers.receive(), "little")
+
         await trio.sleep(0.3)  # the way back is known then, too
-        for number in range(WARM + count):
+        spans_ns = []
+        for number in range(WARM + asks(short)):
             began_ns = time.perf_counter_ns()
-            with trio.fail_after(DEADLINE_S):
-                put(b"12345678")
-                await answers.receive()
+            await counted()
             if number >= WARM:
                 spans_ns.append(time.perf_counter_ns() - began_ns)
-    return spans_ns
+        began_s = time.perf_counter()
+        for number in range(windows(short)):
+            for _ in range(WINDOW):
+                put(msgspec.msgpack.encode(STATE))
+            assert await counted(30.0) == (number + 1) * WINDOW
+        return percentiles("ask", spans_ns) | rate(windows(short) * WINDOW, began_s)
 
 
 async def loop_server(path: str) -> None:
+    count = 0
     with _session([path], []) as session, _taken(session, "bench/one") as asked:
         put = _publisher(session, "bench/back")
         print("ready", flush=True)
         async for payload in asked:
-            put.put(payload)
+            if payload == QUESTION:
+                put.put(count.to_bytes(8, "little"))
+            else:
+                msgspec.msgpack.decode(payload, type=State)
+                count += 1
 
 
 @contextmanager
@@ -295,6 +311,7 @@ def ray(short: bool) -> Figures:
                 return self.n
 
         actor = Counter.remote()  # type: ignore[attr-defined]
+        ray.get(actor.count.remote(), timeout=60)  # its process is being started
         spans_ns = timed(asks(short), lambda: ray.get(actor.count.remote(), timeout=DEADLINE_S))
         began_s = time.perf_counter()
         some = max(1, windows(short) // 10)
