@@ -123,6 +123,7 @@ class Drill:
 
     async def link_loss(self) -> Figure:
         async with self._writing():
+            asked_ns = monotonic_ns()
             if self._twin is not None:
                 await trio.to_thread.run_sync(self._twin.unplug)
                 await self._until_mode(AWAY_S + PATIENCE_S, Mode.LOST, Mode.DOWN)
@@ -135,7 +136,7 @@ class Drill:
                 await self._until_linked(HAND_S)
                 began_ns = monotonic_ns()
             # An SDK that cannot do without its link ends its wire process, which the root may see first.
-            report = await self._report_of(began_ns - round(RETURN_S * 1e9), Reason.LINK, Reason.WIRE)
+            report = await self._report_of(asked_ns, Reason.LINK, Reason.WIRE)
         proves = ("SAF-002", "SAF-008", "SAF-012")
         reason = report.reason if report is not None else Reason.LINK
         return await self._judge("link loss", reason, began_ns, RETURN_S, report, proves)
