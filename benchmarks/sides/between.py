@@ -109,13 +109,7 @@ async def answering(ref: Ref) -> None:
 
 async def ours(short: bool) -> Figures:
     async with reached() as ref:
-        for _ in range(WARM):
-            await ref.ask(GetCount(), DEADLINE_S)
-        spans_ns = []
-        for _ in range(asks(short)):
-            began_ns = time.perf_counter_ns()
-            await ref.ask(GetCount(), DEADLINE_S)
-            spans_ns.append(time.perf_counter_ns() - began_ns)
+        spans_ns = await _timed(asks(short), lambda: ref.ask(GetCount(), DEADLINE_S))
         began_s = time.perf_counter()
         for number in range(windows(short)):
             for _ in range(WINDOW):
@@ -212,12 +206,7 @@ async def _asked_in_trio(session: Any, put: Callable[[bytes], None], short: bool
                 return int.from_bytes(await answers.receive(), "little")
 
         await trio.sleep(0.3)  # the way back is known then, too
-        spans_ns = []
-        for number in range(WARM + asks(short)):
-            began_ns = time.perf_counter_ns()
-            await counted()
-            if number >= WARM:
-                spans_ns.append(time.perf_counter_ns() - began_ns)
+        spans_ns = await _timed(asks(short), counted)
         began_s = time.perf_counter()
         for number in range(windows(short)):
             for _ in range(WINDOW):
@@ -269,7 +258,7 @@ def unix_socket(short: bool) -> Figures:
     spans_ns = []
     for _ in range(asks(short)):
         began_ns = time.perf_counter_ns()
-        ours.sendall(b"12345678")
+        ours.sendall(QUESTION)
         ours.recv(65536)
         spans_ns.append(time.perf_counter_ns() - began_ns)
     ours.close()
@@ -376,7 +365,7 @@ async def xoscar(short: bool) -> Figures:
         await pool.stop()
 
 
-async def _timed(n: int, ask: Callable[[], Awaitable[None]]) -> list[int]:
+async def _timed(n: int, ask: Callable[[], Awaitable[object]]) -> list[int]:
     for _ in range(WARM):
         await ask()
     spans_ns = []

@@ -144,7 +144,7 @@ class UnitreeWire(Wire):
         await self._until(lambda: link.state is not None, FIND_S, f"{where}: no LowState comes")
         services = [service for service in (session.modes, session.fsm) if service is not None]
         for service in services:
-            await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")  # noqa: B023
+            await self._until_served(service)
         session.ask_mode()
         await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
         # What gates ask for as well. A robot that does not say it can be connected to, and refuses to move.
@@ -216,10 +216,7 @@ class UnitreeWire(Wire):
             if not name:
                 return {"sport_mode_released": True, "attempts": attempt - 1}
             permit.check()
-            done = trio.Event()
-            session.modes.ask(rpc.RELEASE_MODE, lambda _: done.set())  # noqa: B023
-            with trio.move_on_after(RELEASE_S / 2):
-                await done.wait()
+            await self._ask_for_release(session)
         name = await self._fresh_mode(session)
         if not name:
             return {"sport_mode_released": True, "attempts": attempts}
@@ -238,6 +235,13 @@ class UnitreeWire(Wire):
 
     # -- parts
 
+    async def _ask_for_release(self, session: _Session) -> None:
+        """Ask once, and wait a while for the answer."""
+        done = trio.Event()
+        session.modes.ask(rpc.RELEASE_MODE, lambda _: done.set())
+        with trio.move_on_after(RELEASE_S / 2):
+            await done.wait()
+
     async def _fresh_mode(self, session: _Session) -> str:
         """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise ``WireDown``."""
         said: list[str] = []
@@ -254,6 +258,10 @@ class UnitreeWire(Wire):
         if not said:
             raise WireDown("the robot does not say which mode is active")
         return said[-1]
+
+    async def _until_served(self, service: Service) -> None:
+        where = self._driver.port
+        await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")
 
     async def _until(self, condition: Callable[[], bool], within_s: float, otherwise: str) -> None:
         if not await self._look(condition, within_s):
