@@ -88,7 +88,7 @@ class Guardian(Actor):
         self._confirmed = True
         self._orderly = self._leaving = False
         self._beats = 0
-        self._silence = Silence(driver.timing.beat_ttl_s)
+        self._silence = self._listen()
         self._silent_until_ns = 0
         self._renews = False  # this life of the wire ends because its process is spent
         self._broken = trio.Event()
@@ -127,6 +127,10 @@ class Guardian(Actor):
             case Fence():
                 return self._fence(message)
         return None
+
+    def _listen(self, look: Callable[[], Standing | None] = lambda: None) -> Silence:
+        timing = self._driver.timing
+        return Silence(timing.beat_ttl_s, timing.tick_s, look)
 
     def _hear(self) -> None:
         self._silence.heard(self.context.clock.now_ns())
@@ -214,7 +218,7 @@ class Guardian(Actor):
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
         place = self._start_wire(start, self.state.cause)
-        self._silence = Silence(self._driver.timing.beat_ttl_s, place.standing)
+        self._silence = self._listen(place.standing)
         try:
             task_status.started()
             await self._until_broken(place)
@@ -222,7 +226,7 @@ class Guardian(Actor):
             with trio.CancelScope(shield=True):
                 await place.fence()
                 self.context.note(Happened("the wire has ended", self._why[1]))
-                self._silence = Silence(self._driver.timing.beat_ttl_s)
+                self._silence = self._listen()
                 if not self._orderly:
                     await self._make_safe(start.epoch)
                 self.idle.set()

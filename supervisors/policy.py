@@ -17,6 +17,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.runtime import heap
 from strands_actors.runtime.actor import Actor, describe
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Observation
@@ -211,23 +212,26 @@ class Policy(Actor):
     async def _infer(self) -> None:
         try:
             infer = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
-            while self._ended is None:
-                await self._wanted.wait()
-                began_ns = self.context.clock.now_ns()
-                observation = await self._observe()
-                if observation is None:
-                    return
-                chunk = await trio.to_thread.run_sync(
-                    infer, observation, self._rollout.instruction, abandon_on_cancel=True
-                )
-                if self._lease is None and not await self._acquire():
-                    return
-                self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
-                self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
-                if not chunk:
-                    await trio.sleep(self._rollout.period_s)
-                if self._buffer.low:
-                    self._wanted.set()
+            with contextlib.ExitStack() as moving:
+                while self._ended is None:
+                    await self._wanted.wait()
+                    began_ns = self.context.clock.now_ns()
+                    observation = await self._observe()
+                    if observation is None:
+                        return
+                    chunk = await trio.to_thread.run_sync(
+                        infer, observation, self._rollout.instruction, abandon_on_cancel=True
+                    )
+                    if self._lease is None:
+                        if not await self._acquire():
+                            return
+                        moving.enter_context(heap.left_alone())
+                    self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
+                    self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
+                    if not chunk:
+                        await trio.sleep(self._rollout.period_s)
+                    if self._buffer.low:
+                        self._wanted.set()
         except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
             await self._end("policy", describe(error))
 

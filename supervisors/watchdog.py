@@ -88,7 +88,7 @@ class Watchdog(Actor):
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
         self._root_stands = root
-        self._root = Silence(timing.beat_ttl_s, self._look_at_root)
+        self._root = Silence(timing.beat_ttl_s, timing.tick_s, self._look_at_root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -127,7 +127,7 @@ class Watchdog(Actor):
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
         if not self._root_lost and self._root.tick(now_ns):
-            self._lose_root("the root process stopped answering")
+            self._lose_root(f"the root process stopped answering ({self._root.told(now_ns)})")
 
     def _gate_alive(self, alive: Alive) -> None:
         now_ns = self.context.received_ns

@@ -20,7 +20,7 @@ from strands_actors.runtime.forked import Standby
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
-from strands_actors.runtime.processor import Standing, standing
+from strands_actors.runtime.processor import Standing, suspected
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
@@ -104,7 +104,7 @@ class ProcessPlace:
         await self.process.fence()
 
     def standing(self) -> Standing | None:
-        return standing(self.process.pid)
+        return suspected(self.process.pid)
 
 
 class InlinePlace:
@@ -168,7 +168,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: standing(root))
+        await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: suspected(root))
         await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)

@@ -57,7 +57,7 @@ class _Legs(Driver):
         oneshot_ttl_s=0.1,
         state_ttl_s=0.1,
         tick_s=CONTROL_S,
-        beat_ttl_s=0.016,
+        beat_ttl_s=0.02,
         realtime=True,
     )
     firmware_watchdog = (

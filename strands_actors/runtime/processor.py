@@ -11,6 +11,9 @@ import msgspec
 
 CAN_TELL = os.path.exists("/proc/self/stat")
 """Whether this system tells of other processes."""
+_STOPPED = (b"T", b"t")
+_STEAL = 8  # the column, behind the processor's name
+_JIFFY_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
 
 class Standing(msgspec.Struct, frozen=True, gc=False):
@@ -19,6 +22,8 @@ class Standing(msgspec.Struct, frozen=True, gc=False):
     computed_ns: int
     waited_ns: int  # ready to run, and no processor free; counted when the wait is over
     ready: bool  # it runs, or would if there were a processor
+    stopped: bool = False  # by a signal or a debugger
+    stolen_ns: tuple[int, ...] = ()  # per processor, by the machine beneath this virtual one: see ``suspected``
 
 
 def is_stopped(pid: int) -> bool:
@@ -26,7 +31,7 @@ def is_stopped(pid: int) -> bool:
     process is gone. Source: proc(5)."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as stat:
-            return _state(stat.read()) in (b"T", b"t")
+            return _state(stat.read()) in _STOPPED
     except OSError:
         return False
 
@@ -41,7 +46,21 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
             state = _state(stat.read())
     except (OSError, ValueError):
         return None
-    return Standing(int(computed), int(waited), state == b"R")
+    return Standing(int(computed), int(waited), state == b"R", state in _STOPPED)
+
+
+def suspected(pid: int) -> Standing | None:
+    """Of the main thread of a process that has fallen silent, with what the hypervisor took from each processor.
+    A thread that sleeps on a processor that was taken away is not woken by its timer: it looks frozen, and is not.
+    Counted in steps of 10 ms, since the machine started; zero on one that is not virtual. Source: proc_stat(5)."""
+    now = standing(pid)
+    return None if now is None else msgspec.structs.replace(now, stolen_ns=_stolen_ns())
+
+
+def _stolen_ns() -> tuple[int, ...]:
+    with open("/proc/stat", "rb") as stat:
+        rows = [line.split() for line in stat.read().split(b"\nintr ", 1)[0].splitlines()[1:]]
+    return tuple(int(row[_STEAL]) * _JIFFY_NS for row in rows)
 
 
 def _state(stat: bytes) -> bytes:

@@ -158,7 +158,7 @@ def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: 
     with legs(tmp_path) as g1:
         assert g1.robot.run_policy(Stand(), duration=3.0)["status"] == "success"
         done = g1.wait_for_the_end()
-        assert done["exit_reason"] == "duration"
+        assert done["exit_reason"] == "duration", done
         assert not [entry for entry in g1.events("fell") if entry.t_ns < g1.log.host("safe")[0].t_ns]
         wait_until(lambda: bool(g1.events("fell")), "what nothing holds falls")
     assert g1.log.setpoints_after_safe(0) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import threading
 import time
@@ -68,6 +69,21 @@ def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
         assert until(lambda ns=began_ns: holds(twin.log, ns), "it is held afterwards")  # type: ignore[misc]
     assert state(arm) == "holding"
     assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
+
+
+def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm: RealRobot) -> None:
+    """The caller's collector would stop its setpoints for as long as it takes to walk everything."""
+    before = gc.get_freeze_count()
+    frozen: list[int] = []
+
+    def policy(observation: Observed) -> Action:
+        frozen.append(gc.get_freeze_count())
+        return ahead(observation)
+
+    json_of(arm.run_policy(policy, n_steps=5))
+    assert task_ended(arm)["exit_reason"] == "n_steps"
+    assert frozen[0] == before < min(frozen[1:]), frozen
+    assert until(lambda: gc.get_freeze_count() == before, "everything is searched again")
 
 
 def test_the_policy_keyword_of_the_reference_works_too(arm: RealRobot) -> None:
