@@ -18,6 +18,7 @@ from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondP
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 from strands_actors.runtime.processor import Standing, is_stopped
+from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Silence
 
 from .failsafe import Mode, State
@@ -27,15 +28,13 @@ from .messages import (
     Handover,
     Happened,
     Renew,
-    RootBeat,
     SilentUntil,
     StateIs,
     Stopped,
     StopReport,
-    WireBeat,
 )
-from .stoppage import Stoppage
-from .watchdog import BEAT_EVERY, Tick
+from .stoppage import LOOK_EVERY, Stoppage
+from .watchdog import Tick
 
 START_DEADLINE_S = 10.0
 RENEW_PAUSE_S = 0.05
@@ -68,14 +67,14 @@ class Guardian(Actor):
     def __init__(
         self,
         driver: Driver,
-        watchdog: str,
+        pulse: Pulse,
         start_wire: Callable[[State, str], Place],
         on_state: Callable[[StateIs], None] | None = None,
         gate: str = "",
         writers: Callable[[], Iterable[int]] = tuple,
     ) -> None:
         self._driver = driver
-        self._watchdog_address = watchdog
+        self._pulse = pulse
         self._start_wire = start_wire
         self._on_state = on_state
         self._gate_address = gate
@@ -87,7 +86,7 @@ class Guardian(Actor):
         self.last_report: StopReport | None = None
         self._confirmed = True
         self._orderly = self._leaving = False
-        self._beats = 0
+        self._ticks = 0
         self._silence = self._listen()
         self._silent_until_ns = 0
         self._renews = False  # this life of the wire ends because its process is spent
@@ -98,20 +97,17 @@ class Guardian(Actor):
         self._waiting: list[Deferred] = []
 
     async def started(self) -> None:
-        self._watchdog: Ref = self.context.ref(self._watchdog_address)
         self._gate: Ref = self.context.ref(self._gate_address)
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
-        self, message: Tick | WireBeat | SilentUntil | Renew | StateIs | Handover | Fence
+        self, message: Tick | SilentUntil | Renew | StateIs | Handover | Fence
     ) -> HandedOver | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
-            case WireBeat():
-                self._hear()
             case SilentUntil():
-                self._hear()
+                self._silence.heard(self.context.clock.now_ns())
                 longest_ns = self._silence.heard_ns + round(self._driver.timing.silent_s * NS)
                 self._silent_until_ns = min(message.until_ns, longest_ns)
             case Renew():
@@ -129,16 +125,17 @@ class Guardian(Actor):
         return None
 
     def _listen(self, look: Callable[[], Standing | None] = lambda: None) -> Silence:
+        """To another wire than before."""
+        self._pulse.forget()
         timing = self._driver.timing
         return Silence(timing.beat_ttl_s, timing.tick_s, look)
 
-    def _hear(self) -> None:
-        self._silence.heard(self.context.clock.now_ns())
-
     def _tick(self, now_ns: int) -> None:
-        self._beats += 1
-        if self._beats % BEAT_EVERY == 0:
-            self._watchdog.tell(RootBeat(self._beats))
+        self._pulse.beat(now_ns)
+        if (heard_ns := self._pulse.heard_ns) > self._silence.heard_ns:
+            self._silence.heard(heard_ns)
+        self._ticks += 1
+        if self._ticks % LOOK_EVERY == 0:
             for pid in self._stoppage.look(self._writers()):
                 self._gate.tell(Stopped(pid))
         if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):

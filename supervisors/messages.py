@@ -279,14 +279,6 @@ class LinkLost(Message, frozen=True):
 # -- between the wire group and the guardian
 
 
-class WireBeat(Message, frozen=True):
-    """Earned: sent only while gate and transport both answer the watchdog."""
-
-    lane = "latest"
-
-    number: int
-
-
 class Renew(Message, frozen=True):
     """The wire asks for a new process: its SDK is spent."""
 
@@ -313,12 +305,6 @@ class StateIs(Message, frozen=True):
     epoch: int
     locked_by: str
     cause: str
-
-
-class RootBeat(Message, frozen=True):
-    lane = "latest"
-
-    number: int
 
 
 class RootGone(Message, frozen=True):

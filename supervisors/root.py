@@ -20,6 +20,7 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import wait_for_end_of
+from strands_actors.runtime.pulse import new_page, on_page
 from strands_actors.runtime.realtime import ROOT_PRIORITY, run_first
 from strands_actors.runtime.spawner import Spawner
 from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
@@ -43,18 +44,16 @@ from .messages import (
     Happened,
     OnMesh,
     ProcessInfo,
-    RootBeat,
     Shutdown,
     Stop,
     StopReport,
     TaskStatus,
     TreeReport,
-    WireBeat,
 )
 from .tap import Attached, TapKeeper, name_of
 from .tasks import Tasks
 from .watchdog import Tick
-from .wire import ProcessPlace
+from .wire import ROOT_END, ProcessPlace
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
@@ -62,7 +61,7 @@ STOP_S = 0.25
 LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
 
-_DULL = frozenset({Tick, WireBeat, RootBeat, Describe, TreeReport, GetTask, TaskStatus})
+_DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus})
 
 
 class Root(Actor):
@@ -95,9 +94,10 @@ class Root(Actor):
 class Tree:
     """What runs in the root process."""
 
-    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby) -> None:
+    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby, page: int) -> None:
         self.spawner = spawner
         self.standby = standby
+        self.page = page
         self.robot: str = args["robot"]
         self.args = args
         self.at = addresses.of(self.robot)
@@ -108,7 +108,7 @@ class Tree:
         self.tasks = Tasks(self.robot, spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.guardian = Guardian(
-            self.driver, self.at.watchdog, self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+            self.driver, on_page(page, ROOT_END), self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -127,6 +127,7 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
+            "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
@@ -242,9 +243,10 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
     hand_over()
     spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
-    standby = Standby()  # for the first wire; when another is needed, this process has threads
-    trio.run(_main, args, sock, spawner, standby)
+    page = new_page()
+    standby = Standby((page,))  # for the first wire; when another is needed, this process has threads
+    trio.run(_main, args, sock, spawner, standby, page)
 
 
-async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby) -> None:
-    await Tree(args, spawner, standby).run(sock)
+async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby, page: int) -> None:
+    await Tree(args, spawner, standby, page).run(sock)

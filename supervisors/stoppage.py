@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable
 from strands_actors.runtime.contract import Timing
 from strands_actors.runtime.processor import CAN_TELL
 
-from .watchdog import BEAT_EVERY
-
+LOOK_EVERY = 2
+"""Ticks (``Timing.tick_s``)."""
 LOOKS = 3
 """In a row, that show it stopped."""
 
@@ -23,7 +23,7 @@ LOOKS = 3
 def noticed_s(timing: Timing) -> float:
     """Published: from the stop of a process to what it becomes. Infinite where the system does not tell (macOS):
     there the lifetime of what it wrote has to lapse."""
-    return (LOOKS + 1) * BEAT_EVERY * timing.tick_s if CAN_TELL else math.inf
+    return (LOOKS + 1) * LOOK_EVERY * timing.tick_s if CAN_TELL else math.inf
 
 
 class Stoppage:

@@ -23,12 +23,10 @@ from strands_actors.runtime.contract import Reason, Timing
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Ref
 from strands_actors.runtime.processor import Standing
+from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Heard, Silence
 
-from .messages import Alive, Cycle, Cycled, Probe, RootBeat, RootGone, Stop, StopReport, WireBeat
-
-BEAT_EVERY = 2
-"""Ticks (``Timing.tick_s``) per beat to the root."""
+from .messages import Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
 
 
 class Tick(Message, frozen=True):
@@ -62,19 +60,20 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has. ``root``
-    tells how the root process stands with the processor."""
+    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has. ``pulse``:
+    shared with the root. ``root`` tells how its process stands with the processor."""
 
     def __init__(
         self,
         timing: Timing,
         gate: str,
         transport: str,
-        guardian: str,
         orphaned: Callable[[bool], None],
+        pulse: Pulse,
         root: Callable[[], Standing | None] = lambda: None,
     ) -> None:
-        self._addresses = gate, transport, guardian
+        self._addresses = gate, transport
+        self._pulse = pulse
         self._tick_s = timing.tick_s
         self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
@@ -92,14 +91,13 @@ class Watchdog(Actor):
         self._root_lost = False
 
     async def started(self) -> None:
-        gate, transport, guardian = self._addresses
+        gate, transport = self._addresses
         self._gate: Ref = self.context.ref(gate)
         self._transport: Ref = self.context.ref(transport)
-        self._guardian: Ref = self.context.ref(guardian)
         self._answers_ns = [self.context.received_ns] * 2
         self.context.every(self._tick_s, Tick)
 
-    def receive(self, message: Tick | Alive | Cycled | RootBeat | RootGone | Leave | StopReport) -> None:
+    def receive(self, message: Tick | Alive | Cycled | RootGone | Leave | StopReport) -> None:
         match message:
             case Tick():
                 self._tick(message.now_ns)
@@ -109,8 +107,6 @@ class Watchdog(Actor):
                 self._transport_answered = max(self._transport_answered, message.number)
                 self._busy_until_ns = message.busy_until_ns
                 self._answers_ns[1] = self.context.received_ns
-            case RootBeat():
-                self._root.heard(self.context.received_ns)
             case RootGone():
                 self._lose_root("the root process ended")
             case Leave():
@@ -126,6 +122,9 @@ class Watchdog(Actor):
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
+        if (heard_ns := self._pulse.heard_ns) > self._root.heard_ns:
+            self.context.saw(heard_ns)
+            self._root.heard(heard_ns)
         if not self._root_lost and self._root.tick(now_ns):
             self._lose_root(f"the root process stopped answering ({self._root.told(now_ns)})")
 
@@ -136,8 +135,9 @@ class Watchdog(Actor):
         self._alive = alive
         if now_ns >= self._cycle_at_ns:
             self._start_cycle(now_ns)
-        if alive.number % BEAT_EVERY == 0 and self._chain_answered(now_ns):
-            self._guardian.tell(WireBeat(alive.number))
+        if self._chain_answered(now_ns):
+            self.context.saw(now_ns)
+            self._pulse.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
         earned = self._alive.live and self._transport_answered == self._cycle

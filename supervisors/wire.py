@@ -21,6 +21,7 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess, start
 from strands_actors.runtime.processor import Standing, suspected
+from strands_actors.runtime.pulse import Pulse, on_page
 from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
@@ -37,6 +38,8 @@ from .tap import Attached, TapKeeper, name_of
 from .transport import Transport
 from .watchdog import Watchdog
 
+ROOT_END, WIRE_END = 0, 1
+"""Of the page on which root and wire beat."""
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
 
@@ -48,6 +51,7 @@ async def run_group(
     start_state: State,
     cause: str,
     orphaned: Callable[[bool], None],
+    pulse: Pulse,
     root: Callable[[], Standing | None] = lambda: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
@@ -63,7 +67,7 @@ async def run_group(
         ),
         node.cell(
             at.path("watchdog"),
-            lambda: Watchdog(driver.timing, at.gate, at.transport, at.guardian, orphaned, root),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, orphaned, pulse, root),
         ),
     ]
     try:
@@ -93,7 +97,7 @@ class ProcessPlace:
 
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
         entry = "strands_actors.supervisors.wire:main"
-        self.process: ChildProcess = standby.start(entry, args) or start(entry, args)
+        self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
         nursery.start_soon(self.process.link(node).run)
 
     async def ended(self) -> str:
@@ -111,17 +115,24 @@ class InlinePlace:
     """The wire group in this process's loop: for tests, under virtual time too."""
 
     def __init__(
-        self, node: Node, nursery: trio.Nursery, driver: Driver, robot: str, state: State, cause: str
+        self,
+        node: Node,
+        nursery: trio.Nursery,
+        driver: Driver,
+        robot: str,
+        state: State,
+        cause: str,
+        pulse: Pulse,
     ) -> None:
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"
-        nursery.start_soon(self._run, node, driver, robot, state, cause)
+        nursery.start_soon(self._run, node, driver, robot, state, cause, pulse)
 
-    async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str) -> None:
+    async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str, pulse: Pulse) -> None:
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, cause, lambda _: self._scope.cancel())
+                await run_group(node, driver, robot, state, cause, lambda _: self._scope.cancel(), pulse)
         except Exception as error:
             self._why = describe(error)
         finally:
@@ -157,6 +168,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
 
     root = os.getppid()
+    pulse = on_page(args["page"], WIRE_END)
 
     def end(confirmed: bool) -> None:
         os._exit(0 if confirmed else UNCONFIRMED)
@@ -168,7 +180,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(run_group, node, driver, robot, state, args["cause"], end, lambda: suspected(root))
+        await nursery.start(
+            run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root)
+        )
         await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)

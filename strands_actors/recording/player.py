@@ -15,6 +15,7 @@ from ..runtime.actor import Actor, Deferred, describe
 from ..runtime.contract import Driver
 from ..runtime.frames import protocol_of
 from ..runtime.processor import Standing
+from ..runtime.pulse import Pulse
 from ..supervisors import addresses, failsafe
 from ..supervisors.gate import Gate, GateMemory
 from ..supervisors.tap import Entry, Kind
@@ -179,8 +180,8 @@ class Replay:
                 self._driver.timing,
                 self._at.gate,
                 self._at.transport,
-                self._at.guardian,
                 lambda _: None,
+                _RecordedPulse(world),
                 lambda: _standing(world),
             )
         actor.context = context
@@ -196,6 +197,26 @@ class Replay:
         else:
             actor.recall(msgspec.msgpack.decode(entry.body, type=WatchdogMemory, dec_hook=thing))
         return _Player(actor, context, effects, world)
+
+
+class _RecordedPulse(Pulse):
+    """What the watchdog heard of the root then, it hears again."""
+
+    __slots__ = ("_world",)
+
+    def __init__(self, world: list[bytes]) -> None:
+        self._world = world
+
+    def beat(self, now_ns: int) -> None:
+        """Its context has written it down."""
+
+    @property
+    def heard_ns(self) -> int:
+        seen = msgspec.msgpack.decode(self._world[0]) if self._world else None
+        if not isinstance(seen, int):
+            return 0  # nothing new: only what is new was written down
+        del self._world[0]
+        return seen
 
 
 def _standing(world: list[bytes]) -> Standing | None:

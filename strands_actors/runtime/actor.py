@@ -100,7 +100,7 @@ class Context:
         return Deferred(self.reply, self, self.deferrals)
 
     def saw(self, value: object) -> None:
-        """For a recorder: what a handler has just read of the world beside its message."""
+        """For a recorder: what a handler has just read of the world beside its message, or written into it."""
         if (tap := self.node.tap) is not None:
             tap.saw(self.address, value)
 

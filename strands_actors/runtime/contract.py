@@ -59,7 +59,7 @@ class Timing(msgspec.Struct, frozen=True):
     # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's constructor keeps
     # the interpreter's lock. So long the root waits before it calls the process frozen.
     silent_s: float = 0.0
-    tick_s: float = 0.01  # how often the tree looks at deadlines; beats of wire and root come every second tick
+    tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
 

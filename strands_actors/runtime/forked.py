@@ -6,21 +6,24 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from . import child
 from .process import ChildProcess, OwnChild, specify
 
 
-def fork_child(link_fd: int) -> int:
+def fork_child(link_fd: int, keep: Sequence[int] = ()) -> int:
     """Its pid. It is as one that ``process.execute`` starts: a process group of its own, no descriptor of anybody
-    else's, told over ``link_fd`` what to run. This process must have one thread."""
+    else's but those to ``keep``, told over ``link_fd`` what to run. This process must have one thread."""
     pid = os.fork()
     if pid == 0:
         os.setpgid(0, 0)
-        os.closerange(3, link_fd)
-        os.closerange(link_fd + 1, os.sysconf("SC_OPEN_MAX"))
+        first = 3
+        for fd in sorted((link_fd, *keep)):
+            os.closerange(first, fd)
+            first = fd + 1
+        os.closerange(first, os.sysconf("SC_OPEN_MAX"))
         child.main(link_fd)
     return pid
 
@@ -49,12 +52,12 @@ class Forked:
 
 
 class Standby:
-    """One child, forked now; it waits to be told what to run."""
+    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is given."""
 
-    def __init__(self) -> None:
+    def __init__(self, keep: Sequence[int] = ()) -> None:
         self._socket, theirs = socket.socketpair()
         with theirs:
-            self._child: Forked | None = Forked(fork_child(theirs.fileno()))
+            self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep))
 
     def start(self, entry: str, args: Mapping[str, Any]) -> ChildProcess | None:
         """As ``process.start``. None when it was started before, or has ended."""

@@ -31,7 +31,7 @@ class Tap(Protocol):
         ...
 
     def saw(self, address: str, value: object) -> None:
-        """What a handler has read of the world beside its message."""
+        """What a handler has read of the world beside its message, or written into it."""
         ...
 
     def refused(self, to: str, what: str, refusal: Refused) -> None:

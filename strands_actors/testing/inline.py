@@ -13,6 +13,7 @@ import trio.testing
 from strands_actors.runtime.clock import Clock, VirtualClock
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.node import Node, Ref
+from strands_actors.runtime.pulse import pair
 from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.failsafe import State
@@ -74,15 +75,16 @@ async def open_inline_tree(
     at = addresses.of(port)
     node = Node(port, clock or VirtualClock())
     places: list[InlinePlace] = []
+    roots, wires = pair()
     try:
         async with trio.open_nursery() as nursery:
 
             def start_wire(state: State, cause: str) -> InlinePlace:
-                places.append(InlinePlace(node, nursery, driver, port, state, cause))
+                places.append(InlinePlace(node, nursery, driver, port, state, cause, wires))
                 return places[-1]
 
             await nursery.start(node.run)
-            guardian = Guardian(driver, at.watchdog, start_wire)
+            guardian = Guardian(driver, roots, start_wire)
             await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
             supervisor = Supervisor([ChildSpec("wire", guardian.keep)], budget=budget or Budget(100, 5.0))
             nursery.start_soon(supervisor.run)

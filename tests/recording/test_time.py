@@ -10,6 +10,7 @@ from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import MonotonicClock, VirtualClock
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Node
+from strands_actors.runtime.pulse import pair
 from strands_actors.runtime.silence import Heard, Silence
 from strands_actors.supervisors.failsafe import State
 from strands_actors.supervisors.gate import Gate, GateMemory
@@ -104,8 +105,8 @@ def test_a_gate_has_no_state_but_its_memory() -> None:
 
 
 def test_a_watchdog_has_no_state_but_its_memory() -> None:
-    watchdog = Watchdog(FakeDriver.timing, "g", "t", "r", lambda: None)
-    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_cycle_ns", "_orphaned", "_root_stands"}
+    watchdog = Watchdog(FakeDriver.timing, "g", "t", lambda _: None, pair()[0])
+    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_cycle_ns", "_orphaned", "_pulse", "_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
     memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, watchdog._alive, Heard(10, 11, 12, None), True)

@@ -6,6 +6,7 @@ import trio
 
 from strands_actors.runtime.clock import VirtualClock
 from strands_actors.runtime.node import Node
+from strands_actors.runtime.pulse import pair
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.failsafe import Mode, State
 from strands_actors.supervisors.gate import Gate
@@ -24,12 +25,13 @@ async def status_with_a_root_after(late_s: float) -> Status:
     hardware = HARDWARE["late"] = FakeHardware()
     driver = FakeDriver("fake", "late", {})
     node = Node("late", VirtualClock())
+    roots, wires = pair()
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
-            InlinePlace(node, nursery, driver, "late", State(Mode.DOWN, 1, ""), "")
+            InlinePlace(node, nursery, driver, "late", State(Mode.DOWN, 1, ""), "", wires)
             await trio.sleep(late_s)
-            guardian = Guardian(driver, AT.watchdog, lambda *_: None)  # type: ignore[arg-type, return-value]
+            guardian = Guardian(driver, roots, lambda *_: None)  # type: ignore[arg-type, return-value]
             await nursery.start(node.cell(AT.path("guardian"), lambda: guardian).run)
             await trio.sleep(0.05)
             answer = await node.ref(AT.gate, Gate).ask(GetStatus(), 1.0)

@@ -1,0 +1,67 @@
+"""Beats that two processes note on a page both have."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from strands_actors.runtime.pulse import new_page, on_page, pair
+
+BEATING = """
+import sys, time
+from strands_actors.runtime.pulse import on_page
+pulse = on_page(int(sys.argv[1]), 1)
+while True:
+    pulse.beat(time.monotonic_ns())
+    time.sleep(0.001)
+"""
+
+
+def test_each_end_hears_the_other_and_not_itself() -> None:
+    one, other = pair()
+    assert one.heard_ns == other.heard_ns == 0
+    one.beat(7)
+    assert (one.heard_ns, other.heard_ns) == (0, 7)
+    other.beat(2**62)
+    assert (one.heard_ns, other.heard_ns) == (2**62, 7)
+    one.forget()
+    assert (one.heard_ns, other.heard_ns) == (0, 7)
+
+
+def test_a_page_outlives_its_descriptor_and_begins_without_a_beat() -> None:
+    fd = new_page()
+    one, other = on_page(fd, 0), on_page(fd, 1)
+    os.close(fd)
+    assert one.heard_ns == other.heard_ns == 0
+    other.beat(11)
+    assert one.heard_ns == 11
+
+
+def test_a_process_is_heard_until_it_is_stopped_and_when_it_goes_on() -> None:
+    fd = new_page()
+    pulse = on_page(fd, 0)
+    began_ns = time.monotonic_ns()
+    with subprocess.Popen([sys.executable, "-c", BEATING, str(fd)], pass_fds=(fd,)) as child:
+        try:
+            until(lambda: pulse.heard_ns > began_ns)
+            child.send_signal(signal.SIGSTOP)
+            os.waitid(os.P_PID, child.pid, os.WSTOPPED)
+            last_ns = pulse.heard_ns
+            time.sleep(0.05)
+            assert pulse.heard_ns == last_ns <= time.monotonic_ns()
+            child.send_signal(signal.SIGCONT)
+            until(lambda: pulse.heard_ns > last_ns)
+        finally:
+            child.kill()
+            os.close(fd)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.002)
