@@ -18,7 +18,8 @@ from .node import Node
 
 BACKLOG_BYTES = 256 * 1024
 _READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
-_HEADER = 5  # four bytes of length, one of how many descriptors come with the frame
+_HEAD = struct.Struct("<IB")  # its length, and how many descriptors come with it
+_HEADER = _HEAD.size
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
 _INT = struct.calcsize("i")
@@ -71,7 +72,7 @@ class Link:
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
         if self.closed:
             return False
-        packet = len(data).to_bytes(4, "little") + bytes((len(descriptors),)) + data
+        packet = _HEAD.pack(len(data), len(descriptors)) + data
         if len(packet) > BACKLOG_BYTES:
             self.dropped += 1  # half of it would be sent and the rest not kept
             return False
@@ -137,40 +138,42 @@ class Link:
             _close_all(descriptors)
 
     async def _read_frames(self, descriptors: deque[int]) -> None:
-        buffer = bytearray()
+        room = bytearray(_READ_BYTES)
+        rooms, read = (room,), memoryview(room)
+        rest = b""  # of a frame that is not whole yet
         while True:
             await trio.lowlevel.wait_readable(self._socket)
             try:
-                data, ancillary, _, _ = self._socket.recvmsg(_READ_BYTES, _ANCILLARY_BYTES, _CLOEXEC)
+                size, ancillary, _, _ = self._socket.recvmsg_into(rooms, _ANCILLARY_BYTES, _CLOEXEC)
             except BlockingIOError:
                 continue
             except ConnectionError:
                 return
             if ancillary:
                 descriptors.extend(_descriptors(ancillary))
-            if not data:
+            if not size:
                 return
-            buffer += data
+            data = rest + read[:size] if rest else read[:size]
             with self._node.turn:
-                if not self._take_frames(buffer, descriptors):
-                    return
+                taken = self._take_frames(data, descriptors)
+            if taken is None:
+                return
+            rest = bytes(data[taken:])
 
-    def _take_frames(self, buffer: bytearray, descriptors: deque[int]) -> bool:
-        """All that are whole; False when the other end cannot be what it should be."""
-        start = 0
-        while len(buffer) - start >= _HEADER:
-            size = int.from_bytes(buffer[start : start + 4], "little")
+    def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
+        """All that are whole; how many bytes that was. None when the other end cannot be what it should be."""
+        start, length = 0, len(data)
+        while length - start >= _HEADER:
+            size, count = _HEAD.unpack_from(data, start)
             if size > _MAX_FRAME:
-                return False
+                return None
             end = start + _HEADER + size
-            if len(buffer) < end:
+            if length < end:
                 break
-            count = buffer[start + 4]
-            taken = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors))))
-            self._node.receive_frame(bytes(buffer[start + _HEADER : end]), self, taken)
+            given = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors)))) if count else ()
+            self._node.receive_frame(bytes(data[start + _HEADER : end]), self, given)
             start = end
-        del buffer[:start]
-        return True
+        return start
 
 
 def _descriptors(ancillary: Sequence[tuple[int, int, bytes]]) -> Iterator[int]:
