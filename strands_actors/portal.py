@@ -56,10 +56,11 @@ class Portal:
 
     async def _serve(self) -> None:
         self._token = trio.lowlevel.current_trio_token()
-        async with open_caller() as (node, nursery, endpoint):
-            self.node, self.nursery, self.endpoint = node, nursery, endpoint
-            self._ready.set_result(None)
-            await trio.sleep_forever()
+        with trio.CancelScope() as self._scope:
+            async with open_caller() as (node, nursery, endpoint):
+                self.node, self.nursery, self.endpoint = node, nursery, endpoint
+                self._ready.set_result(None)
+                await trio.sleep_forever()
 
     def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
         """Start ``function(*args)`` in the loop; its result as a future of any thread. To cancel the future is to
@@ -93,7 +94,7 @@ class Portal:
     def leave(self) -> None:
         """End the loop, from another thread. One that is busy is left behind."""
         with contextlib.suppress(trio.RunFinishedError):
-            self._token.run_sync_soon(self.nursery.cancel_scope.cancel)
+            self._token.run_sync_soon(self._scope.cancel)
         self._thread.join(LEAVE_S)
 
     def call(self, function: Callable[..., Awaitable[T]], *args: Any) -> T:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import signal
 
 import trio
 
@@ -22,9 +23,7 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
         raise Problem(f"mcp: {refusal}") from refusal
     interrupted, problem = False, ""
     try:
-        trio.run(_serve, wanted, allow_motion)
-    except* KeyboardInterrupt:
-        interrupted = True
+        interrupted = trio.run(_until_interrupted, wanted, allow_motion)
     except* BrokenPipeError:
         pass  # the client is gone, and the robot safe
     except* ConnectionError as failures:
@@ -33,6 +32,25 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
         raise KeyboardInterrupt
     if problem:
         raise Problem(f"mcp: {problem}")
+
+
+async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
+    """Whether it was. The signal is received as an event: as an exception it could be raised between two lines of
+    the server's set-up or clearing away, which would then be left half done."""
+    interrupted = False
+    with trio.open_signal_receiver(signal.SIGINT) as signals:
+        async with trio.open_nursery() as nursery:
+
+            async def receive() -> None:
+                nonlocal interrupted
+                await anext(aiter(signals))
+                interrupted = True
+                nursery.cancel_scope.cancel()
+
+            nursery.start_soon(receive)
+            await _serve(wanted, allow_motion)
+            nursery.cancel_scope.cancel()
+    return interrupted
 
 
 async def _serve(wanted: Plan, allow_motion: bool) -> None:

@@ -1,0 +1,110 @@
+"""What runs beside a block, and a robot whose block is cancelled."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+import trio
+
+from strands_actors.background import open_background
+from strands_actors.testing import Twin
+
+from ..answers import until
+from .helpers import limps
+
+CANCELLED = """
+import sys
+import trio
+from strands_actors import open_robot
+
+async def main():
+    with trio.CancelScope() as scope:
+        async with open_robot("so101", mode="real", port=sys.argv[1]) as arm:
+            answer = await arm.send_action({"shoulder_pan": 1.0})
+            assert answer["status"] == "success", answer
+            scope.cancel()
+            await trio.sleep_forever()
+    assert scope.cancelled_caught
+
+trio.run(main)
+"""
+
+
+def test_a_robot_whose_block_is_cancelled_is_made_safe_and_the_program_goes_on(twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    subprocess.run([sys.executable, "-c", CANCELLED, twin.port], check=True, timeout=60)
+    assert twin.log.host("setpoint", began_ns)
+    assert until(lambda: limps(twin.log, began_ns), "it is limp")
+
+
+def test_its_tasks_are_there_while_a_cancelled_block_clears_away() -> None:
+    seen: list[str] = []
+
+    async def answer(requests: trio.MemoryReceiveChannel[trio.Event]) -> None:
+        async for request in requests:
+            request.set()
+
+    async def run() -> None:
+        asks, requests = trio.open_memory_channel[trio.Event](0)
+        with trio.CancelScope() as scope:
+            async with open_background() as nursery:
+                nursery.start_soon(answer, requests)
+                try:
+                    scope.cancel()
+                    await trio.sleep_forever()
+                finally:
+                    with trio.move_on_after(10, shield=True):
+                        answered = trio.Event()
+                        await asks.send(answered)
+                        await answered.wait()
+                        seen.append("answered")
+        assert scope.cancelled_caught
+
+    trio.run(run)
+    assert seen == ["answered"]
+
+
+@pytest.mark.parametrize("leave", [None, KeyError("x"), KeyboardInterrupt()])
+def test_they_end_with_the_block(leave: BaseException | None) -> None:
+    seen: list[str] = []
+
+    async def beside() -> None:
+        try:
+            await trio.sleep_forever()
+        finally:
+            seen.append("ended")
+
+    async def run() -> None:
+        async with open_background() as nursery:
+            nursery.start_soon(beside)
+            await trio.testing.wait_all_tasks_blocked()
+            if leave is not None:
+                raise leave
+
+    if isinstance(leave, KeyError):
+        with pytest.raises(KeyError):
+            trio.run(run)
+    elif leave is not None:
+        with pytest.raises(BaseExceptionGroup) as caught:
+            trio.run(run)
+        assert caught.group_contains(KeyboardInterrupt)
+    else:
+        trio.run(run)
+    assert seen == ["ended"]
+
+
+def test_one_that_fails_ends_the_block() -> None:
+    async def fail() -> None:
+        raise OSError("broken")
+
+    async def run() -> None:
+        async with open_background() as nursery:
+            nursery.start_soon(fail)
+            await trio.sleep_forever()
+
+    with pytest.raises(ExceptionGroup) as caught:
+        trio.run(run)
+    assert caught.group_contains(OSError, match="broken")
