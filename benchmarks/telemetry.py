@@ -22,8 +22,8 @@ QUESTION = Question(
         Goal("robots_per_core", "strands-robots", at_least=5.0, gross=10.0),  # the short form starts two
         Goal("threads_per_robot", "", at_most=0.0),
     ),
-    limit="""The processor: each of our robots is two processes that look at deadlines 100 times a second and
-beat 50 times, whether it moves or not, 6 to 9 % of a core and 35 to 49 MB, two fifths of it waking up (epoll in
+    limit="""The processor: each of our robots is two processes that look at deadlines, and beat, 100 times a
+second, whether it moves or not, 6 to 9 % of a core and 35 to 49 MB, two fifths of it waking up (epoll in
 the flame graph); each of the reference's is 15 threads of the caller that do nothing between their ten states a
 second, 2 to 3 %. Nobody watches those. Five times as many robots would be 1.2 % of a core each: two processes
 that only tick 100 times a second take 0.9 to 2.6 on this machine (`an empty tick` of `legs`, five times slower).

@@ -14,20 +14,25 @@ async def open_background() -> AsyncIterator[trio.Nursery]:
     block from outside reaches the block alone, which may need those tasks to clear away (a robot is made safe by
     way of them). What the block raises comes out as it is: trio's own nursery would wrap it in a group."""
     failure: Exception | None = None
+    scope = trio.CancelScope(shield=True)
+    tasks: list[trio.Nursery] = []
+    there = trio.Event()
+
+    async def run() -> None:
+        with scope:
+            async with trio.open_nursery() as nursery:
+                tasks.append(nursery)
+                there.set()
+                await trio.sleep_forever()
+
     async with trio.open_nursery() as outer:
-        nursery: trio.Nursery = await outer.start(_run)
+        outer.start_soon(run)
         try:
-            yield nursery
+            await there.wait()
+            yield tasks[0]
         except Exception as error:
             failure = error
         finally:
-            nursery.cancel_scope.cancel()
+            scope.cancel()
     if failure is not None:
         raise failure
-
-
-async def _run(task_status: trio.TaskStatus[trio.Nursery]) -> None:
-    with trio.CancelScope(shield=True):
-        async with trio.open_nursery() as nursery:
-            task_status.started(nursery)
-            await trio.sleep_forever()

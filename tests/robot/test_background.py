@@ -67,6 +67,17 @@ def test_its_tasks_are_there_while_a_cancelled_block_clears_away() -> None:
     assert seen == ["answered"]
 
 
+def test_a_block_that_is_cancelled_before_it_begins_is_left_at_once() -> None:
+    async def run() -> None:
+        with trio.CancelScope() as scope:
+            scope.cancel()
+            async with open_background():
+                pytest.fail("it has begun")
+        assert scope.cancelled_caught
+
+    trio.run(run)
+
+
 @pytest.mark.parametrize("leave", [None, KeyError("x"), KeyboardInterrupt()])
 def test_they_end_with_the_block(leave: BaseException | None) -> None:
     seen: list[str] = []
