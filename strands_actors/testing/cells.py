@@ -229,8 +229,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     stood_ms = queue.stood_ms()
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
-    # One that lost its caller's setpoints while it was ill has been made safe for that, and a stop adds nothing.
-    _require_motion(bench.log, broken_ns if cell.returns else since_ns)
+    _require_motion(bench.log, broken_ns)
     outcome = _read(bench.log, bench.driver, cell, since_ns, since_ns, 0.0, stood_ms)
     return _told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
@@ -258,16 +257,16 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 # -- the log
 
 
-def _require_motion(log: WireLog, since_ns: int) -> None:
-    """Raise ``NotMoving`` when the robot was at rest by then: a busy machine may have had it held."""
+def _require_motion(log: WireLog, broken_ns: int) -> None:
+    """Raise ``NotMoving`` when the robot was at rest when it was broken: a busy machine may have had it held."""
     last = ""
     for entry in log.entries():
-        if entry.t_ns >= since_ns:
+        if entry.t_ns >= broken_ns:
             break
         if entry.kind in ("setpoint", "safe", "watchdog"):
             last = entry.kind
     if last != "setpoint":
-        raise NotMoving(f"the last on the wire before that is {last or 'nothing'}, no setpoint")
+        raise NotMoving(f"the last on the wire before it was broken is {last or 'nothing'}, no setpoint")
 
 
 def _read(

@@ -286,55 +286,6 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
     assert began == ["task"] * cells.STARTS
 
 
-@pytest.mark.parametrize("safe_before", [False, True])
-def test_a_robot_that_was_made_safe_before_it_was_to_be_stopped_is_begun_again(
-    tmp_path: Path, safe_before: bool
-) -> None:
-    """It had lost its caller's setpoints; what a stop writes then says nothing of how long a stop takes."""
-    log = WireLog(tmp_path / "wire.ndjson")
-    began: list[str] = []
-
-    def show(kind: str) -> None:
-        with log.path.open("a") as file:
-            row = {"t_ns": time.monotonic_ns(), "from": "host", "kind": kind, "hex": "", "rung": "limp"}
-            file.write(json.dumps(row) + "\n")
-
-    class Ill:
-        driver = driver_of("so101")
-
-        def __init__(self) -> None:
-            self.log, self.twin = log, self
-
-        def moving(self, motion: str) -> Ill:
-            began.append(motion)
-            show("setpoint")
-            return self
-
-        def fault(self, fault: str) -> None:
-            if fault != "ok" and safe_before:
-                show("safe")
-
-        def queue(self, caller: object) -> Queue:
-            return Queue(())
-
-        def tell(self, line: str) -> None:
-            pass
-
-        def line(self) -> dict[str, object]:
-            told = {"at_ns": time.monotonic_ns(), "confirmed": True}
-            show("safe")
-            return told
-
-    cell = Cell(Victims.TWIN, Faults.SLOW, "", ())
-    if safe_before:
-        with pytest.raises(NotMoving, match="the last on the wire before that is safe, no setpoint"):
-            cells.run_cell(cell, Ill())  # type: ignore[arg-type]
-        assert len(began) == cells.STARTS
-    else:
-        outcome = cells.run_cell(cell, Ill())  # type: ignore[arg-type]
-        assert outcome.safe and not outcome.late and len(began) == 1
-
-
 def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
     with Bench("blinky", Blinky) as bench:
         template = bench.template.pid
