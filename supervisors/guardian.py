@@ -132,8 +132,7 @@ class Guardian(Actor):
 
     def _tick(self, now_ns: int) -> None:
         self._pulse.beat(now_ns)
-        if (heard_ns := self._pulse.heard_ns) > self._silence.heard_ns:
-            self._silence.heard(heard_ns)
+        self._silence.heard(self._pulse.heard_ns)
         self._ticks += 1
         if self._ticks % LOOK_EVERY == 0:
             for pid in self._stoppage.look(self._writers()):

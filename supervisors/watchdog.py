@@ -122,9 +122,8 @@ class Watchdog(Actor):
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
-        if (heard_ns := self._pulse.heard_ns) > self._root.heard_ns:
-            self.context.saw(heard_ns)
-            self._root.heard(heard_ns)
+        if self._root.heard(self._pulse.heard_ns):
+            self.context.saw(self._root.heard_ns)
         if not self._root_lost and self._root.tick(now_ns):
             self._lose_root(f"the root process stopped answering ({self._root.told(now_ns)})")
 

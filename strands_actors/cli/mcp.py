@@ -9,6 +9,7 @@ import trio
 
 from ..agents.approval import Approval, ask_on_terminal
 from ..async_robot import AsyncRobot, open_tree
+from ..background import open_background
 from ..factory import Plan, plan
 from .errors import Problem
 
@@ -37,20 +38,16 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
 async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
     """Whether it was. The signal is received as an event: as an exception it could be raised between two lines of
     the server's set-up or clearing away, which would then be left half done."""
-    interrupted = False
-    with trio.open_signal_receiver(signal.SIGINT) as signals:
-        async with trio.open_nursery() as nursery:
+    with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
 
-            async def receive() -> None:
-                nonlocal interrupted
-                await anext(aiter(signals))
-                interrupted = True
-                nursery.cancel_scope.cancel()
+        async def interrupt() -> None:
+            await anext(aiter(signals))
+            serving.cancel()
 
-            nursery.start_soon(receive)
+        async with open_background() as nursery:
+            nursery.start_soon(interrupt)
             await _serve(wanted, allow_motion)
-            nursery.cancel_scope.cancel()
-    return interrupted
+    return serving.cancelled_caught
 
 
 async def _serve(wanted: Plan, allow_motion: bool) -> None:

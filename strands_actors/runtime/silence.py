@@ -51,11 +51,14 @@ class Silence:
         self._before: Standing | None = None
         self._after: Standing | None = None
 
-    def heard(self, now_ns: int) -> None:
-        """A word from the peer."""
-        self.heard_ns = now_ns
+    def heard(self, word_ns: int) -> bool:
+        """The peer's last word is from then; whether that is news."""
+        if word_ns <= self.heard_ns:
+            return False
+        self.heard_ns = word_ns
         self._ticks = 0
         self._looked_ns = 0
+        return True
 
     def memory(self) -> Heard:
         return Heard(self.heard_ns, self._ticks, self._looked_ns, self._before)

@@ -7,9 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
 from strands_actors.runtime.pulse import new_page, on_page, pair
+
+from ..answers import until
 
 BEATING = """
 import sys, time
@@ -47,21 +48,14 @@ def test_a_process_is_heard_until_it_is_stopped_and_when_it_goes_on() -> None:
     began_ns = time.monotonic_ns()
     with subprocess.Popen([sys.executable, "-c", BEATING, str(fd)], pass_fds=(fd,)) as child:
         try:
-            until(lambda: pulse.heard_ns > began_ns)
+            until(lambda: pulse.heard_ns > began_ns, "it beats")
             child.send_signal(signal.SIGSTOP)
             os.waitid(os.P_PID, child.pid, os.WSTOPPED)
             last_ns = pulse.heard_ns
             time.sleep(0.05)
             assert pulse.heard_ns == last_ns <= time.monotonic_ns()
             child.send_signal(signal.SIGCONT)
-            until(lambda: pulse.heard_ns > last_ns)
+            until(lambda: pulse.heard_ns > last_ns, "it goes on")
         finally:
             child.kill()
             os.close(fd)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.002)
