@@ -21,6 +21,7 @@ from . import failsafe
 from .failsafe import Action, Event, Mode
 from .lease import LEASE_TTL_NS, Leases, refuse_by_deadline
 from .messages import (
+    BROUGHT,
     Accepted,
     Acquire,
     Alive,
@@ -139,7 +140,9 @@ class Gate(Actor):
             case Setpoint():
                 return self._setpoint(message)
             case Probe():
-                self._probe(message)
+                if self._live_until_ns:
+                    self._look(message.now_ns)
+                self._tell_alive(message.number)
             case Observed():
                 self._observed(message)
             case Stop():
@@ -183,6 +186,10 @@ class Gate(Actor):
                 held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
+        if 0 < message.period_s <= self._driver.timing.tick_s:
+            if self._live_until_ns:
+                self._look(self.context.received_ns, admitted=not isinstance(answer, Refused))
+            self._tell_alive(BROUGHT)
         return answer
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
@@ -316,20 +323,21 @@ class Gate(Actor):
 
     # -- time
 
-    def _probe(self, probe: Probe) -> None:
+    def _look(self, now_ns: int, admitted: bool = False) -> None:
+        """At what may have ended what is live. ``admitted``: the robot's conditions have just been looked at."""
         live_until = self._live_until_ns
-        if live_until:
-            if live_until > 0 and probe.now_ns >= live_until:
-                self._trip(Reason.EXPIRED, "the setpoint expired")
-            elif silent := self._leases.lapsed(probe.now_ns, live_until < 0):
-                self._trip(Reason.LEASE, f"{silent} stopped answering")
-            elif self._driver.conditions and self._observation is not None:
-                refusal = self._refuse_by_condition(self._observation, probe.now_ns)
-                if refusal is not None:
-                    self._trip(Reason.FAULT, refusal.reason.removeprefix("move: "))
-        state = self._state
-        live = self._live_until_ns != 0 and state.mode is Mode.ARMED
-        self._watchdog.tell(Alive(probe.number, state.epoch, live))
+        if live_until > 0 and now_ns >= live_until:
+            self._trip(Reason.EXPIRED, "the setpoint expired")
+        elif silent := self._leases.lapsed(now_ns, live_until < 0):
+            self._trip(Reason.LEASE, f"{silent} stopped answering")
+        elif not admitted and self._driver.conditions and self._observation is not None:
+            refusal = self._refuse_by_condition(self._observation, now_ns)
+            if refusal is not None:
+                self._trip(Reason.FAULT, refusal.reason.removeprefix("move: "))
+
+    def _tell_alive(self, number: int) -> None:
+        live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
+        self._watchdog.tell(Alive(number, self._state.epoch, live))
 
     # -- stop, resume
 

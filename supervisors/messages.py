@@ -173,6 +173,10 @@ class Probe(Message, frozen=True):
     now_ns: int
 
 
+BROUGHT = 0
+"""Instead of a probe's number: a setpoint of a stream that is as quick as ticks has made the gate look."""
+
+
 class Alive(Message, frozen=True):
     """The gate's answer. ``live``: there is a setpoint whose writer and lifetime still stand."""
 

@@ -8,6 +8,9 @@ last cycle) are all alive. A frozen link in that chain therefore stops the keepa
 To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
 not answer is fenced from outside, whatever it believes of itself.
 
+A stream of setpoints that is as quick as its ticks brings them along (``Pace``): with each the gate looks at its
+deadlines and says so, as if it had been probed. When the stream is late the watchdog ticks by itself again.
+
 It reads no clock: what it does follows from its memory, the message, and when that was taken up.
 """
 
@@ -26,7 +29,7 @@ from strands_actors.runtime.processor import Standing
 from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Heard, Silence
 
-from .messages import Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
+from .messages import BROUGHT, Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
 
 
 class Tick(Message, frozen=True):
@@ -49,6 +52,7 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
     probe: int
     cycle: int
     cycle_at_ns: int
+    ticked_ns: int
     gate_answered: int
     transport_answered: int
     gate_heard_ns: int
@@ -75,12 +79,14 @@ class Watchdog(Actor):
         self._addresses = gate, transport
         self._pulse = pulse
         self._tick_s = timing.tick_s
+        self._tick_ns = round(timing.tick_s * NS)
         self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
         self._orphaned = orphaned
         self._probe = 0
         self._cycle = 0
         self._cycle_at_ns = 0
+        self._ticked_ns = 0
         self._gate_answered = 0
         self._transport_answered = 0
         self._answers_ns = [0, 0]  # when gate and transport were last heard
@@ -95,7 +101,7 @@ class Watchdog(Actor):
         self._gate: Ref = self.context.ref(gate)
         self._transport: Ref = self.context.ref(transport)
         self._answers_ns = [self.context.received_ns] * 2
-        self.context.every(self._tick_s, Tick)
+        self._pace = self.context.every(self._tick_s, Tick)
 
     def receive(self, message: Tick | Alive | Cycled | RootGone | Leave | StopReport) -> None:
         match message:
@@ -122,6 +128,10 @@ class Watchdog(Actor):
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
         self._gate.tell(Probe(self._probe, now_ns))
+        self._listen_to_root(now_ns)
+
+    def _listen_to_root(self, now_ns: int) -> None:
+        self._ticked_ns = now_ns
         if self._root.heard(self._pulse.heard_ns):
             self.context.saw(self._root.heard_ns)
         if not self._root_lost and self._root.tick(now_ns):
@@ -129,7 +139,11 @@ class Watchdog(Actor):
 
     def _gate_alive(self, alive: Alive) -> None:
         now_ns = self.context.received_ns
-        self._gate_answered = alive.number
+        if alive.number != BROUGHT:
+            self._gate_answered = alive.number
+        elif now_ns - self._ticked_ns >= self._tick_ns // 2:
+            self._pace.brought()
+            self._listen_to_root(now_ns)
         self._answers_ns[0] = now_ns
         self._alive = alive
         if now_ns >= self._cycle_at_ns:
@@ -174,6 +188,7 @@ class Watchdog(Actor):
             self._probe,
             self._cycle,
             self._cycle_at_ns,
+            self._ticked_ns,
             self._gate_answered,
             self._transport_answered,
             self._answers_ns[0],
@@ -187,6 +202,7 @@ class Watchdog(Actor):
     def recall(self, memory: WatchdogMemory) -> None:
         """Go on from there."""
         self._probe, self._cycle, self._cycle_at_ns = memory.probe, memory.cycle, memory.cycle_at_ns
+        self._ticked_ns = memory.ticked_ns
         self._gate_answered, self._transport_answered = memory.gate_answered, memory.transport_answered
         self._answers_ns = [memory.gate_heard_ns, memory.transport_heard_ns]
         self._busy_until_ns, self._alive = memory.busy_until_ns, memory.alive

@@ -206,13 +206,15 @@ def stale(ttl_s: float) -> Condition:
     return stale
 
 
+_HANDSHAKE = ", ".join(map(str, HANDSHAKE_FSM))
+
+
 def fsm(observation: Observation, now_ns: int) -> Refused | None:
     """G1: low-level commands are for the states that balance."""
-    wanted = ", ".join(str(number) for number in HANDSHAKE_FSM)
     known = observation.sensors.get("fsm")
     if known is None:
         why = "move: the FSM id is not known"
-        return Refused("fsm_unknown", why, "check that the robot has booted", "", wanted)
+        return Refused("fsm_unknown", why, "check that the robot has booted", "", _HANDSHAKE)
     number, read_s = known
     age_s = now_ns / NS - read_s
     if age_s > FSM_TTL_S:
@@ -224,7 +226,7 @@ def fsm(observation: Observation, now_ns: int) -> Refused | None:
     word = FSM_WORDS.get(round(number))
     shown = f"{number:g} ({word})" if word else f"{number:g}"
     why = f"move: FSM {shown} does not accept low-level commands; needs 500, 501 or 801"
-    return Refused("fsm", why, "bring the robot there by its remote", f"{number:g}", wanted)
+    return Refused("fsm", why, "bring the robot there by its remote", f"{number:g}", _HANDSHAKE)
 
 
 def sport_mode(observation: Observation, now_ns: int) -> Refused | None:

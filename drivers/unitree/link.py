@@ -77,8 +77,9 @@ class Link:
         self._codec = CommandCodec(model)
         self._decode = StateCodec(model).decode
         self.commands = self.participant.writer(p.COMMAND_TOPIC, p.command_type(model.family))
-        self._zero = (0.0,) * len(model.joints)
-        self._damp = (model.damp_kd,) * len(model.joints)
+        count = len(model.joints)
+        self._limp = (0.0,) * (5 * count)
+        self._damp = (0.0,) * (4 * count) + (model.damp_kd,) * count
 
     @property
     def heard(self) -> bool:
@@ -99,9 +100,7 @@ class Link:
 
     def encode(self, values: tuple[float, ...]) -> bytes:
         """A target, five rows, as a payload."""
-        count = len(self._zero)
-        rows = [values[first : first + count] for first in range(0, 5 * count, count)]
-        return CDR + self._codec.encode(self._machine, *rows)
+        return CDR + self._codec.encode(self._machine, values)
 
     def send(self, payload: bytes) -> bool:
         """Whether it left, and for the robot."""
@@ -109,8 +108,7 @@ class Link:
 
     def safe_frame(self, damp: bool) -> bytes:
         """No joint is pulled anywhere: braked, or not even that."""
-        zero = self._zero
-        return CDR + self._codec.encode(self._machine, zero, zero, zero, zero, self._damp if damp else zero)
+        return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
 
     @property
     def _machine(self) -> int:

@@ -83,7 +83,7 @@ class State(NamedTuple):
 # -- the checksum
 
 
-def _crc(image: bytes) -> int:
+def _crc(image: bytes | bytearray) -> int:
     """CRC-32/MPEG-2 over little-endian words, most significant byte first. (zlib's is the mirror image.)"""
     words = array.array("I", image)
     if sys.byteorder == "little":
@@ -92,7 +92,7 @@ def _crc(image: bytes) -> int:
     return int.from_bytes(mirrored.to_bytes(4, "little").translate(_REVERSED), "big")
 
 
-def checksum(body: bytes, first_motor: int) -> int:
+def checksum(body: bytes | bytearray, first_motor: int) -> int:
     """Of a frame; its last word, the checksum itself, is not looked at."""
     at = first_motor
     pad = -at % 4
@@ -115,7 +115,7 @@ def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
 
 
 class CommandCodec:
-    """LowCmd of one robot."""
+    """LowCmd of one robot. A frame is sealed in place: of the one before, all but the joints' values stays."""
 
     def __init__(self, model: Model) -> None:
         self._family: Family = model.family
@@ -123,40 +123,50 @@ class CommandCodec:
         if self._family == "hg":
             motors = _motors(model, "Bx5f4x", "B3x5f4x", 28)
             code = f"<BB{motors}16xI"
+            stride, first_value = 28, 4
             self._head: list[float] = [0, 0]  # mode_pr: pitch and roll of the ankles, not their two motors
         else:
             motors = _motors(model, "Bx5f12x", "B3x5f12x", 36)
             code = f"<BBB19x{motors}64xI"
+            stride, first_value = 36, 24
             self._head = [*HEAD, LEVEL_LOW]
         self._struct = struct.Struct(code)
         assert self._struct.size == COMMAND_BYTES[self._family]
         # slots need not be in the order of the joints
-        self._order = sorted(range(len(model.joints)), key=model.slots.__getitem__)
-        self._in_order = self._order == list(range(len(model.joints)))
+        count = len(model.joints)
+        self._order = sorted(range(count), key=model.slots.__getitem__)
+        self._in_order = self._order == list(range(count))
         self.modes = tuple(joint.mode for joint in model.joints)
         self._start = len(self._head)
-        self._width = 6 * len(model.joints)
+        self._width = 6 * count
+        motors_zero = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
+        self._body = bytearray(self._struct.pack(*self._head, *motors_zero, 0))
+        # Row by row, each with its gaps where no motor is; from there into the motors, value by value.
+        used = set(model.slots)
+        last = max(used) + 1
+        row = "".join("f" if slot in used else "4x" for slot in range(last))
+        self._rows = struct.Struct(f"<{5 * row}")
+        self._by_slot = [count * kind + at for kind in range(5) for at in self._order]
+        self._packed = bytearray(self._rows.size)
+        words, values = memoryview(self._body).cast("f"), memoryview(self._packed).cast("f")
+        step, first = stride // 4, first_value // 4
+        self._columns = [
+            (words[first + kind : first + kind + step * (last - 1) + 1 : step], values[last * kind :][:last])
+            for kind in range(5)
+        ]
 
-    def encode(
-        self,
-        machine: int,
-        q: Sequence[float],
-        dq: Sequence[float],
-        tau: Sequence[float],
-        kp: Sequence[float],
-        kd: Sequence[float],
-    ) -> bytes:
-        """A sealed frame that commands every joint."""
-        start, end = self._start, self._start + self._width
-        flat: list[float] = [*self._head, *(0.0,) * self._width, 0]
+    def encode(self, machine: int, values: Sequence[float]) -> bytes:
+        """A sealed frame that commands every joint: ``values`` are the rows q, dq, tau, kp and kd, one behind the
+        other."""
+        body = self._body
         if self._family == "hg":
-            flat[1] = machine
-        for offset, column in enumerate((self.modes, q, dq, tau, kp, kd)):
-            flat[start + offset : end : 6] = column if self._in_order else [column[at] for at in self._order]
-        return self._seal(bytearray(self._struct.pack(*flat)))
-
-    def _seal(self, body: bytearray) -> bytes:
-        body[-4:] = checksum(bytes(body), self._first_motor).to_bytes(4, "little")
+            body[1] = machine
+        if not self._in_order:
+            values = [values[at] for at in self._by_slot]
+        self._rows.pack_into(self._packed, 0, *values)
+        for motors, row in self._columns:
+            motors[:] = row
+        body[-4:] = checksum(body, self._first_motor).to_bytes(4, "little")
         return bytes(body)
 
     def decode(self, body: bytes) -> Command:

@@ -9,8 +9,10 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from ..runtime.actor import Actor, Context, Deferred
+from ..runtime.clock import VirtualClock
 from ..runtime.messages import Message
 from ..runtime.node import Ref
+from ..runtime.pace import Pace
 from ..supervisors.tap import Kind, encode, name_of
 
 Effect = tuple[Kind, int, str, bytes]
@@ -71,8 +73,9 @@ class PaperContext(Context):
     def watch(self, address: str) -> None:
         """What it would be told stands in the recording."""
 
-    def every(self, period_s: float, make: Callable[[int], Message]) -> None:
+    def every(self, period_s: float, make: Callable[[int], Message]) -> Pace:
         """Its ticks stand in the recording."""
+        return Pace(VirtualClock(), period_s)
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
         """What a task does beside the actor is no decision of its own: the message that starts it is."""

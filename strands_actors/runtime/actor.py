@@ -13,7 +13,6 @@ is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Coroutine
-from contextlib import aclosing
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from .clock import Clock
 from .frames import Protocol, protocol_of
 from .mailbox import Item, Mailbox, ReplyTo, Slot
 from .messages import Message, Refused
+from .pace import Pace
 from .turn import BURST, LONGEST_NS
 
 if TYPE_CHECKING:
@@ -117,17 +117,17 @@ class Context:
     def urgent_waiting(self) -> bool:
         return self._cell.mailbox.urgent_waiting
 
-    def every(self, period_s: float, make: Callable[[int], Message]) -> None:
-        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own."""
+    def every(self, period_s: float, make: Callable[[int], Message]) -> Pace:
+        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is given back."""
+        put, turn, address = self._cell.mailbox.put, self.node.turn, self.address
 
-        async def tick() -> None:
-            put, turn, address = self._cell.mailbox.put, self.node.turn, self.address
-            async with aclosing(self.clock.ticks(period_s)) as ticks:
-                async for now_ns in ticks:
-                    with turn:
-                        put(make(now_ns), None, address)
+        def tick(now_ns: int) -> None:
+            with turn:
+                put(make(now_ns), None, address)
 
-        self._nursery.start_soon(tick)
+        pace = Pace(self.clock, period_s)
+        self._nursery.start_soon(pace.run, tick)
+        return pace
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
         """A task that lives as long as this incarnation; its failure is the actor's."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable, Sequence
+from itertools import chain
 
 import pytest
 from hypothesis import given
@@ -20,6 +22,10 @@ SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 def rows(model: Model) -> list[tuple[float, ...]]:
     """q, dq, tau, kp, kd: each number says which row and joint it is of."""
     return [tuple(100.0 * row + at for at in range(len(model.joints))) for row in range(1, 6)]
+
+
+def flat(rows: Iterable[Sequence[float]]) -> list[float]:
+    return list(chain.from_iterable(rows))
 
 
 def sample(model: Model, soc: int = 77) -> State:
@@ -66,7 +72,7 @@ def test_the_c_struct_has_the_size_that_the_firmware_sums(family: str, frame: st
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_command_is_summed_as_the_firmware_does(robot: str) -> None:
     model = model_of(robot)
-    body = CommandCodec(model).encode(5, *rows(model))
+    body = CommandCodec(model).encode(5, flat(rows(model)))
     whole = image(body, 2 if model.family == "hg" else 22)
     words = list(struct.unpack(f"<{len(whole) // 4}I", whole))
     assert slow_crc(words[:-1]) == words[-1]
@@ -82,7 +88,7 @@ def test_the_bitwise_sum_is_crc_32_mpeg_2() -> None:
 def test_a_command_puts_every_joint_into_its_slot(robot: str) -> None:
     model = model_of(robot)
     columns = rows(model)
-    body = CommandCodec(model).encode(5, *columns)
+    body = CommandCodec(model).encode(5, flat(columns))
     stride, first = (28, 4) if model.family == "hg" else (36, 24)
     assert len(body) == {"hg": 1000, "go": 808}[model.family]
     for at, joint in enumerate(model.joints):
@@ -129,7 +135,7 @@ def test_a_command_reads_back(robot: str) -> None:
     def reads_back(q: list[float], machine: int) -> None:
         codec = CommandCodec(model)
         zero = (0.0,) * len(q)
-        command = codec.decode(codec.encode(machine, q, zero, zero, zero, zero))
+        command = codec.decode(codec.encode(machine, flat((q, zero, zero, zero, zero))))
         machine_said = machine if model.family == "hg" else 0
         assert command == Command(machine_said, codec.modes, tuple(q), zero, zero, zero, zero)
 
@@ -141,7 +147,7 @@ def test_a_command_reads_back(robot: str) -> None:
 def test_one_wrong_bit_is_no_command(robot: str, data: st.DataObject) -> None:
     model = model_of(robot)
     codec = CommandCodec(model)
-    body = bytearray(codec.encode(5, *rows(model)))
+    body = bytearray(codec.encode(5, flat(rows(model))))
     # bytes that CDR pads with are no part of the C struct
     padding = {3} if model.family == "hg" else {23}
     at = data.draw(st.integers(0, len(body) - 1).filter(lambda byte: byte not in padding))
@@ -150,10 +156,23 @@ def test_one_wrong_bit_is_no_command(robot: str, data: st.DataObject) -> None:
         codec.decode(bytes(body))
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_frame_keeps_nothing_of_the_one_before_nor_changes_it(robot: str) -> None:
+    model = model_of(robot)
+    codec, zeros = CommandCodec(model), [0.0] * (5 * len(model.joints))
+    first = codec.encode(5, flat(rows(model)))
+    kept = bytes(first)
+    assert codec.encode(0, zeros) == CommandCodec(model).encode(0, zeros)
+    with pytest.raises((struct.error, OverflowError)):
+        codec.encode(0, [*zeros[:-1], 1e300])  # no single-precision number
+    assert codec.encode(0, zeros) == CommandCodec(model).encode(0, zeros)
+    assert first == kept == codec.encode(5, flat(rows(model)))
+
+
 def test_the_frame_of_the_other_family_is_no_command() -> None:
     hg, go = model_of("unitree_g1"), model_of("unitree_go2")
     with pytest.raises(Garbled, match="1000 bytes, not 808"):
-        CommandCodec(hg).decode(CommandCodec(go).encode(0, *rows(go)))
+        CommandCodec(hg).decode(CommandCodec(go).encode(0, flat(rows(go))))
 
 
 @given(st.binary(max_size=3000))

@@ -106,10 +106,11 @@ def test_a_gate_has_no_state_but_its_memory() -> None:
 
 def test_a_watchdog_has_no_state_but_its_memory() -> None:
     watchdog = Watchdog(FakeDriver.timing, "g", "t", lambda _: None, pair()[0])
-    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_cycle_ns", "_orphaned", "_pulse", "_root_stands"}
+    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_tick_ns", "_cycle_ns", "_orphaned", "_pulse"}
+    wiring |= {"_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
-    memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, watchdog._alive, Heard(10, 11, 12, None), True)
+    memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, 9, watchdog._alive, Heard(10, 11, 12, None), True)
     watchdog.recall(memory)
     assert watchdog.memory() == memory
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(memory), type=WatchdogMemory) == memory

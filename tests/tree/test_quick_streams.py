@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import pytest
 import trio
 
+from strands_actors.runtime.contract import Observation
 from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.messages import Accepted
-from strands_actors.testing import open_inline_tree, run_virtual
+from strands_actors.runtime.pulse import Pulse
+from strands_actors.supervisors.lease import LEASE_TTL_NS
+from strands_actors.supervisors.messages import Accepted, Acquire, Lease
+from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
+from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
-from .writer import armed
+from .writer import Writer, armed
 
 
 def test_saf_014_after_a_refusal_nobody_waited_for_no_setpoint_passes() -> None:
@@ -35,5 +40,111 @@ def test_who_waits_for_the_answer_may_go_on() -> None:
             answer = await writer.send(a=1e9)
             assert isinstance(answer, Refused) and answer.code == "range"
             assert isinstance(await writer.send(a=1.0), Accepted)
+
+    run_virtual(run)
+
+
+# -- as quick as the watchdog's ticks (10 ms here), which come with it
+
+
+async def stream(writer: Writer, for_s: float, stand: bool = False) -> None:
+    """Setpoints, one each tick; what is refused is not waited for."""
+    until_s = trio.current_time() + for_s
+    value = 0.0
+    while trio.current_time() < until_s:
+        value += 0.0 if stand else 0.01
+        writer.ref.tell(writer.setpoint(period_s=0.01, a=value))
+        await trio.sleep(0.01)
+
+
+def watchdog(tree: InlineTree) -> WatchdogMemory:
+    actor = tree.node.cells[tree.gate.address.replace("gate", "watchdog")].actor
+    assert isinstance(actor, Watchdog)
+    return actor.memory()
+
+
+def test_a_quick_stream_brings_the_watchdogs_ticks() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            before = watchdog(tree)
+            await stream(writer, 2.0)
+            after = watchdog(tree)
+            assert len(tree.hardware.of("setpoint")) == 200
+            assert after.probe - before.probe <= 2  # of 200, before the first has come
+            assert after.cycle - before.cycle == pytest.approx(100, abs=2)  # 50 a second, as ever
+            await trio.sleep(1.0)
+            assert watchdog(tree).probe - after.probe == pytest.approx(100, abs=2)
+
+    run_virtual(run)
+
+
+def test_saf_001_when_a_quick_stream_ends_its_last_setpoint_expires_as_any_other() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await stream(writer, 0.5)
+            last_ns = tree.hardware.of("setpoint")[-1].t_ns
+            await trio.sleep(0.5)
+            safe = tree.hardware.of("safe")[0]
+            assert 70 <= (safe.t_ns - last_ns) / 1e6 <= 111
+            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
+
+    run_virtual(run)
+
+
+def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            owner = await armed(tree)
+            policy = Writer(tree, "policy")
+            answer = await policy.ref.ask(Acquire("policy", owner.lease.id), 1.0)
+            assert isinstance(answer, Lease)
+            policy.lease = answer
+            began_ns = tree.node.clock.now_ns()  # from now on nobody beats for the owner
+            await stream(policy, 2.0)
+            safe = tree.hardware.of("safe")[0]
+            assert safe.t_ns - began_ns <= LEASE_TTL_NS + 11_000_000
+            assert [written for written in tree.hardware.of("setpoint") if written.t_ns > began_ns + 50_000_000]
+            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
+
+    run_virtual(run)
+
+
+def test_a_condition_that_no_longer_holds_ends_a_quick_stream_with_its_next_setpoint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    broken = False
+
+    def condition(observation: Observation, now_ns: int) -> Refused | None:
+        return Refused("fault", "move: it broke") if broken else None
+
+    monkeypatch.setattr(FakeDriver, "conditions", (condition,))
+
+    async def run() -> None:
+        nonlocal broken
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await stream(writer, 0.2)
+            broken, broke_ns = True, tree.node.clock.now_ns()
+            await stream(writer, 0.1)
+            assert tree.hardware.of("safe")[0].t_ns == broke_ns  # not a tick later
+            assert tree.hardware.of("setpoint")[-1].t_ns < broke_ns
+
+    run_virtual(run)
+
+
+def test_saf_003_a_root_that_falls_silent_is_noticed_beside_a_quick_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await stream(writer, 0.2)
+            monkeypatch.setattr(Pulse, "heard_ns", watchdog(tree).root.heard_ns)
+            silent_ns = watchdog(tree).root.heard_ns
+            await stream(writer, 0.5, stand=True)
+            safe = tree.hardware.of("safe")[0]
+            limit_ns = round((FakeDriver.timing.beat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)
+            assert safe.t_ns - silent_ns <= limit_ns
+            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
 
     run_virtual(run)

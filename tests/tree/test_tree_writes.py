@@ -153,7 +153,7 @@ def test_saf_003_a_crashed_actor_ends_its_group_and_the_second_path_makes_safe()
             await trio.sleep(0.05)
             crashed_ns = tree.node.clock.now_ns()
             gate = tree.node.cells[tree.gate.address].actor
-            gate._probe = lambda probe: 1 / 0  # type: ignore[attr-defined]
+            gate._look = lambda now_ns: 1 / 0  # type: ignore[attr-defined]
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
             assert safe[0].path == "second" and safe[0].rung == "limp"
