@@ -57,12 +57,13 @@ class Mailbox:
     ``offer``: called when a message comes while the reader waits; True: it will be read without waking the reader,
     or the reader woken after all."""
 
-    __slots__ = ("_offer", "_offered", "_slots", "_waiter", "capacity", "conflated", "queue", "urgent")
+    __slots__ = ("_offer", "_slots", "_waiter", "capacity", "conflated", "idle", "queue", "urgent")
 
     def __init__(self, capacity: int = CAPACITY, offer: Callable[[], bool] | None = None) -> None:
         self.capacity = capacity
         self._offer = offer
-        self._offered = False
+        self.idle = False
+        """The reader waits, and has not been told of anything yet."""
         self.conflated = 0
         self.urgent: deque[Item] = deque()
         self.queue: deque[Item | Slot] = deque()
@@ -100,12 +101,16 @@ class Mailbox:
             if len(self.urgent) >= self.capacity:
                 return False
             self.urgent.append(message if reply is None else (message, reply))
-        if self._waiter is not None and not self._offered:
-            if self._offer is not None and self._offer():
-                self._offered = True
-            else:
-                self.wake()
+        if self.idle:
+            self.rouse()
         return True
+
+    def rouse(self) -> None:
+        """The reader, who is idle: there is something now."""
+        if self._offer is not None and self._offer():
+            self.idle = False
+        else:
+            self.wake()
 
     def _new_slot(self, key: tuple[str, type]) -> Slot:
         if len(self._slots) >= _SLOTS:
@@ -115,12 +120,12 @@ class Mailbox:
 
     def take_up(self) -> bool:
         """What was offered is taken up now. Whether the reader waits, so that somebody may read in its place."""
-        self._offered = False
-        return self._waiter is not None
+        self.idle = self._waiter is not None
+        return self.idle
 
     def wake(self) -> None:
         """Let the reader run, whatever there is to read."""
-        self._offered = False
+        self.idle = False
         waiter = self._waiter
         if waiter is not None:
             self._waiter = None
@@ -151,10 +156,12 @@ class Mailbox:
             return
 
         self._waiter = trio.lowlevel.current_task()
+        self.idle = True
         await trio.lowlevel.wait_task_rescheduled(self._abort)
 
     def _abort(self, _: object) -> trio.lowlevel.Abort:
         self._waiter = None
+        self.idle = False
         return trio.lowlevel.Abort.SUCCEEDED
 
 

@@ -168,31 +168,46 @@ M = TypeVar("M", bound=Message)
 class Ref:
     """A way to reach one actor. Cheap; make as many as you like."""
 
-    __slots__ = ("_node", "_protocol", "_sender", "address")
+    __slots__ = ("_cell", "_node", "_protocol", "_sender", "address")
 
     def __init__(self, node: Node, address: str, protocol: type[Actor] | None, sender: str) -> None:
         self.address = address
         self._node = node
         self._protocol: Protocol | None = None if protocol is None else protocol_of(protocol)
         self._sender = sender
+        self._cell: Cell | None = None
+
+    def _local(self) -> Cell | None:
+        """The cell, if it is one of this node's."""
+        cell = self._cell
+        if cell is None or not cell.hosted:
+            self._cell = cell = self._node.cells.get(self.address)
+        return cell
 
     def tell(self, message: Message) -> None:
         """Send and forget. What cannot be delivered becomes a dead letter."""
-        tap = self._node.tap
-        if tap is not None:
-            tap.sent(self._sender, self.address, message)
-        cell = self._node.cells.get(self.address)
+        node = self._node
+        if node.tap is not None:
+            node.tap.sent(self._sender, self.address, message)
+        cell = self._cell
+        if cell is None or not cell.hosted:
+            cell = self._local()
         if cell is not None:
-            if type(message) not in cell.plain or not cell.mailbox.put(message, None, self._sender):
-                self._node.put_local(cell, message, None, self._sender)
-        elif not self._node.send_frame(self.address, TELL, 0, self._sender, message):
-            self._node.dead(self.address, message, "nobody hosts it")
+            mailbox, kind = cell.mailbox, type(message)
+            if kind in cell.commands and len(mailbox.queue) < mailbox.capacity:  # as Mailbox.put; a call less
+                mailbox.queue.append(message)
+                if mailbox.idle:
+                    mailbox.rouse()
+            elif kind not in cell.plain or not mailbox.put(message, None, self._sender):
+                node.put_local(cell, message, None, self._sender)
+        elif not node.send_frame(self.address, TELL, 0, self._sender, message):
+            node.dead(self.address, message, "nobody hosts it")
 
     async def ask(self, message: Message, deadline_s: float) -> Message | None:
         """Send and wait for the answer. Raise ``AskTimeout`` or ``Unreachable``; a refusal is an answer."""
         node = self._node
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
-        cell = self._node.cells.get(self.address)
+        cell = self._local()
         if cell is not None:
             with node.turn:
                 if type(message) not in cell.plain or not cell.mailbox.put(message, answer, self._sender):
@@ -254,6 +269,7 @@ class Node:
             raise ValueError(f"{cell.address} is already hosted here")
         if known is None:
             self.cells[cell.address] = cell
+            cell.hosted = True
             for way in self._ways():
                 way.announce(cell.address, True)
 
@@ -265,6 +281,7 @@ class Node:
         """The address is given up: what waits in the mailbox is refused."""
         if self.cells.pop(cell.address, None) is None:
             return
+        cell.hosted = False
         for way in self._ways():
             way.announce(cell.address, False)
         while (entry := cell.mailbox.pop()) is not None:

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 from .clock import Clock
 
 LONGEST_NS = 400_000
-BURST = 128
+BURST = 1024
 """Messages of one actor, or actors, in one go: in virtual time no nanosecond passes meanwhile."""
 
 

@@ -388,6 +388,27 @@ async def test_what_waits_when_an_address_is_given_up_is_refused() -> None:
         node.release(cell)  # harmless
 
 
+@virtual_time
+async def test_a_reference_finds_whoever_has_the_address_now() -> None:
+    async with running_node() as (node, _):
+        first, second = (node.cell("r/actor/doubler", Doubler) for _ in range(2))
+        ref = node.ref(first.address)
+        ref.tell(Number(0))
+        node.host(first)
+        ref.tell(Number(1))
+        node.release(first)
+        ref.tell(Number(2))
+        node.host(second)
+        ref.tell(Number(3))
+        assert first.mailbox.pop() is None
+        assert second.mailbox.pop() == (Number(3), None) and second.mailbox.pop() is None
+        assert [letter.why for letter in node.dead_letters] == [
+            "nobody hosts it",
+            "the actor ended",
+            "nobody hosts it",
+        ]
+
+
 # -- failure
 
 
