@@ -186,9 +186,8 @@ class Gate(Actor):
                 held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
-        if 0 < message.period_s <= self._driver.timing.tick_s:
-            if self._live_until_ns:
-                self._look(self.context.received_ns, admitted=not isinstance(answer, Refused))
+        elif 0 < message.period_s <= self._driver.timing.tick_s:
+            self._look(self.context.received_ns, admitted=True)
             self._tell_alive(BROUGHT)
         return answer
 

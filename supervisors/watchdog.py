@@ -8,8 +8,8 @@ last cycle) are all alive. A frozen link in that chain therefore stops the keepa
 To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
 not answer is fenced from outside, whatever it believes of itself.
 
-A stream of setpoints that is as quick as its ticks brings them along (``Pace``): with each the gate looks at its
-deadlines and says so, as if it had been probed. When the stream is late the watchdog ticks by itself again.
+A stream of setpoints that is as quick as its ticks brings them along (``Pace``): with each that it accepts the gate
+looks at its deadlines and says so, as if it had been probed. When none comes the watchdog ticks by itself again.
 
 It reads no clock: what it does follows from its memory, the message, and when that was taken up.
 """

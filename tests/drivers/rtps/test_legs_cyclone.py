@@ -26,7 +26,7 @@ def knee_of(image: str) -> float:
 def command(knee_rad: float, home: tuple[float, ...]) -> bytes:
     knee, zero = MODEL.axes.index("left_knee"), (0.0,) * 29
     q = (*home[:knee], knee_rad, *home[knee + 1 :])
-    return CommandCodec(MODEL).encode(5, q, zero, zero, (100.0,) * 29, (2.0,) * 29)
+    return CommandCodec(MODEL).encode(5, (*q, *zero, *zero, *(100.0,) * 29, *(2.0,) * 29))
 
 
 def test_a_cyclone_client_bends_the_knee_of_the_twin(tmp_path: Path) -> None:
