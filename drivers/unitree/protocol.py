@@ -121,15 +121,13 @@ class CommandCodec:
         self._family: Family = model.family
         self._first_motor = _FIRST_MOTOR[self._family, "command"]
         if self._family == "hg":
-            motors = _motors(model, "Bx5f4x", "B3x5f4x", 28)
-            code = f"<BB{motors}16xI"
-            stride, first_value = 28, 4
-            self._head: list[float] = [0, 0]  # mode_pr: pitch and roll of the ankles, not their two motors
+            stride = 28
+            code = f"<BB{_motors(model, 'Bx5f4x', 'B3x5f4x', stride)}16xI"
+            head: list[float] = [0, 0]  # mode_pr: pitch and roll of the ankles, not their two motors
         else:
-            motors = _motors(model, "Bx5f12x", "B3x5f12x", 36)
-            code = f"<BBB19x{motors}64xI"
-            stride, first_value = 36, 24
-            self._head = [*HEAD, LEVEL_LOW]
+            stride = 36
+            code = f"<BBB19x{_motors(model, 'Bx5f12x', 'B3x5f12x', stride)}64xI"
+            head = [*HEAD, LEVEL_LOW]
         self._struct = struct.Struct(code)
         assert self._struct.size == COMMAND_BYTES[self._family]
         # slots need not be in the order of the joints
@@ -137,22 +135,21 @@ class CommandCodec:
         self._order = sorted(range(count), key=model.slots.__getitem__)
         self._in_order = self._order == list(range(count))
         self.modes = tuple(joint.mode for joint in model.joints)
-        self._start = len(self._head)
+        self._start = len(head)
         self._width = 6 * count
-        motors_zero = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
-        self._body = bytearray(self._struct.pack(*self._head, *motors_zero, 0))
+        idle = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
+        self._body = bytearray(self._struct.pack(*head, *idle, 0))
         # Row by row, each with its gaps where no motor is; from there into the motors, value by value.
         used = set(model.slots)
-        last = max(used) + 1
-        row = "".join("f" if slot in used else "4x" for slot in range(last))
+        slots = max(used) + 1
+        row = "".join("f" if slot in used else "4x" for slot in range(slots))
         self._rows = struct.Struct(f"<{5 * row}")
         self._by_slot = [count * kind + at for kind in range(5) for at in self._order]
         self._packed = bytearray(self._rows.size)
         words, values = memoryview(self._body).cast("f"), memoryview(self._packed).cast("f")
-        step, first = stride // 4, first_value // 4
+        step, first = stride // 4, (self._first_motor + 2) // 4  # behind the first motor's mode and its padding
         self._columns = [
-            (words[first + kind : first + kind + step * (last - 1) + 1 : step], values[last * kind :][:last])
-            for kind in range(5)
+            (words[first + kind :][: step * slots : step], values[slots * kind :][:slots]) for kind in range(5)
         ]
 
     def encode(self, machine: int, values: Sequence[float]) -> bytes:

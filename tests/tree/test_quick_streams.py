@@ -13,7 +13,7 @@ from strands_actors.supervisors.messages import Accepted, Acquire, Lease
 from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
-from .writer import Writer, armed
+from .writer import Writer, armed, setpoints
 
 
 def test_saf_014_after_a_refusal_nobody_waited_for_no_setpoint_passes() -> None:
@@ -88,7 +88,7 @@ def test_saf_001_when_a_quick_stream_ends_its_last_setpoint_expires_as_any_other
             await trio.sleep(0.5)
             safe = tree.hardware.of("safe")[0]
             assert 70 <= (safe.t_ns - last_ns) / 1e6 <= 111
-            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
+            assert setpoints(tree, safe.t_ns) == []
 
     run_virtual(run)
 
@@ -105,8 +105,8 @@ def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> 
             await stream(policy, 2.0)
             safe = tree.hardware.of("safe")[0]
             assert safe.t_ns - began_ns <= LEASE_TTL_NS + 11_000_000
-            assert [written for written in tree.hardware.of("setpoint") if written.t_ns > began_ns + 50_000_000]
-            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
+            assert setpoints(tree, began_ns + 50_000_000)
+            assert setpoints(tree, safe.t_ns) == []
 
     run_virtual(run)
 
@@ -145,6 +145,6 @@ def test_saf_003_a_root_that_falls_silent_is_noticed_beside_a_quick_stream(monke
             safe = tree.hardware.of("safe")[0]
             limit_ns = round((FakeDriver.timing.beat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)
             assert safe.t_ns - silent_ns <= limit_ns
-            assert not [written for written in tree.hardware.of("setpoint") if written.t_ns > safe.t_ns]
+            assert setpoints(tree, safe.t_ns) == []
 
     run_virtual(run)
