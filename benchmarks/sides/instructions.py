@@ -39,6 +39,7 @@ async def our_asks(times: int) -> None:
 def our_setpoints(times: int) -> None:
     from strands_actors.drivers.unitree.link import CDR
     from strands_actors.drivers.unitree.protocol import CommandCodec
+    from strands_actors.runtime.columns import by_column
     from strands_actors.runtime.contract import Candidate, GateState, Observation
     from strands_actors.runtime.frames import decode_frame, frame, protocol_of
     from strands_actors.supervisors.gate import Gate
@@ -48,16 +49,17 @@ def our_setpoints(times: int) -> None:
     driver: Any = driver_of("unitree_g1")
     count = len(driver.axes)
     action: dict[str, Any] = {axis: {"q": 0.01, "kp": 200.0, "kd": 6.0} for axis in driver.axes}
-    sent = frame("strands/g1/actor/gate", 0, 0, "policy", "node", Setpoint(1, 1, 10**18, action, 0.002))
+    setpoint: Any = Setpoint(1, 1, 10**18, {}, 0.002, False, by_column(action) or {})
+    sent = frame("strands/g1/actor/gate", 0, 0, "policy", "node", setpoint)
     decode, codec, now_ns = protocol_of(Gate).decode, CommandCodec(driver.model), time.monotonic_ns()
     sensors: dict[str, tuple[float, ...]] = {"battery": (90.0, now_ns / 1e9), "fsm": (500.0, now_ns / 1e9)}
     seen = Observation(now_ns, (0.0,) * count, (now_ns,) * count, (0.0,) * count, sensors, {})
     target = (*(0.01,) * count, *(0.0,) * (2 * count), *(200.0,) * count, *(6.0,) * count)
     state = GateState(now_ns, seen, target, now_ns, True, 0.002)
     for _ in range(times):
-        setpoint: Any = decode(decode_frame(sent).body)
+        setpoint = decode(decode_frame(sent).body)
         assert not any(condition(seen, now_ns) for condition in driver.conditions)
-        candidate = driver.parse(setpoint.action, state)
+        candidate = driver.parse_columns(setpoint.columns, state)
         assert isinstance(candidate, Candidate)
         assert not any(gate(candidate, state) for gate in driver.gates)
         assert len(CDR + codec.encode(5, candidate.values)) > count

@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.columns import Columns
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
 from strands_actors.runtime.messages import Refused
 
@@ -107,6 +108,9 @@ class _Legs(Driver):
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)
+
+    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
+        return self._parser.parse_columns(columns) or super().parse_columns(columns, state)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Positions: a target's other rows stand behind them."""

@@ -6,12 +6,12 @@ A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from operator import itemgetter
-from typing import Any, cast
+from collections.abc import Mapping
+from typing import Any
 
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
+from strands_actors.runtime.columns import Columns, by_column
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
@@ -25,7 +25,7 @@ ROWS = ("q", "dq", "tau", "kp", "kd")
 Q, DQ, TAU, KP, KD = range(len(ROWS))
 _ROW = {name: row for row, name in enumerate(ROWS)}
 
-_FLOATS, _DICTS = {float}, {dict}
+_FLOATS = {float}
 
 HANDSHAKE_FSM = (500, 501, 801)
 FSM_TTL_S = 1.0
@@ -63,8 +63,10 @@ class Parser:
     def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
         """A number is q in radians, sent with the joint's own gains; a dict has q and what differs from that.
         A joint that is not named keeps its target; as long as there is none, it is held where it is."""
-        if (usual := self._by_columns(action)) is not None:
-            return usual
+        if len(action) == self._count and tuple(action) in self._usual_keys:
+            usual = self.parse_columns(_columns(action))
+            if usual is not None:
+                return usual
         count = self._count
         if not action:
             return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
@@ -91,30 +93,13 @@ class Parser:
             return self._twice(next(at for at in named if named.count(at) > 1))
         return Candidate(tuple(target), tuple(named))
 
-    def _by_columns(self, action: Mapping[str, object]) -> Candidate | None:
-        """What comes 500 times a second: every joint, in order, each with the same rows, all plain finite floats.
-        None: look at it joint by joint."""
-        if len(action) != self._count or tuple(action) not in self._usual_keys:
-            return None
-        values = tuple(action.values())
-        kinds = set(map(type, values))
-        names: tuple[Any, ...] = ("q",)
-        columns: Iterable[tuple[Any, ...]] = (values,)
-        if kinds == _DICTS:
-            dicts = cast("tuple[dict[Any, Any], ...]", values)
-            names = tuple(dicts[0])
-            if len(names) < 2 or sum(map(len, dicts)) != len(names) * len(dicts):
-                return None
-            try:
-                columns = zip(*map(itemgetter(*names), dicts), strict=True)
-            except KeyError:
-                return None
-        elif kinds != _FLOATS:
-            return None
+    def parse_columns(self, columns: Columns) -> Candidate | None:
+        """What comes 500 times a second: every joint, in order, with the same rows, all finite. None: look at it
+        joint by joint."""
         rows = [*self._usual_rows]
-        for name, column in zip(names, columns, strict=True):
+        for name, column in columns.items():
             row = _ROW.get(name)
-            if row is None or set(map(type, column)) != _FLOATS or not all(map(math.isfinite, column)):
+            if row is None or len(column) != self._count or not math.isfinite(sum(column)):
                 return None
             rows[row] = column
         if not rows[Q]:
@@ -171,6 +156,12 @@ class Parser:
     def _twice(self, at: int) -> Refused:
         both = " and ".join(_spellings(self._model.joints[at].key)[:2])
         return Refused("both_spellings", f"move: {both} are both given", "send one of them", both)
+
+
+def _columns(action: Mapping[str, Any]) -> Columns:
+    """Of plain numbers, or of dicts that are alike. Nothing: it is another action."""
+    values = tuple(action.values())
+    return {"q": values} if set(map(type, values)) == _FLOATS else by_column(action) or {}
 
 
 def _spellings(key: str) -> tuple[str, ...]:
@@ -328,6 +319,8 @@ def gains(model: Model) -> GateCheck:
 
     def gains(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
+        if values[KP * count :] == state.target[KP * count :]:  # most often: it was let pass before
+            return None
         for row, name, most in rows:
             first = count * row
             for at in candidate.named:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.runtime.columns import by_axis
 from strands_actors.runtime.contract import Observation
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.supervisors.messages import (
@@ -112,7 +113,7 @@ class View:
         self._asked = ""
         match message:
             case Setpoint():
-                self._ask(_setpoint(message))
+                self._ask(_setpoint(message, self._axes))
             case Acquire():
                 self._ask(Command("acquire", message.holder, "later", message.over))
             case Stop():
@@ -241,7 +242,7 @@ def _said(row: msgspec.Struct) -> tuple[int, str] | None:
             return None
 
 
-def _setpoint(message: Setpoint) -> Command:
+def _setpoint(message: Setpoint, axes: Sequence[str]) -> Command:
     return Command(
         "setpoint",
         "",
@@ -250,7 +251,7 @@ def _setpoint(message: Setpoint) -> Command:
         message.epoch,
         message.deadline_ns,
         message.latched,
-        message.action,
+        by_axis(message.columns, axes) if message.columns else message.action,
     )
 
 

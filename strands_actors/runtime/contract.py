@@ -22,6 +22,7 @@ import msgspec
 import trio
 
 from .clock import Clock
+from .columns import Columns, by_axis
 from .messages import Message, Refused
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -267,6 +268,15 @@ class Driver(ABC):
     @abstractmethod
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Names and numbers to a whole target; joints not named keep ``state.target``."""
+
+    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
+        """As ``parse``, of an action by column. Default: it is turned, and parsed."""
+        count = len(self.axes)
+        for name, column in columns.items():
+            if len(column) != count:
+                why = f"move: {len(column)} numbers named {name}"
+                return Refused("columns", why, f"send {count}, one an axis", f"{len(column)}", f"{count}")
+        return self.parse(by_axis(columns, self.axes), state)
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""

@@ -34,6 +34,8 @@ DEPTH = 16
 
 SLOW_NS = 10_000_000
 """How often ``poll`` looks at more than user data."""
+FRESH_NS = 1_000_000
+"""Behind a datagram that came so lately there is hardly another one: looking for it costs more than taking it."""
 
 _USER = 1
 """Of the sockets, the one where user data arrives."""
@@ -145,12 +147,12 @@ class Participant:
 
     def poll(self) -> None:
         """Take what has arrived, do what is due, wait for nothing. Between two looks at everything it takes user
-        data alone."""
+        data alone, as far as the first that has just come: what is behind that waits for the next call."""
         if not self._sockets:
             return
         now_ns = self._clock.now_ns()
         if now_ns < self._slow_ns:
-            self._drain(self._sockets[_USER])
+            self._drain(self._sockets[_USER], FRESH_NS)
             return
         self._slow_ns = now_ns + SLOW_NS
         for sock in self._sockets:
@@ -182,7 +184,7 @@ class Participant:
                     return
                 self.poll()
 
-    def _drain(self, sock: socket.socket) -> None:
+    def _drain(self, sock: socket.socket, fresh_ns: int = 0) -> None:
         for _ in range(_ROUND):
             if not self._sockets:
                 return  # closed by a callback
@@ -195,9 +197,10 @@ class Participant:
                 self.trouble = str(error)
                 return
             now_ns = self._clock.now_ns()
-            if ancillary:
-                now_ns -= age_ns(ancillary[0][2], now_ns - self._empty_ns[sock])
-            self._engine.receive(self._view[:size], sender[0], now_ns)
+            age = age_ns(ancillary[0][2], now_ns - self._empty_ns[sock]) if ancillary else 0
+            self._engine.receive(self._view[:size], sender[0], now_ns - age)
+            if ancillary and age < fresh_ns:
+                return
 
     def _send(self, parts: Sequence[Buffer], address: Address) -> bool:
         try:

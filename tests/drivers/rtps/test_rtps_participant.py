@@ -11,6 +11,7 @@ import trio
 from rtps_pair import Log
 
 from strands_actors.drivers.common.rtps import Participant, open_participant, sockets, words
+from strands_actors.drivers.common.rtps.participant import FRESH_NS
 from strands_actors.runtime.contract import WireDown
 
 PATIENCE_S = 20.0
@@ -112,6 +113,40 @@ def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
     driver.close()
     driver.close()
     driver.poll()
+
+
+def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> None:
+    """A robot that says something once a period is not asked twice whether there is more; nothing stays behind."""
+    robot = Participant(DOMAIN, "127.0.0.32", (), False)
+    driver = Participant(DOMAIN, "127.0.0.33", (robot.address,), False)
+    states = Log()
+    writer, reader = robot.writer(*LOW_STATE), driver.reader(*LOW_STATE, states)
+    deadline = time.monotonic() + PATIENCE_S
+    while not (writer.matched and reader.matched):
+        assert time.monotonic() < deadline
+        driver.poll()
+        robot.poll()
+    one_by_one = 0
+    while not one_by_one:  # a pause of this machine makes old what should be fresh
+        assert time.monotonic() < deadline
+        driver.poll()
+        states.payloads.clear()
+        for _ in range(3):
+            writer.write(STATE)
+        seen = []
+        while len(states.payloads) < 3:
+            driver.poll()
+            seen.append(len(states.payloads))
+            assert len(seen) <= 3
+        one_by_one = seen == [1, 2, 3]
+    states.payloads.clear()
+    for _ in range(3):
+        writer.write(STATE)
+    time.sleep(2 * FRESH_NS / 1e9)
+    driver.poll()
+    assert states.payloads == [STATE] * 3
+    robot.close()
+    driver.close()
 
 
 @pytest.mark.parametrize("step_s", [3600, -3600])
