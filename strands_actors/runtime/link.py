@@ -69,7 +69,7 @@ class Link:
 
     # -- the Way protocol
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         if self.closed:
             return False
         packet = _HEAD.pack(len(data), len(descriptors)) + data

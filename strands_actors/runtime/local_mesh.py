@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import os
 
+import msgspec
+
+from .frames import TELLS, frame
 from .node import Node
 
 
@@ -66,8 +69,11 @@ class LocalMesh:
     def close(self) -> None:
         self._network.remove(self)
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         return self._network.deliver(self.node, to, data, descriptors)
+
+    def tell(self, to: str, sender: str, body: bytes) -> bool:
+        return self.send(to, frame(to, TELLS, 0, sender, self.node.address, [msgspec.Raw(body)]))
 
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: delivery looks the address up."""

@@ -26,11 +26,14 @@ from .frames import (
     HOSTS,
     REPLY,
     TELL,
+    TELLS,
     WATCH,
     Down,
     Frame,
     Protocol,
+    decode_bodies,
     decode_frame,
+    encode,
     frame,
     protocol_of,
 )
@@ -55,16 +58,21 @@ class Unreachable(Exception):
 class Way(TypingProtocol):
     """A link or a mesh: carries frames between nodes."""
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
-        """Send without waiting; False when nobody there hosts ``to``. What is not ``prompt`` may share a
-        packet with what follows. The sender keeps its descriptors, the receiver gets duplicates; a way
-        between processes that is no link delivers none."""
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+        """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
+        receiver gets duplicates; a way between processes that is no link delivers none."""
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...
 
     def watch(self, address: str) -> None:
         """Call ``node.lost(address)`` when the node that hosts it is gone."""
+        ...
+
+
+class Mesh(Way, TypingProtocol):
+    def tell(self, to: str, sender: str, body: bytes) -> bool:
+        """As ``send``, of an encoded message that may share a frame with what follows."""
         ...
 
 
@@ -232,7 +240,7 @@ class Ref:
 class Node:
     """The actors of one process. Enter with ``async with open_nursery() as n: await n.start(node.run)``."""
 
-    def __init__(self, name: str, clock: Clock, mesh: Way | None = None) -> None:
+    def __init__(self, name: str, clock: Clock, mesh: Mesh | None = None) -> None:
         self.name = name
         self.address = f"{PREFIX}/node/{name}"
         self.clock = clock
@@ -355,15 +363,19 @@ class Node:
         return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
-        way = self._routes.get(to) or self.mesh
+        link, mesh = self._routes.get(to), self.mesh
+        way = link or mesh
         if way is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
-        data = frame(to, kind, cid, sender, self.address, body)
+        alone = kind != TELL or link is not None or descriptors or body is None or body.lane == "urgent"
+        data = frame(to, kind, cid, sender, self.address, body) if alone else encode(body)
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        return way.send(to, data, descriptors, kind != TELL or (body is not None and body.lane == "urgent"))
+        if alone or mesh is None:
+            return way.send(to, data, descriptors)
+        return mesh.tell(to, sender, data)
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
@@ -380,8 +392,10 @@ class Node:
             return False
         kind = head.kind
         if kind in (TELL, ASK):
-            return self._receive_message(head, len(data), descriptors)
-        if kind == REPLY:
+            return self._receive_message(head, head.body, len(data), descriptors)
+        if kind == TELLS:
+            self._receive_tells(head)
+        elif kind == REPLY:
             self._receive_reply(head)
         elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
             self.learn(head.sender, way, head.cid == 1)
@@ -396,7 +410,32 @@ class Node:
             self.dead(head.to, head, f"unknown frame kind {kind}")
         return False
 
-    def _receive_message(self, head: Frame, size: int, descriptors: tuple[int, ...]) -> bool:
+    def _receive_tells(self, head: Frame) -> None:
+        if not self._receive_at_once(head):
+            self._receive_one_by_one(head)
+
+    def _receive_at_once(self, head: Frame) -> bool:
+        """Whether all could be read and had room."""
+        cell = self.cells.get(head.to)
+        if cell is None or len(head.body) > MAX_MESSAGE_BYTES:
+            return False
+        try:
+            messages = cell.protocol.decode_all(head.body)
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+            return False
+        return cell.commands.issuperset(map(type, messages)) and cell.mailbox.put_all(messages)
+
+    def _receive_one_by_one(self, head: Frame) -> None:
+        try:
+            bodies = decode_bodies(head.body)
+        except (msgspec.MsgspecError, RecursionError) as error:
+            self.refused_count += 1
+            self.dead(head.to, head, f"not an array of messages: {error}")
+            return
+        for body in bodies:
+            self._receive_message(head, body, len(body), ())
+
+    def _receive_message(self, head: Frame, body: msgspec.Raw, size: int, descriptors: tuple[int, ...]) -> bool:
         reply = _RemoteReply(self, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
@@ -407,7 +446,7 @@ class Node:
             self._refuse(head.to, head, _oversized(size), reply)
             return False
         try:
-            message = cell.protocol.decode(head.body)
+            message = cell.protocol.decode(body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             accepted = ", ".join(sorted(kind.__name__ for kind in cell.protocol.accepts))
             refusal = Refused("malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
@@ -462,9 +501,8 @@ class Node:
         watchers = self._watchers.get(head.sender)
         if watchers is not None and head.to in watchers:
             watchers.discard(head.to)
-            self._receive_message(
-                Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body), len(head.body), ()
-            )
+            tell = Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body)
+            self._receive_message(tell, head.body, len(head.body), ())
 
 
 def _oversized(size: int) -> Refused:

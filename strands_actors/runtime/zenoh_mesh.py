@@ -9,45 +9,24 @@ callback runs on zenoh's thread: it appends to a deque and writes an eventfd, no
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import trio
 import zenoh
 
+from .frames import TELLS, frame
 from .node import PREFIX, Node
 from .zenoh_session import Waker, closed, config, opened, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
-
-
 _TOGETHER_BYTES = 16 * 1024
-_MANY = 0xC1
-"""No frame begins so: msgpack never uses it. Then, for each frame, its size in four bytes and itself."""
-
-
-def packed(frames: Sequence[bytes]) -> bytes:
-    if len(frames) == 1:
-        return frames[0]
-    parts = [bytes((_MANY,))]
-    for frame in frames:
-        parts += (len(frame).to_bytes(4, "little"), frame)
-    return b"".join(parts)
-
-
-def unpacked(data: bytes) -> Iterator[bytes]:
-    """What was packed; of what was not, itself. Cut off, it ends with what is left: the node refuses that."""
-    if not data or data[0] != _MANY:
-        yield data
-        return
-    at = 1
-    while at < len(data):
-        end = at + 4 + int.from_bytes(data[at : at + 4], "little")
-        yield data[at + 4 : end]
-        at = end
+"""Of tells in one frame."""
 
 
 class ZenohMesh:
@@ -56,7 +35,7 @@ class ZenohMesh:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._inbox: deque[bytes] = deque()
-        self._waiting: dict[str, list[bytes]] = {}
+        self._waiting: dict[tuple[str, str], list[msgspec.Raw]] = {}  # by receiver and sender
         self._waiting_bytes = 0
         self._flush_wanted = trio.Event()
         self._waker = Waker()
@@ -92,8 +71,7 @@ class ZenohMesh:
             await self._waker.wait()
             with self.node.turn:
                 for _ in range(min(len(inbox), _WAKE_BATCH)):
-                    for frame in unpacked(inbox.popleft()):
-                        self.node.receive_frame(frame, self)
+                    self.node.receive_frame(inbox.popleft(), self)
             while lost:
                 self.node.lost(lost.popleft())
             if inbox:
@@ -106,39 +84,41 @@ class ZenohMesh:
 
     # -- the Way protocol
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), prompt: bool = True) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         try:
-            publisher = self._publishers.get((to, prompt)) or self._publisher(to, prompt)
-            status: Any = publisher.matching_status  # the stubs say bool
-            if not status.matching:
+            publisher = self._publisher(to, True)
+            if not _matching(publisher):
                 return False
-            if prompt:
-                if self._waiting:
-                    self._flush()
-                publisher.put(data)
-            else:
-                self._wait_for_company(to, data)
+            if self._waiting:
+                self._flush()  # first: what one sender says arrives in order
+            publisher.put(data)
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
 
-    def _wait_for_company(self, to: str, data: bytes) -> None:
-        """A put costs ten times a frame: what is told in one turn leaves as one."""
-        if not self._waiting and not self.node.turn.last(self._flush):
-            self._flush_wanted.set()
-        self._waiting.setdefault(to, []).append(data)
-        self._waiting_bytes += len(data)
+    def tell(self, to: str, sender: str, body: bytes) -> bool:
+        """A put costs ten times a message: what is told in one turn leaves as one."""
+        waiting = self._waiting.get((to, sender))
+        if waiting is None:
+            try:
+                if not _matching(self._publisher(to, False)):
+                    return False
+            except zenoh.ZError:
+                return False
+            if not self._waiting and not self.node.turn.last(self._flush):
+                self._flush_wanted.set()
+            waiting = self._waiting[to, sender] = []
+        waiting.append(msgspec.Raw(body))
+        self._waiting_bytes += len(body)
         if self._waiting_bytes > _TOGETHER_BYTES:
             self._flush()
+        return True
 
     def _flush(self) -> None:
         waiting, self._waiting, self._waiting_bytes = self._waiting, {}, 0
-        for to, frames in waiting.items():
-            try:
-                publisher = self._publishers.get((to, False)) or self._publisher(to, False)
-                publisher.put(packed(frames))
-            except zenoh.ZError:
-                pass  # the session is closed: who told them is ending
+        for (to, sender), bodies in waiting.items():
+            with contextlib.suppress(zenoh.ZError):  # the session is closed: who told them is ending
+                self._publisher(to, False).put(frame(to, TELLS, 0, sender, self.node.address, bodies))
 
     async def _flush_when_wanted(self) -> None:
         while True:
@@ -147,6 +127,9 @@ class ZenohMesh:
             self._flush()
 
     def _publisher(self, to: str, prompt: bool) -> zenoh.Publisher:
+        known = self._publishers.get((to, prompt))
+        if known is not None:
+            return known
         if "*" in to:
             raise zenoh.ZError(f"{to} is not one address")
         if len(self._publishers) >= _PUBLISHERS:
@@ -190,6 +173,11 @@ class ZenohMesh:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         self._inbox.append(sample.payload.to_bytes())
         self._waker.wake()
+
+
+def _matching(publisher: zenoh.Publisher) -> bool:
+    status: Any = publisher.matching_status  # the stubs say bool
+    return bool(status.matching)
 
 
 __all__ = ["PREFIX", "ZenohMesh", "config", "unix_endpoint"]
