@@ -17,7 +17,7 @@ from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.contract import Driver, Reason
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
-from strands_actors.runtime.pubsub import PubSub
+from strands_actors.runtime.pubsub import PubSub, Received
 
 from . import addresses
 from .command_rules import Limit, Shared, read_command, read_envelope
@@ -97,9 +97,14 @@ class Safety(Actor):
         at = addresses.of(self._robot)
         self._gate: Ref = self.context.ref(at.gate, Gate)
         self._guardian: Ref = self.context.ref(at.guardian, Guardian)
-        me = self.context.me
+        me, turn = self.context.me, self.context.node.turn
+
+        def arrived(received: Received) -> None:
+            with turn:  # handled now: a stop waits for no other turn of the loop
+                me.tell(Arrived(received.key, received.payload))
+
         for key in (ESTOP_KEY, BROADCAST_KEY, RESUME_KEY):
-            self._pubsub.subscribe(key, lambda received: me.tell(Arrived(received.key, received.payload)))
+            self._pubsub.subscribe(key, arrived)
 
     def receive(self, message: Arrived | StopOrder | ResumeOrder | StateIs) -> None:
         match message:

@@ -17,7 +17,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -72,29 +71,6 @@ def other(who: str, robot: str, port: str) -> Iterator[None]:
                 raise RuntimeError(errors.read().decode()[-2000:])
         finally:
             process.kill()
-
-
-@contextmanager
-def our_estop() -> Iterator[Callable[[], None]]:
-    """The mesh is joined once, as the reference's is, and the button pressed often."""
-    import trio
-
-    from strands_actors.mesh import open_mesh
-    from strands_actors.portal import portal
-
-    joined: Future[Any] = Future()
-
-    async def join() -> None:
-        async with open_mesh() as client:
-            joined.set_result(client)
-            await trio.sleep_forever()
-
-    member = portal().submit(join)
-    client = joined.result(10.0)
-    try:
-        yield lambda: portal().call(client.estop, "a benchmark")
-    finally:
-        member.cancel()
 
 
 def bare(length: str, port: str, log: Log) -> dict[str, float]:
@@ -163,7 +139,9 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
     with other(who, robot, port):
         log = Log(log_path)
         if who == "ours":
-            with our_estop() as press:
+            from strands_actors.mesh import estop_button
+
+            with estop_button(by="a benchmark") as press:  # the reference's mesh is joined in advance, too
                 figures = measure(own, press, log, COUNT[length])
         else:
             figures = measure(own, own.mesh.emergency_stop, log, COUNT[length])

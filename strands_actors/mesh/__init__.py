@@ -4,6 +4,7 @@ MeshConfig    how a robot can be reached: by default by its own user, on this ho
 open_mesh     the other end: subscribe, ask, stop
 control       the lease of a robot elsewhere
 estop         every robot on the mesh, from a program without trio
+estop_button  the same, joined in advance: the order leaves in the thread that presses
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from .config import TLS, Access, MeshConfig
     from .outcome import Outcome
     from .remote import RemoteRobot, control
-    from .sync import estop, resume
+    from .sync import estop, estop_button, resume
 
 _WHERE = {
     "TLS": "config",
@@ -26,6 +27,7 @@ _WHERE = {
     "RemoteRobot": "remote",
     "control": "remote",
     "estop": "sync",
+    "estop_button": "sync",
     "open_mesh": "client",
     "resume": "sync",
 }
@@ -39,6 +41,7 @@ __all__ = [
     "RemoteRobot",
     "control",
     "estop",
+    "estop_button",
     "open_mesh",
     "resume",
 ]

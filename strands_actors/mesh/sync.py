@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any
+
+import trio
+
 from ..portal import portal
 from ..runtime.messages import Refused
 from ..supervisors.mesh_json import ESTOP_ANSWER_S
-from .client import open_mesh
+from .client import AWAY_S, MeshClient, open_mesh
 from .config import MeshConfig
 from .outcome import Outcome
 
@@ -19,6 +27,38 @@ def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = EST
             return await client.estop(by, within_s)
 
     return portal().call(run)
+
+
+@contextlib.contextmanager
+def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
+    """For whoever may have to stop at any moment: join the mesh now, and stay. Gives a function that does as
+    ``estop`` does. Call it from any thread, as often as need be: the order leaves in that thread, before anything
+    is waited for. Raise ``ValueError`` for a configuration that cannot be used."""
+    joined: Future[MeshClient] = Future()
+
+    async def stay() -> None:
+        async with open_mesh(mesh) as client:
+            joined.set_result(client)
+            await trio.sleep_forever()
+
+    staying = portal().submit(stay)
+    either: list[Future[Any]] = [joined, staying]
+    wait(either, return_when=FIRST_COMPLETED)
+    if staying.done():
+        staying.result()  # raises why it could not
+    client = joined.result()
+
+    def press() -> list[Outcome]:
+        if staying.done():
+            raise RuntimeError("the button's block has been left. Press it inside, or call estop()")
+        pressed = client.press(by)
+        time.sleep(AWAY_S)
+        return portal().call(client.outcomes, pressed, ESTOP_ANSWER_S - AWAY_S)
+
+    try:
+        yield press
+    finally:
+        staying.cancel()
 
 
 def resume(robot: str, *, mesh: MeshConfig | None = None, by: str = "") -> None:

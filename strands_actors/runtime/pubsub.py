@@ -21,6 +21,11 @@ from .zenoh_session import Waker, closed, config, opened
 JSON = "application/json"
 
 _WAKE_BATCH = 128
+_URGENT: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.DROP,
+    "priority": zenoh.Priority.REAL_TIME,
+    "express": True,
+}
 
 
 class Stamp(msgspec.Struct, frozen=True):
@@ -75,6 +80,7 @@ class PubSub:
         self._closed = False
         self._inboxes: dict[str, _Inbox] = {}
         self._topics: dict[str, Topic] = {}
+        self._ready: dict[str, zenoh.Publisher] = {}
         self._polls: dict[str, Poll] = {}
         self._tokens: dict[str, Any] = {}
         opened(self)
@@ -130,16 +136,16 @@ class PubSub:
         return self._topics[key]
 
     def put(self, key: str, payload: bytes, schema: str) -> None:
-        """One urgent sample: a command, an answer. Never kept for those who come later."""
-        self._session.put(
-            key,
-            payload,
-            encoding=_encoding(schema),
-            attachment=_stamp(1),
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-        )
+        """One urgent sample: a command, an answer. Never kept for those who come later. From any thread."""
+        if ready := self._ready.get(key):
+            ready.put(payload, attachment=_stamp(1))
+        else:
+            self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
+
+    def get_ready(self, key: str, schema: str) -> None:
+        """To ``put`` there, in half the time (0.1 ms, when it is seldom done)."""
+        if key not in self._ready:
+            self._ready[key] = self._session.declare_publisher(key, encoding=_encoding(schema), **_URGENT)
 
     def declare_token(self, key: str) -> None:
         """There for as long as this session is."""

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.mesh import resume
+from strands_actors.mesh import estop_button, resume
+from strands_actors.portal import portal
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 
@@ -26,6 +27,14 @@ MOVES = {
 RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}
 BOUND_S = 1.0
 """From the call to the safe frame of each; far above what is measured, for a busy machine."""
+
+
+BUSY_S = 0.5
+
+
+async def busy() -> None:
+    """Keeps the caller's loop for a while."""
+    time.sleep(BUSY_S)  # noqa: ASYNC251
 
 
 class Member(NamedTuple):
@@ -81,6 +90,22 @@ def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member
     for member in fleet.values():
         assert member.twin.log.setpoints_after_safe(began_ns) == 0
     assert {kind: outcomes[kind].rung for kind in RUNGS} == RUNGS
+
+    # joined in advance, and pressed in a thread while the loop is busy with something else
+    resume("so101")
+    assert move("so101", fleet["so101"].robot) == ""
+    with estop_button(by="the red one") as press:
+        began_ns = time.monotonic_ns()
+        portal().submit(busy)
+        with ThreadPoolExecutor(1) as thread:
+            outcomes = {outcome.robot: outcome for outcome in thread.submit(press).result()}
+        took_s = fleet["so101"].twin.log.safe_within(began_ns, BOUND_S)
+    print(f"so101: safe on the wire after {1e3 * took_s:.1f} ms by the button")
+    assert took_s < BUSY_S / 2
+    assert outcomes.keys() == fleet.keys()
+    assert "e-stopped by the red one" in move("so101", fleet["so101"].robot)
+    with pytest.raises(RuntimeError, match="has been left"):
+        press()
 
     resume("so101")
     assert move("so101", fleet["so101"].robot) == ""

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from trio.testing import MockClock, wait_all_tasks_blocked
 
 from strands_actors.runtime.frames import ASK, DOWN, TELL, TELLS, WATCH, frame, protocol_of
+from strands_actors.runtime.mailbox import CAPACITY
 from strands_actors.runtime.messages import MAX_MESSAGE_BYTES, Message, Refused
 from strands_actors.runtime.node import Node
 
@@ -117,6 +118,14 @@ def test_of_tells_together_only_the_unreadable_are_refused(values: list[Any], da
         assert not wall.sent
 
     feed([tells(*bodies)], check)
+
+
+def test_of_tells_together_those_that_have_no_room_are_refused() -> None:
+    def check(node: Node, wall: Wall, log: list[Message]) -> None:
+        assert log == [Number(value) for value in range(CAPACITY)]
+        assert node.refused_count == node.dead_letter_count == 7
+
+    feed([tells(*map(Number, range(CAPACITY + 7)))], check)
 
 
 @pytest.mark.parametrize("body", [None, 7, {"a": 1}, msgspec.Raw(b"\x93\x01"), msgspec.Raw(b"")])
