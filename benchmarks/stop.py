@@ -53,12 +53,14 @@ QUESTION = Question(
 1.8 ms, whatever the policy does, half of it waking up (half of all samples are in epoll; see `setpoint`). On a UR
 the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of the third
 row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four times on
-the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh is 3 ms, stamped hop by hop
-(16 of them, medians): 0.4 from the caller's thread to its loop, 0.2 for two `put`s, 0.3 to 0.6 in zenoh's threads,
-0.3 until the root's loop has woken, 0.15 in the root, 0.2 to the wire process, 0.15 there, 0.4 to 0.9 in ur-rtde.
-It reaches two robots at once, whose four processes and two callers share two cores with the one that is measured.
-`plain zenoh and the SDK` is a `put` and a process that does nothing but move one arm: no root that would be there
-if that process were not, and nobody else who stops. The reference's e-stop of a blocked issuer takes 2 s.""",
+the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh (`estop_button`) is zenoh's and
+ur-rtde's first of all: `plain zenoh and the SDK`, a `put` and a process that does nothing but move one arm, took
+0.785 ms in one run and 2.04 in another. Ours took 2 to 2.6 ms in nine runs, stamped hop by hop: 0.3 for two `put`s
+in the thread that presses (0.1 to 0.2 of it zenoh's, cold), 0.3 to 0.6 in zenoh's threads, 0.3 until the root's
+loop has woken, 0.15 in the root, 0.2 to the wire process, 0.15 there, 0.4 to 0.9 in ur-rtde. It reaches two robots
+at once, whose four processes and two callers share two cores with the one that is measured. (0.8 ms more were the
+way through the caller's loop, and what that did while the order was under way.) The reference's e-stop of a blocked
+issuer takes 2 s.""",
     ground="plain zenoh and the SDK",
     rounds=1,
 )
