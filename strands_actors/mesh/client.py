@@ -285,8 +285,11 @@ class MeshClient:
         that is known, within ``within_s``; one that does not answer is unreachable, and counts as moving. No report
         at all: there is nobody."""
         pressed = self.press(by, robot)
-        await trio.sleep(AWAY_S)
-        return await self.outcomes(pressed, within_s - AWAY_S)
+        try:
+            await trio.sleep(AWAY_S)
+            return await self.outcomes(pressed, within_s - AWAY_S)
+        finally:
+            self._waiting.pop(pressed.turn, None)  # cancelled before it was waited for
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
         """The order of an ``estop``, from any thread: it leaves in this call, whatever the loop does. After
@@ -319,7 +322,7 @@ class MeshClient:
                     # Again to everybody whenever a robot appears: one order too many does no harm.
                     appeared, sessions = self._order_estop(turn, by, robot)
         finally:
-            del self._waiting[turn]
+            self._waiting.pop(turn, None)
         for missing in self._meant(robot):
             found.setdefault(missing, Outcome(missing, "unreachable", "it did not answer"))
         return [*(found[name] for name in sorted(found)), *self._not_connected()]
