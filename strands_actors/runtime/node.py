@@ -12,13 +12,13 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol as TypingProtocol
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import msgspec
-import outcome
 import trio
 
 from .actor import Actor, Cell
+from .asks import Answer, AskTimeout, Deadlines
 from .clock import Clock
 from .frames import (
     ASK,
@@ -42,13 +42,11 @@ from .messages import MAX_MESSAGE_BYTES, Message, Refused
 from .tap import Tap
 from .turn import Turn
 
+__all__ = ["PREFIX", "PROMPT", "Answer", "AskTimeout", "DeadLetter", "Mesh", "Node", "Ref", "Unreachable", "Way"]
+
 PREFIX = "strands"
 PROMPT = 32
 """Answers that were there at once before an asker lets other tasks run all the same."""
-
-
-class AskTimeout(Exception):
-    """No answer before the deadline. What was asked may still have happened: follow with a stop."""
 
 
 class Unreachable(Exception):
@@ -80,84 +78,6 @@ class DeadLetter(msgspec.Struct, frozen=True):
     to: str
     what: str
     why: str
-
-
-class Answer:
-    """The slot an ask waits on. The reply may come before the asker has parked."""
-
-    __slots__ = ("_task", "_value", "decode", "done", "expires_at")
-
-    def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
-        self.decode = decode
-        self.done = False
-        self.expires_at = 0.0
-        self._task: trio.lowlevel.Task | None = None
-        self._value: outcome.Outcome[Message | None] | None = None
-
-    def send(self, answer: Message | None) -> None:
-        self._settle(outcome.Value(answer))
-
-    def fail(self, error: Exception) -> None:
-        self._settle(outcome.Error(error))
-
-    def _settle(self, value: outcome.Outcome[Message | None]) -> None:
-        if self.done:
-            return
-        self.done = True
-        if self._task is None:
-            self._value = value
-        else:
-            trio.lowlevel.reschedule(self._task, value)
-            self._task = None
-
-    async def wait(self) -> Message | None:
-        if self._value is not None:
-            await trio.lowlevel.checkpoint_if_cancelled()
-            return self._value.unwrap()
-
-        def abort(_: object) -> trio.lowlevel.Abort:
-            self.done = True
-            self._task = None
-            return trio.lowlevel.Abort.SUCCEEDED
-
-        self._task = trio.lowlevel.current_task()
-        return cast("Message | None", await trio.lowlevel.wait_task_rescheduled(abort))
-
-
-class _Deadlines:
-    """Asks of one duration expire in the order they were made: a queue per duration, one sweeper task.
-    (``trio.fail_after`` around each ask costs twice the ask.)"""
-
-    def __init__(self) -> None:
-        self._queues: dict[float, deque[Answer]] = {}
-        self._next_at = float("inf")
-        self._wake = trio.Event()
-
-    def add(self, answer: Answer, duration_s: float) -> None:
-        queue = self._queues.setdefault(duration_s, deque())
-        while queue and queue[0].done:
-            queue.popleft()
-        answer.expires_at = trio.current_time() + duration_s
-        queue.append(answer)
-        if answer.expires_at < self._next_at:  # else the sweeper looks early enough
-            self._wake.set()
-
-    async def run(self) -> None:
-        while True:
-            now = trio.current_time()
-            next_at = float("inf")
-            for duration_s in list(self._queues):
-                queue = self._queues[duration_s]
-                while queue and (queue[0].done or queue[0].expires_at <= now):
-                    queue.popleft().fail(AskTimeout(f"no answer within {duration_s:g} s"))
-                if queue:
-                    next_at = min(next_at, queue[0].expires_at)
-                else:
-                    del self._queues[duration_s]
-            self._wake = trio.Event()
-            self._next_at = next_at
-            with trio.move_on_at(next_at):
-                await self._wake.wait()
 
 
 class _RemoteReply:
@@ -248,7 +168,7 @@ class Node:
         self.turn = Turn(clock)
         self.cells: dict[str, Cell] = {}
         self.pending: dict[int, Answer] = {}
-        self.deadlines = _Deadlines()
+        self.deadlines = Deadlines()
         self.dead_letters: deque[DeadLetter] = deque(maxlen=256)
         self.dead_letter_count = 0
         self.refused_count = 0
