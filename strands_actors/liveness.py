@@ -23,7 +23,7 @@ BUSY_SHARE = 0.5
 
 
 class Liveness:
-    """Call ``enter`` and ``leave`` around each verb, ``look`` at each beat."""
+    """Call ``enter`` and ``leave`` around each verb, or say ``with``; ``look`` at each beat."""
 
     def __init__(self) -> None:
         self._thread = threading.current_thread()
@@ -43,6 +43,12 @@ class Liveness:
     def leave(self) -> None:
         self._inside -= 1
         self._called_ns = time.monotonic_ns()
+
+    def __enter__(self) -> None:
+        self.enter()
+
+    def __exit__(self, *_: object) -> None:
+        self.leave()
 
     def look(self) -> tuple[bool, float]:
         """(the process lives, seconds since the commanding thread answered; -1.0: not since the last look)."""

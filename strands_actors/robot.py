@@ -123,11 +123,8 @@ class RealRobot(RobotTool):
     # -- the loop
 
     def _call(self, verb: Callable[..., Coroutine[Any, Any, T]], *args: Any) -> T:
-        self._liveness.enter()
-        try:
+        with self._liveness:
             return portal().call(verb, *args)
-        finally:
-            self._liveness.leave()
 
     def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
         """Run a verb on the tree; what keeps it from running at all is an error envelope."""
@@ -155,7 +152,9 @@ class RealRobot(RobotTool):
     async def _connect(self) -> str | None:
         if self._tree is None:
             shared = portal()
-            self._tree = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._tree = RobotTree(
+                shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look, by_threads=True
+            )
         return await self._tree.connect()
 
     @property
@@ -186,6 +185,11 @@ class RealRobot(RobotTool):
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
+        if (tree := self._tree) is not None:
+            with self._liveness:
+                answer = tree.direct.send_action(action)
+            if answer is not None:
+                return verbs.commanded(tree, action, answer)
         return self._verb(verbs.send_action, "move", action)
 
     def release(self) -> Answer:
@@ -194,7 +198,7 @@ class RealRobot(RobotTool):
 
     def get_observation(self) -> dict[str, float]:
         """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
-        answer = self._verb(verbs.get_observation, "observe")
+        answer = self._get_observation()
         if answer["status"] == "error":
             _log.warning("%s", answer["content"][0]["text"])
             return {}
@@ -203,6 +207,11 @@ class RealRobot(RobotTool):
 
     def service(self, name: str, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``."""
+        if (tree := self._tree) is not None:
+            with self._liveness:
+                answer = tree.direct.perform(name, arguments)
+            if answer is not None:
+                return verbs.performed(answer)
         return self._verb(verbs.service, name, name, arguments)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
@@ -287,12 +296,9 @@ class RealRobot(RobotTool):
             tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
         if isinstance(tree, str):
             return answers.error(f"{name}: {tree}")
-        self._liveness.enter()
-        try:
+        with self._liveness:
             doing = portal().submit(answered, name, use, tree, call, self._approval, by)
             return await asyncio.wrap_future(doing)
-        finally:
-            self._liveness.leave()
 
     def tree(self) -> dict[str, Any] | None:
         """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are none."""
@@ -301,6 +307,14 @@ class RealRobot(RobotTool):
         return None if report is None else answers.tree(report)
 
     # -- helpers
+
+    def _get_observation(self) -> Answer:
+        if (tree := self._tree) is not None:
+            with self._liveness:
+                seen = tree.direct.observe()
+            if seen is not None:
+                return verbs.observed(tree, seen)
+        return self._verb(verbs.get_observation, "observe")
 
     def _status(self) -> Status | None:
         tree = self._tree

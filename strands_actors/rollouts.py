@@ -115,6 +115,11 @@ class Rollouts:
                 self._task = answer
         return self._task
 
+    @property
+    def running(self) -> bool:
+        """Whether one runs, as far as is known without asking. Of any thread."""
+        return self._task.running
+
     async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
         """What a command is told while a rollout writes; None when there is none."""
         if (await self.task()).running:

@@ -10,6 +10,7 @@ from typing import Any
 
 import trio
 
+from .direct import STALE, Direct, refuse_shape, unreachable
 from .factory import Plan
 from .rollouts import Rollouts
 from .runtime.contract import Driver, Observation, Reason
@@ -21,6 +22,7 @@ from .supervisors.messages import (
     Accepted,
     Fence,
     GetObservation,
+    Lease,
     Perform,
     Performed,
     Resume,
@@ -50,16 +52,18 @@ class RobotTree:
         endpoint: str,
         plan: Plan,
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
+        by_threads: bool = False,
     ) -> None:
-        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``."""
+        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``. ``by_threads``: for ``Direct``."""
         self.plan = plan
         self.driver: Driver = plan.driver_class(plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
         self._node = node
-        self._processes = TreeProcesses(node, nursery, endpoint, plan)
+        self._processes = TreeProcesses(node, nursery, endpoint, plan, by_threads)
         self._writer = Writer(self._processes, liveness)
         self.rollouts = Rollouts(self._processes, self._writer, self.driver)
+        self.direct = Direct(self, self._processes, self._writer)
         self._stops = 0
         self._starting = trio.Lock()
 
@@ -144,42 +148,10 @@ class RobotTree:
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""
         self._processes.require()
-        refusal = _refuse_shape(action)
+        refusal = refuse_shape(action)
         if refusal is not None:
             return refusal
-        async with self._writer.turn:
-            return await self._send_action(action)
-
-    async def _send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
-        refusal = await self.rollouts.refuse("move")
-        if refusal is not None:
-            return refusal
-        answer = await self._send(action)
-        if isinstance(answer, Refused) and answer.code in ("stale_epoch", "no_lease"):
-            # Held since, or the wire restarted: an explicit new command may take the lease anew. A robot
-            # that is disarmed or locked out refuses it all the same.
-            refusal = await self._writer.acquire()
-            answer = refusal or await self._send(action)
-        return answer
-
-    async def _send(self, action: Mapping[str, Any]) -> Accepted | Refused:
-        lease = self._writer.lease
-        if lease is None:
-            refusal = await self._writer.acquire()
-            if refusal is not None or self._writer.lease is None:
-                return refusal or Refused("lease", "move: no lease")
-            lease = self._writer.lease
-        ttl_s = self.driver.timing.oneshot_ttl_s
-        deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
-        setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
-        try:
-            answer = await self._processes.gate.ask(setpoint, ASK_S)
-        except AskTimeout:
-            # It must not execute late: fence and stop.
-            await self._fence(Reason.WIRE, "a command timed out")
-            return Refused("timeout", f"move: no answer within {ASK_S:g} s; the robot was stopped", "resume()")
-        except Unreachable as failure:
-            return Refused("unreachable", f"move: {failure}", "resume() when the robot is back")
+        answer = await self._command("move", lambda lease: self.setpoint(lease, action), ASK_S)
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
 
     async def perform(self, service: str, arguments: Mapping[str, Any]) -> Performed | Refused:
@@ -188,20 +160,55 @@ class RobotTree:
         refusal = self.driver.check_service(service, arguments)
         if refusal is not None:
             return refusal
-        async with self._writer.turn:
-            refusal = await self.rollouts.refuse(service) or await self._writer.acquire()
-            lease = self._writer.lease
-            if refusal is not None or lease is None:
-                return refusal or Refused("lease", f"{service}: no lease")
-            message = Perform(lease.id, lease.epoch, service, plain(arguments))
-            try:
-                answer = await self._processes.gate.ask(message, self.driver.SERVICES[service].within_s + ASK_S)
-            except AskTimeout:
-                await self._fence(Reason.WIRE, f"{service} timed out")  # it must not be done late
-                return Refused("timeout", f"{service}: no answer; the robot was stopped", "resume()")
-            except Unreachable as failure:
-                return Refused("unreachable", f"{service}: {failure}", "resume() when the robot is back")
+        answer = await self._command(
+            service, lambda lease: self.performing(lease, service, arguments), self.within_s(service)
+        )
         return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+
+    def setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
+        """Of any thread."""
+        ttl_s = self.driver.timing.oneshot_ttl_s
+        deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
+        return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
+
+    def performing(self, lease: Lease, service: str, arguments: Mapping[str, Any]) -> Perform:
+        """Of any thread."""
+        return Perform(lease.id, lease.epoch, service, plain(arguments))
+
+    def within_s(self, service: str) -> float:
+        """How long one of the driver's own services is waited for."""
+        return self.driver.SERVICES[service].within_s + ASK_S
+
+    async def _command(self, verb: str, make: Callable[[Lease], Message], within_s: float) -> Message | None:
+        """Ask the gate for what needs the lease. One that is no longer good (the robot was held since, the wire
+        restarted, somebody else has it) may be taken anew by an explicit new command; a robot that is disarmed or
+        locked out refuses it all the same."""
+        writer = self._writer
+        async with writer.turn:
+            refusal = await self.rollouts.refuse(verb)
+            if refusal is not None:
+                return refusal
+            if writer.lease is not None:
+                answer = await self._ask(verb, make(writer.lease), within_s)
+                if not (isinstance(answer, Refused) and answer.code in STALE):
+                    return answer
+            refusal = await writer.acquire()
+            if refusal is not None or writer.lease is None:
+                return refusal or Refused("lease", f"{verb}: no lease")
+            return await self._ask(verb, make(writer.lease), within_s)
+
+    async def _ask(self, verb: str, message: Message, within_s: float) -> Message | None:
+        try:
+            return await self._processes.gate.ask(message, within_s)
+        except AskTimeout as timeout:
+            return await self.late(verb, timeout)
+        except Unreachable as failure:
+            return unreachable(verb, failure)
+
+    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
+        """What was not answered in time must not be done late: fence and stop."""
+        await self._fence(Reason.WIRE, f"{verb} timed out")
+        return Refused("timeout", f"{verb}: {timeout}; the robot was stopped", "resume()")
 
     # -- stop and resume
 
@@ -299,10 +306,3 @@ class RobotTree:
     async def describe(self) -> TreeReport | None:
         """Processes and actors of the tree; None when the root does not answer."""
         return await self._processes.describe()
-
-
-def _refuse_shape(action: object) -> Refused | None:
-    if isinstance(action, Mapping):
-        return None
-    kind = type(action).__name__
-    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")

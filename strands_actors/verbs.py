@@ -16,7 +16,7 @@ from .policies import choose_provider, robot_facts
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
-from .supervisors.messages import Resumed, Status, StopReport, TaskStatus
+from .supervisors.messages import Accepted, Performed, Resumed, Status, StopReport, TaskStatus
 from .tree import RobotTree
 from .tree_processes import NotConnected
 
@@ -33,14 +33,22 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
-    answer = await tree.send_action(action)
+    return commanded(tree, action, await tree.send_action(action))
+
+
+def commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Refused) -> Answer:
+    """The envelope of ``send_action``."""
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.commanded(action, answer.values))
 
 
 async def get_observation(tree: RobotTree) -> Answer:
-    answer = await tree.observe()
+    return observed(tree, await tree.observe())
+
+
+def observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
+    """The envelope of ``get_observation``."""
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.as_json(answer.position))
@@ -90,7 +98,11 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
 
 async def service(tree: RobotTree, name: str, arguments: Mapping[str, Any]) -> Answer:
     """One of the driver's own services."""
-    answer = await tree.perform(name, arguments)
+    return performed(await tree.perform(name, arguments))
+
+
+def performed(answer: Performed | Refused) -> Answer:
+    """The envelope of a service."""
     return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
 
 

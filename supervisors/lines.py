@@ -4,12 +4,16 @@ Who writes often asks for one: it makes a pair of sockets and hands one end to t
 has a link to; the root hands it on to the wire. From then on what the two tell each other goes that way: a system
 call each, no thread of zenoh's in between (6 % of a core at 500 setpoints a second). Before that, and when the
 line is gone, because the wire is another process now, it goes over the mesh; nobody has to know.
+
+A program whose verbs are called by threads has a second one, on which they ask the gate themselves
+(``ThreadLine``), past its own loop.
 """
 
 from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Callable
 
 import trio
 
@@ -17,6 +21,7 @@ from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Node, Ref
+from strands_actors.runtime.thread_line import ThreadLine
 
 from . import addresses
 
@@ -55,10 +60,30 @@ class WireEnd(Actor):
 
 async def keep_line(node: Node, robot: str) -> None:
     """Have a line to the wire of ``robot``, as often as the wire is another one. Needs a link to its root."""
-    switchboard = node.ref(addresses.of(robot).switchboard, Switchboard)
     while True:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            switchboard.tell(Line((theirs.fileno(),)))
-        await Link(node, ours).run()
+        await Link(node, _lay(node, robot)).run()
         await trio.sleep(AGAIN_S)
+
+
+async def keep_thread_line(
+    node: Node, robot: str, gate: type[Actor], hand: Callable[[ThreadLine | None], None]
+) -> None:
+    """The same for this process's threads, to the gate. ``gate``: its class, imported by who needs it anyway.
+    ``hand`` gets each line, and None when it is at its end."""
+    while True:
+        line = ThreadLine(_lay(node, robot), f"{node.address}/threads/{robot}", addresses.of(robot).gate, gate)
+        try:
+            if await line.is_up():
+                hand(line)
+                await line.ended.wait()
+        finally:
+            hand(None)
+            line.close()
+        await trio.sleep(AGAIN_S)
+
+
+def _lay(node: Node, robot: str) -> socket.socket:
+    ours, theirs = socket.socketpair()
+    with theirs:
+        node.ref(addresses.of(robot).switchboard, Switchboard).tell(Line((theirs.fileno(),)))
+    return ours

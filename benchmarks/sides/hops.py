@@ -12,18 +12,13 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from benchmarks.house import Figures
 from strands_actors import Robot
 from strands_actors.drivers import register_native_driver
-from strands_actors.runtime.link import Link
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.messages import Accepted
+from strands_actors.runtime.thread_line import ThreadLine
 from strands_actors.testing import WireLog
-from strands_actors.tree import RobotTree
 
 from .common import answer, percentiles
 from .hops_arm import NOTES, TimedArm, blank, passed
@@ -38,24 +33,17 @@ def count(short: bool) -> int:
 
 
 class Stamps:
-    """Of the caller's process: when its loop took the verb up, and when the frame was handed to the line."""
+    """Of the caller's process: when the frame of a setpoint was handed to the line."""
 
     def __init__(self) -> None:
-        self.looped = self.handed = 0
-        take_up, send = RobotTree.send_action, Link.send
+        self.handed = 0
+        send = ThreadLine._send
 
-        async def taken_up(tree: RobotTree, action: Mapping[str, Any]) -> Accepted | Refused:
-            self.looped = time.monotonic_ns()
-            self.handed = 0
-            return await take_up(tree, action)
+        def sent(line: ThreadLine, packet: bytes) -> None:
+            self.handed = time.monotonic_ns()
+            send(line, packet)
 
-        def sent(link: Link, to: str, *rest: Any) -> bool:
-            if to.endswith("/gate") and not self.handed:
-                self.handed = time.monotonic_ns()
-            return send(link, to, *rest)
-
-        RobotTree.send_action = taken_up  # type: ignore[method-assign,assignment]
-        Link.send = sent  # type: ignore[method-assign,assignment]
+        ThreadLine._send = sent  # type: ignore[method-assign,assignment]
 
 
 def ours(short: bool) -> Figures:
@@ -65,24 +53,25 @@ def ours(short: bool) -> Figures:
         os.environ |= {NOTES: str(notes), "STRANDS_ACTORS_TWIN_LOG": str(log)}
         register_native_driver(ROBOT, TimedArm, overwrite=True)
         stamps = Stamps()
-        called: list[tuple[int, int, int, int]] = []
+        called: list[tuple[int, int, int]] = []
         with Robot(ROBOT, mode="real", transport="twin") as robot:
             for number in range(count(short)):
-                began_ns = time.monotonic_ns()
+                stamps.handed, began_ns = 0, time.monotonic_ns()
                 sent = robot.send_action({JOINT: (number % 3) * 2.0})
-                called.append((began_ns, stamps.looped, stamps.handed, time.monotonic_ns()))
+                called.append((began_ns, stamps.handed, time.monotonic_ns()))
                 assert sent["status"] == "success", sent
+                assert stamps.handed, "it went by the loop"
                 time.sleep(PERIOD_S)
         rows = list(passed(notes))
         assert len(rows) == len(called), f"{len(called)} calls, {len(rows)} setpoints on the wire"
         read = [entry.t_ns for entry in WireLog(log).host("setpoint", called[0][0])]
         spans: list[list[int]] = []
-        for (began, looped, handed, returned), row in zip(called, rows, strict=True):
+        for (began, handed, returned), row in zip(called, rows, strict=True):
             seen = next(t_ns for t_ns in read if t_ns >= row.at_port)
-            way = (began, looped, handed, row.arrived, row.judged, row.taken, row.at_port, seen)
+            way = (began, handed, row.arrived, row.judged, row.taken, row.at_port, seen)
             spans.append([later - earlier for earlier, later in itertools.pairwise(way)])
             spans[-1] += [seen - began, returned - began]
-    names = ("to_loop", "to_line", "to_wire_process", "to_driver", "to_transport", "to_port", "to_twin")
+    names = ("to_line", "to_wire_process", "to_driver", "to_transport", "to_port", "to_twin")
     columns = list(zip(*spans[count(short) // 10 :], strict=True))  # the first ones are cold
     hops = {f"{name}_us": statistics.median(column) / 1e3 for name, column in zip(names, columns, strict=False)}
     return hops | percentiles("total", list(columns[-2])) | percentiles("call", list(columns[-1]))

@@ -18,8 +18,8 @@ from .node import Node
 
 BACKLOG_BYTES = 256 * 1024
 _READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
-_HEAD = struct.Struct("<IB")  # its length, and how many descriptors come with it
-_HEADER = _HEAD.size
+HEAD = struct.Struct("<IB")
+"""Before each frame: its length, and how many descriptors come with it."""
 _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
 _INT = struct.calcsize("i")
@@ -72,7 +72,7 @@ class Link:
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         if self.closed:
             return False
-        packet = _HEAD.pack(len(data), len(descriptors)) + data
+        packet = HEAD.pack(len(data), len(descriptors)) + data
         if len(packet) > BACKLOG_BYTES:
             self.dropped += 1  # half of it would be sent and the rest not kept
             return False
@@ -163,15 +163,15 @@ class Link:
     def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
         """All that are whole; how many bytes that was. None when the other end cannot be what it should be."""
         start, length = 0, len(data)
-        while length - start >= _HEADER:
-            size, count = _HEAD.unpack_from(data, start)
+        while length - start >= HEAD.size:
+            size, count = HEAD.unpack_from(data, start)
             if size > _MAX_FRAME:
                 return None
-            end = start + _HEADER + size
+            end = start + HEAD.size + size
             if length < end:
                 break
             given = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors)))) if count else ()
-            self._node.receive_frame(bytes(data[start + _HEADER : end]), self, given)
+            self._node.receive_frame(bytes(data[start + HEAD.size : end]), self, given)
             start = end
         return start
 
