@@ -87,9 +87,10 @@ class AsyncRobot:
         """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
         return Observations(self._tree, hz)
 
-    async def service(self, name: str, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``."""
-        return await answered(name, verbs.service, self._tree, name, arguments)
+    async def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``. ``action``: a
+        command that is written first; when it is refused, so is the service."""
+        return await answered(name, verbs.service, self._tree, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
         """The driver's own services as methods."""

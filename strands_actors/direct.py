@@ -42,11 +42,14 @@ class Direct:
         answer = self._command("move", lambda lease: self._tree.setpoint(lease, action), ASK_S)
         return answer if isinstance(answer, Accepted | Refused) else None
 
-    def perform(self, service: str, arguments: Mapping[str, Any]) -> Performed | Refused | None:
-        if self._tree.driver.check_service(service, arguments) is not None:
+    def perform(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+    ) -> Performed | Refused | None:
+        tree = self._tree
+        if tree.driver.check_service(service, arguments) or (action is not None and refuse_shape(action)):
             return None
         answer = self._command(
-            service, lambda lease: self._tree.performing(lease, service, arguments), self._tree.within_s(service)
+            service, lambda lease: tree.performing(lease, service, arguments, action), tree.within_s(service)
         )
         return answer if isinstance(answer, Performed | Refused) else None
 

@@ -205,14 +205,15 @@ class RealRobot(RobotTool):
         observation: dict[str, float] = answer["content"][0]["json"]
         return observation
 
-    def service(self, name: str, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``."""
+    def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
+        ``action``: a command that is written first; when it is refused, so is the service."""
         if (tree := self._tree) is not None:
             with self._liveness:
-                answer = tree.direct.perform(name, arguments)
+                answer = tree.direct.perform(name, arguments, action)
             if answer is not None:
                 return verbs.performed(answer)
-        return self._verb(verbs.service, name, name, arguments)
+        return self._verb(verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """The driver's own services as methods."""
@@ -367,12 +368,12 @@ class SimRobot(RealRobot):
         display."""
         self._call(self._world.view)
 
-    def step(self, steps: int = 1) -> Answer:
+    def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Answer:
         """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed. Answers with
-        ``position`` after them and ``sim_time_s``. A target that was sent before counts from the first step on;
-        ``get_observation`` follows within a control period. Deadlines, leases and rollouts are of the clock all the
-        same, and between calls the physics keeps to it."""
-        return self.service("step", steps=steps)
+        ``position`` after them and ``sim_time_s``. ``action``: joints by name, as ``send_action`` takes them, from
+        the first step on; when it is refused, no step passes. ``get_observation`` follows within a control period.
+        Deadlines, leases and rollouts are of the clock all the same, and between calls the physics keeps to it."""
+        return self.service("step", steps=steps, action=action)
 
     def reset(self) -> Answer:
         """Stop, put every joint back to where it began, energise."""

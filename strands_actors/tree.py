@@ -154,14 +154,19 @@ class RobotTree:
         answer = await self._command("move", lambda lease: self.setpoint(lease, action), ASK_S)
         return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
 
-    async def perform(self, service: str, arguments: Mapping[str, Any]) -> Performed | Refused:
-        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease."""
+    async def perform(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+    ) -> Performed | Refused:
+        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease. ``action``: a command
+        that is written first; when it is refused, so is the service."""
         self._processes.require()
-        refusal = self.driver.check_service(service, arguments)
+        refusal = self.driver.check_service(service, arguments) or (
+            None if action is None else refuse_shape(action)
+        )
         if refusal is not None:
             return refusal
         answer = await self._command(
-            service, lambda lease: self.performing(lease, service, arguments), self.within_s(service)
+            service, lambda lease: self.performing(lease, service, arguments, action), self.within_s(service)
         )
         return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
 
@@ -171,9 +176,12 @@ class RobotTree:
         deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
         return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
 
-    def performing(self, lease: Lease, service: str, arguments: Mapping[str, Any]) -> Perform:
+    def performing(
+        self, lease: Lease, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+    ) -> Perform:
         """Of any thread."""
-        return Perform(lease.id, lease.epoch, service, plain(arguments))
+        first = None if action is None else self.setpoint(lease, action)
+        return Perform(lease.id, lease.epoch, service, plain(arguments), first)
 
     def within_s(self, service: str) -> float:
         """How long one of the driver's own services is waited for."""

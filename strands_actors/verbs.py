@@ -96,9 +96,11 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
 
-async def service(tree: RobotTree, name: str, arguments: Mapping[str, Any]) -> Answer:
+async def service(
+    tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+) -> Answer:
     """One of the driver's own services."""
-    return performed(await tree.perform(name, arguments))
+    return performed(await tree.perform(name, arguments, action))
 
 
 def performed(answer: Performed | Refused) -> Answer:

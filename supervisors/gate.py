@@ -282,10 +282,15 @@ class Gate(Actor):
         refusal = self._refuse_by_lease(service, message.lease, message.epoch)
         if refusal is not None:
             return refusal
-        if self._live_until_ns and not self._driver.SERVICES[service].in_motion:
+        moves = self._live_until_ns != 0 or message.first is not None
+        if moves and not self._driver.SERVICES[service].in_motion:
             return Refused(
                 "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
             )
+        if message.first is not None:
+            answer = self._setpoint(message.first)
+            if isinstance(answer, Refused):
+                return answer
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
         self._transport.tell(CarryOut(state.epoch, self._service, service, message.arguments))

@@ -130,6 +130,7 @@ class Perform(Message, frozen=True):
     epoch: int
     service: str
     arguments: dict[str, Any]  # checked by the driver
+    first: Setpoint | None = None  # written before it; refused, nothing is done
 
 
 class Performed(Message, frozen=True):

@@ -1,5 +1,5 @@
-"""``steady WHO LENGTH FIFO``: how evenly a rollout's setpoints come. WHO: ours, strands, trio, python, c. FIFO: yes
-or no.
+"""``steady WHO LENGTH FIFO``: how evenly a rollout's setpoints come. WHO: ours, strands, trio, python, relayed,
+c. FIFO: yes or no.
 
 Of each rate and load: the ``p99`` of how far the time between two setpoints is from the period, and the share of
 setpoints that were ``late``: not there at all, or off by more than a quarter of the period. Loads: ``idle``;
@@ -8,11 +8,13 @@ cores that compute."""
 
 from __future__ import annotations
 
+import array
 import contextlib
 import functools
 import itertools
 import json
 import os
+import socket
 import struct
 import subprocess
 import sys
@@ -108,6 +110,28 @@ def python_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
             time.sleep(max(0.0, start + step / hz - time.monotonic()))
             stamps.append(time.monotonic_ns())
     return {"": stamps}
+
+
+def relayed_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
+    """As ``python_loop``, with the stamp taken by another process, which is told at each tick."""
+    ours, theirs = socket.socketpair()
+    with tempfile.NamedTemporaryFile() as file:
+        stamper = os.fork()
+        if stamper == 0:
+            ours.close()
+            stamps = array.array("q")
+            while theirs.recv(1):
+                stamps.append(time.monotonic_ns())
+            Path(file.name).write_bytes(stamps.tobytes())
+            os._exit(0)
+        theirs.close()
+        start = time.monotonic()
+        with ours, computing_beside(hz, load):
+            for step in range(1, round(hz * seconds)):
+                time.sleep(max(0.0, start + step / hz - time.monotonic()))
+                ours.send(b"x")
+        os.waitpid(stamper, 0)
+        return {"": array.array("q", Path(file.name).read_bytes())}
 
 
 def trio_loop(hz: int, load: str, seconds: float) -> dict[str, Stamps]:
@@ -239,6 +263,7 @@ SIDES = {
     "strands": strands,
     "trio": in_this_process(trio_loop),
     "python": in_this_process(python_loop),
+    "relayed": in_this_process(relayed_loop),
     "c": c,
 }
 

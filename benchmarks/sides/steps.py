@@ -1,16 +1,22 @@
 """Steps of an SO-101's physics: ``python -m benchmarks.sides.steps SIDE [short]``.
 
 The arm is sent somewhere and the physics steps, in turn: a control period (20 ms), a second, ten seconds at a time.
-Through the verbs that is ``send_action`` and ``step``.
+Through the verbs that is ``step`` with an action. ``piped`` is the least that anybody can do whose physics is not
+in the script's own process: the same model behind a socket, asked with bytes, and nothing else.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
+import os
+import socket
+import struct
 import time
 import tomllib
 from collections.abc import Callable
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from benchmarks.house import Figures
@@ -56,22 +62,33 @@ def verbs(short: bool) -> Figures:
         assert problem is None, problem
 
         def go(number: int, steps: int) -> None:
-            sent = robot.send_action({"shoulder_pan": target_deg(number)})
-            stepped = robot.step(steps)
-            assert sent["status"] == stepped["status"] == "success", (sent, stepped)
+            stepped = robot.step(steps, {"shoulder_pan": target_deg(number)})
+            assert stepped["status"] == "success", stepped
 
         return rates(go, short)
 
 
-def raw(short: bool) -> Figures:
-    """The same model and targets."""
+def armed() -> Any:
+    """The same model; MuJoCo as it is installed, with its stopwatch, which our twins take off."""
     import mujoco
+
+    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"))
+    stopwatch = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time")
+    installed = stopwatch.value
 
     from strands_actors.drivers.common.physics import Plant
 
+    stopwatch.value = installed
     plant = Plant.from_table(table())
     for index in range(len(plant.joints)):
         plant.take(index, True)
+    return plant
+
+
+def raw(short: bool) -> Figures:
+    import mujoco
+
+    plant = armed()
 
     def go(number: int, steps: int) -> None:
         plant.data.ctrl[0] = math.radians(target_deg(number))
@@ -80,5 +97,34 @@ def raw(short: bool) -> Figures:
     return rates(go, short)
 
 
+ASKED = struct.Struct("<di")
+
+
+def piped(short: bool) -> Figures:
+    ours, theirs = socket.socketpair()
+    if os.fork() == 0:
+        ours.close()
+        _serve(theirs)
+        os._exit(0)
+    theirs.close()
+
+    def go(number: int, steps: int) -> None:
+        ours.send(ASKED.pack(math.radians(target_deg(number)), steps))
+        ours.recv(4096)
+
+    with ours:
+        return rates(go, short)
+
+
+def _serve(sock: socket.socket) -> None:
+    import mujoco
+
+    plant = armed()
+    while data := sock.recv(ASKED.size):
+        plant.data.ctrl[0], steps = ASKED.unpack(data)
+        mujoco.mj_step(plant.model, plant.data, steps)
+        sock.send(plant.data.qpos.tobytes())
+
+
 if __name__ == "__main__":
-    answer({"ours": verbs, "mj_step": raw})
+    answer({"ours": verbs, "mj_step": raw, "piped": piped})

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .without_gl import mujoco
+from .lean_mujoco import mujoco
 
 LONGEST_CATCH_UP_S = 0.25
 """Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped, not

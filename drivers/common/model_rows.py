@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from .door.protocol import TIMESTEP_S
-from .without_gl import mujoco
+from .lean_mujoco import mujoco
 
 LINK_EXTENT_M = 0.1
 """Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be exact."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from .door.body import Hand
 from .jointed import Jointed
+from .lean_mujoco import mujoco
 from .model_rows import build
-from .without_gl import mujoco
 
 
 class Plant(Jointed):

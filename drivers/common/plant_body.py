@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .door.body import Felt
+from .door.body import Felt, Hand
 from .physics import Plant
 
 
@@ -17,10 +17,13 @@ class PlantBody:
         self.axes = plant.joints
         self.spec = plant.spec
 
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return [self._plant.hand(index) for index in range(len(self.axes))]
+
     def felt(self) -> Felt:
         plant = self._plant
-        hands = [plant.hand(index) for index in range(len(self.axes))]
-        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, hands)
+        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, self.hands)
 
     def pose(self) -> Sequence[float]:
         qpos: list[float] = self._plant.data.qpos.tolist()

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .jointed import Jointed
+from .lean_mujoco import mujoco
 from .model_rows import build
-from .without_gl import mujoco
 
 TIPPED = math.cos(math.radians(60.0))
 """How far upright a base still counts as standing: the cosine of its tilt."""

@@ -41,8 +41,12 @@ class GripperBody:
         """Fraction."""
         return self._gripper.position / TOP
 
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return (self._hand,)
+
     def felt(self) -> Felt:
-        return Felt(self._gripper.time_s, (self._closed,), (0.0,), (0.0,), (self._hand,))
+        return Felt(self._gripper.time_s, (self._closed,), (0.0,), (0.0,), self.hands)
 
     def pose(self) -> Sequence[float]:
         return [self._closed * CLOSED_RAD] * 4

@@ -10,7 +10,7 @@ import trio
 from strands_actors.drivers.common.door import protocol as p
 from strands_actors.drivers.common.door.client import DoorClient
 from strands_actors.drivers.common.door.scene import View, look
-from strands_actors.drivers.common.without_gl import mujoco
+from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.runtime.contract import WireDown
 
 FRAME_S = 1 / 60

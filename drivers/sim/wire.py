@@ -84,8 +84,7 @@ class SimWire(Wire):
             sample = await beside.call(step, p.Sample, self._driver.SERVICES[service].within_s)
         except Refusal as refusal:
             return Refused("wire", f"{service}: {refusal}")
-        position = self._driver.as_json(self._observed(sample).position)
-        return {"position": position, "sim_time_s": sample.time_s}
+        return {"position": self._driver.as_json(self._position(sample)), "sim_time_s": sample.time_s}
 
     def close(self) -> None:
         for door in (self._door, self._beside):
@@ -106,15 +105,21 @@ class SimWire(Wire):
 
     def _observed(self, sample: p.Sample) -> Observation:
         driver, now_ns = self._driver, self._clock.now_ns()
-        rows = list(zip(sample.position, sample.velocity, driver.units, strict=True))
         return Observation(
             t_ns=now_ns,
-            position=tuple(zero + scale * position for position, _, (zero, scale) in rows),
-            stamp_ns=(now_ns,) * len(rows),
-            velocity=tuple(scale * velocity for _, velocity, (_, scale) in rows),
+            position=self._position(sample),
+            stamp_ns=(now_ns,) * len(driver.units),
+            velocity=tuple(
+                scale * velocity for velocity, (_, scale) in zip(sample.velocity, driver.units, strict=True)
+            ),
             sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,)},
             faults=_faults(driver.axes, sample.hands) if self._armed else {},
         )
+
+    def _position(self, sample: p.Sample) -> tuple[float, ...]:
+        """In the driver's units."""
+        units = self._driver.units
+        return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, units, strict=True))
 
 
 class SimSecondPath(SecondPath):

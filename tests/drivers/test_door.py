@@ -21,8 +21,8 @@ from strands_actors.drivers.common.door import studio
 from strands_actors.drivers.common.door.body import Body, Hand
 from strands_actors.drivers.common.door.client import DoorClient, Refusal
 from strands_actors.drivers.common.door.server import Door
+from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.twin import WireLog
-from strands_actors.drivers.common.without_gl import mujoco
 from strands_actors.drivers.dynamixel.robots import TABLES as DYNAMIXEL
 from strands_actors.drivers.dynamixel.twin import DynamixelBus
 from strands_actors.drivers.feetech import protocol as feetech
@@ -363,3 +363,14 @@ def test_mujoco_is_there_whatever_is_said_of_opengl() -> None:
         env={**os.environ, "MUJOCO_GL": "impossible", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
     assert (done.stdout, done.returncode) == ("impossible\n", 0), done.stderr
+
+
+def test_physics_is_not_timed_part_by_part() -> None:
+    """What MuJoCo's bindings do at every step, for a sixth of its time."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    step = data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    assert (step.number, step.duration) == (100, 0.0)

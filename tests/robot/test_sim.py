@@ -396,6 +396,20 @@ def test_a_target_that_was_sent_before_counts_from_the_first_step_on(new_sim: Ne
         assert abs(json_of(sim.step(2000))["position"]["shoulder_pan"] - target) < 1.0
 
 
+def test_an_action_and_the_steps_after_it_are_one_call(new_sim: NewSim) -> None:
+    sim = new_sim()
+    for target in [-40.0, 40.0] * 20:
+        assert abs(json_of(sim.step(2000, {"shoulder_pan": target}))["position"]["shoulder_pan"] - target) < 1.0
+    before_s = json_of(sim.step())["sim_time_s"]
+    assert "elbow" in why(sim.step(50_000, {"elbow": 1.0}))
+    assert "the action is a list" in why(sim.step(50_000, [1.0]))  # type: ignore[arg-type]
+    assert json_of(sim.step())["sim_time_s"] < before_s + 50.0, "no step of those passed"
+    json_of(sim.stop())
+    assert "call resume() first" in why(sim.step(50_000, {"shoulder_pan": 0.0}))
+    json_of(sim.resume())
+    json_of(sim.step(1, {"shoulder_pan": 0.0}))
+
+
 def test_a_robot_that_was_let_go_of_falls_in_no_time(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_lift": -40.0}))
@@ -435,6 +449,9 @@ def test_a_simulation_of_a_trio_program_steps(run_dir: Path) -> None:
             await robot.send_action({"shoulder_pan": 30.0})
             stepped = json_of(await robot.step(steps=2000))
             assert abs(stepped["position"]["shoulder_pan"] - 30.0) < 1.0
+            stepped = json_of(await robot.step(steps=2000, action={"shoulder_pan": -30.0}))
+            assert abs(stepped["position"]["shoulder_pan"] + 30.0) < 1.0
+            assert "the action is a list" in why(await robot.step(steps=2000, action=[1.0]))
             with pytest.raises(AttributeError):
                 robot.release_sport_mode  # noqa: B018
 

@@ -16,7 +16,7 @@ from strands_actors.supervisors.messages import Accepted, Perform, Performed, Re
 from strands_actors.testing import open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeSecondPath, FakeWire
 
-from .writer import Writer, armed
+from .writer import Writer, armed, setpoints
 
 DONE: list[tuple[str, int]] = []
 """What was written by a service, and when."""
@@ -145,6 +145,45 @@ def test_a_service_and_setpoints_keep_out_of_each_others_way() -> None:
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
             answer = await ask(writer)
             assert isinstance(answer, Refused) and answer.code == "live"
+
+    run_virtual(run)
+
+
+def test_a_command_that_comes_with_a_service_is_written_before_it_and_judged_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    waving = Service("wave a hand", within_s=1.0, arguments={"times": 3}, in_motion=True)
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": waving})
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+
+            async def both(**action: Any) -> Message | None:
+                lease, first = writer.lease, writer.setpoint(latched=True, **action)
+                return await writer.ref.ask(Perform(lease.id, lease.epoch, "wave", {"times": 1}, first), 5.0)
+
+            assert await both(a=1.0) == Performed({"waved": 1})
+            written = tree.hardware.of("setpoint")[0]
+            assert written.values[0] == 1.0
+            assert written.t_ns <= DONE[0][1]
+            answer = await both(nobody=1.0)
+            assert isinstance(answer, Refused) and "nobody" in answer.text
+            assert len(DONE) == 1, "the service was refused with it"
+            assert {values[0] for values in setpoints(tree)} == {1.0}
+
+    run_virtual(run)
+
+
+def test_a_service_for_a_robot_that_stands_takes_no_command() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            lease, first = writer.lease, writer.setpoint(latched=True, a=1.0)
+            answer = await writer.ref.ask(Perform(lease.id, lease.epoch, "wave", {}, first), 5.0)
+            assert isinstance(answer, Refused) and answer.code == "live"
+            assert DONE == []
+            assert not tree.hardware.of("setpoint")
 
     run_virtual(run)
 

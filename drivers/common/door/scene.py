@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strands_actors.drivers.common.without_gl import mujoco
+from strands_actors.drivers.common.lean_mujoco import mujoco
 
 MAX_WIDTH, MAX_HEIGHT = 2560, 1600
 

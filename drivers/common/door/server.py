@@ -56,7 +56,7 @@ class Door:
                     await trio.lowlevel.wait_readable(self._listener)
                     with contextlib.suppress(BlockingIOError, ConnectionError):
                         sock, _ = self._listener.accept()
-                        nursery.start_soon(self._attend, trio.socket.from_stdlib_socket(sock))
+                        nursery.start_soon(self._attend, sock)
         finally:
             self._studio.close()
 
@@ -65,16 +65,23 @@ class Door:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(self._path)
 
-    async def _attend(self, sock: trio.socket.SocketType) -> None:
+    async def _attend(self, sock: socket.socket) -> None:
         decoder = p.request_decoder()
         client = object()
-        async with trio.SocketStream(sock) as stream:
-            with contextlib.suppress(trio.BrokenResourceError, p.Garbled):
-                while data := await stream.receive_some(_CHUNK):
-                    for request in decoder.feed(data):
-                        reply = await self._answer(client, request)
-                        if reply is not None and request.number:
-                            await stream.send_all(p.encode(reply))
+        with sock, contextlib.suppress(ConnectionError, p.Garbled):
+            sock.setblocking(False)
+            while True:
+                await trio.lowlevel.wait_readable(sock)
+                try:
+                    data = sock.recv(_CHUNK)
+                except BlockingIOError:
+                    continue
+                if not data:
+                    return
+                for request in decoder.feed(data):
+                    reply = await self._answer(client, request)
+                    if reply is not None and request.number:
+                        await _send(sock, p.encode(reply))
 
     async def _answer(self, client: object, request: p.Request) -> p.Reply | None:
         body = self._body
@@ -101,14 +108,14 @@ class Door:
                 else:
                     body.hold()
             case p.Reset():
-                if Hand.WIRE in body.felt().hands:
+                if Hand.WIRE in body.hands:
                     return p.No(number, "the robot on the wire is energised. stop it first")
                 self._note("reset", request)
                 body.reset()
             case p.Step():
                 if not 1 <= request.steps <= p.MOST_STEPS:
                     return p.No(number, f"{request.steps} steps. give 1 to {p.MOST_STEPS}")
-                if Hand.WIRE in body.felt().hands:
+                if Hand.WIRE in body.hands:
                     return p.No(
                         number, "the robot on the wire is energised, and its time is the clock's. stop it first"
                     )
@@ -151,3 +158,13 @@ class Door:
 
     def _note(self, kind: str, request: p.Frame, rung: str | None = None) -> None:
         self._log.write(time.monotonic_ns(), "door", [(kind, p.encode(request))], rung)
+
+
+async def _send(sock: socket.socket, data: bytes) -> None:
+    """All of it. Nearly always there is room, and then nothing is waited for."""
+    rest = memoryview(data)
+    while rest:
+        try:
+            rest = rest[sock.send(rest) :]
+        except BlockingIOError:
+            await trio.lowlevel.wait_writable(sock)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import trio
 
-from strands_actors.drivers.common.without_gl import mujoco
+from strands_actors.drivers.common.lean_mujoco import mujoco
 
 from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
 

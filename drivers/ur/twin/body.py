@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.door.body import Felt, Hand
+from strands_actors.drivers.common.door.body import Hand
 from strands_actors.drivers.common.door.protocol import TIMESTEP_S
 from strands_actors.drivers.common.plant_body import PlantBody
 
@@ -25,8 +25,9 @@ class URBody(PlantBody):
             return Hand.WIRE
         return Hand.SIM if self._controller.led else Hand.NONE
 
-    def felt(self) -> Felt:
-        return super().felt()._replace(hands=[self._hand] * len(self.axes))
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return [self._hand] * len(self.axes)
 
     def take(self, on: bool) -> None:
         if self._hand is (Hand.NONE if on else Hand.SIM):
