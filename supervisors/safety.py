@@ -3,6 +3,9 @@
 Any sample on ``strands/safety/estop`` is an e-stop, readable or not: who may put one there is for the mesh's access
 rules to say. Each one is followed by a stop of its own, at most ``STOPS_PER_S`` of them, so that a flood of them
 cannot build up a backlog behind which a resume would wait.
+
+The stop for an e-stop leaves in the very thread on which zenoh brings the order, while this process's loop sleeps
+or does something else; what becomes of it, and all that could not leave so, is the loop's.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import trio
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.contract import Driver, Reason
 from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
+from strands_actors.runtime.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.runtime.pubsub import PubSub, Received
 
 from . import addresses
@@ -55,6 +58,7 @@ class Arrived(Message, frozen=True):
 
     key: str
     payload: bytes
+    sent: Any = None  # ``Sent``: the stop that was asked for when it arrived
 
 
 class StopOrder(Message, frozen=True):
@@ -66,6 +70,7 @@ class StopOrder(Message, frozen=True):
     by: str
     sender: str = ""
     turn: str = ""
+    sent: Any = None  # ``Sent``: the gate has been asked already
 
 
 class ResumeOrder(Message, frozen=True):
@@ -101,16 +106,17 @@ class Safety(Actor):
 
         def arrived(received: Received) -> None:
             with turn:  # handled now: a stop waits for no other turn of the loop
-                me.tell(Arrived(received.key, received.payload))
+                me.tell(Arrived(received.key, received.payload, received.done))
 
-        for key in (ESTOP_KEY, BROADCAST_KEY, RESUME_KEY):
+        self._pubsub.subscribe(ESTOP_KEY, arrived, at_once=self._estop_at_once)
+        for key in (BROADCAST_KEY, RESUME_KEY):
             self._pubsub.subscribe(key, arrived)
 
     def receive(self, message: Arrived | StopOrder | ResumeOrder | StateIs) -> None:
         match message:
-            case Arrived(key=key, payload=payload):
+            case Arrived(key=key, payload=payload, sent=sent):
                 if key == ESTOP_KEY:
-                    self._on_estop(payload)
+                    self._on_estop(payload, sent)
                 elif key == BROADCAST_KEY:
                     self._on_broadcast(payload)
                 else:
@@ -130,14 +136,23 @@ class Safety(Actor):
 
     # -- from the mesh
 
-    def _on_estop(self, payload: bytes) -> None:
+    def _estop_at_once(self, received: Received) -> Sent | None:
+        """On zenoh's thread. (That the limit is of two threads may let one stop more through.)"""
+        order = _order(received.payload)
+        if not self._is_meant(order) or not self._limit.admits(self.context.clock.now_ns()):
+            return None
+        return self._gate.ask_at_once(Stop(Reason.ESTOP, _by(order), True))
+
+    def _is_meant(self, order: SafetyOrder) -> bool:
+        return order.target_id in ("", "*", self._robot)
+
+    def _on_estop(self, payload: bytes, sent: Sent | None) -> None:
         order = _order(payload)
-        if order.target_id not in ("", "*", self._robot):
+        if not self._is_meant(order):
             return
-        by = order.by or order.sender_id or "an unnamed sender on the mesh"
         named = is_name(order.sender_id) and is_name(order.turn_id)
         sender, turn = (order.sender_id, order.turn_id) if named else ("", "")
-        self._stop(StopOrder(True, by, sender, turn))
+        self._stop(StopOrder(True, _by(order), sender, turn, sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
         envelope = read_envelope(payload, MAX_SAFETY_BYTES)
@@ -176,6 +191,9 @@ class Safety(Actor):
     # -- stop
 
     def _stop(self, order: StopOrder) -> None:
+        if order.sent is not None:
+            self.context.start_soon(self._make_safe, [order])
+            return
         if len(self._waiting) < _WAITING or (order.lock and not any(other.lock for other in self._waiting)):
             self._waiting.append(order)
         if self._later_is_due:
@@ -200,7 +218,7 @@ class Safety(Actor):
         reason = Reason.ESTOP if first.lock else Reason.STOP
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._tell_interim, orders)
-            report = await self._ask_stop(Stop(reason, first.by, first.lock))
+            report = await self._ask_stop(Stop(reason, first.by, first.lock), first.sent)
             nursery.cancel_scope.cancel()
         result = _unconfirmed(report.text) if isinstance(report, Refused) else told(report)
         self._answers.event(str(reason), by=first.by, **result)
@@ -215,13 +233,13 @@ class Safety(Actor):
             if order.sender:
                 self._answers.success(order.sender, order.turn, {**result, "locked": order.lock}, final)
 
-    async def _ask_stop(self, stop: Stop) -> StopReport | Refused:
-        """From the gate; when that does not answer, from the guardian."""
+    async def _ask_stop(self, stop: Stop, sent: Sent | None) -> StopReport | Refused:
+        """From the gate, unless it was ``sent`` there; when that does not answer, from the guardian."""
         answer: Message | None = None
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._cancel_when_silent, nursery.cancel_scope)
             try:
-                answer = await self._gate.ask(stop, STOP_S)
+                answer = await (self._gate.ask(stop, STOP_S) if sent is None else sent.answer(STOP_S))
             except (AskTimeout, Unreachable):
                 answer = None
             nursery.cancel_scope.cancel()
@@ -270,6 +288,10 @@ class Safety(Actor):
 
 def _unconfirmed(detail: str) -> dict[str, Any]:
     return {"outcome": "unconfirmed", "detail": detail}
+
+
+def _by(order: SafetyOrder) -> str:
+    return order.by or order.sender_id or "an unnamed sender on the mesh"
 
 
 def _order(payload: bytes) -> SafetyOrder:

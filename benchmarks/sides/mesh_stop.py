@@ -24,11 +24,13 @@ from typing import Any
 from benchmarks.sides.stop import Policy, position
 from benchmarks.sides.wire import Log
 
-COUNT = {"short": 1, "long": 8}
+COUNT = {"short": 1, "long": 16}
 CASES = ("idle", "blocked")
 AGAIN_S = 0.5
 MEET_S = 3.0
 """What two processes need to find each other."""
+MOVING_S = 0.5
+"""How long the other robot moves before it is stopped."""
 
 HERE = Path(__file__).resolve().parent
 
@@ -151,6 +153,7 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
 
 def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict[str, float]:
     figures = {}
+    time.sleep(MEET_S)
     for case in CASES:
         took = []
         for _ in range(count):
@@ -183,7 +186,7 @@ def wait_until_moving(log: Log) -> None:
         if time.monotonic() > until_s:
             raise RuntimeError("the other robot does not move")
         time.sleep(0.02)
-    time.sleep(MEET_S)
+    time.sleep(MOVING_S)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """A link: the inherited socket between a parent process and its child.
 
 It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a frozen
-peer does not read is kept up to a bound, then dropped and counted.
+peer does not read is kept up to a bound, then dropped and counted. All of it belongs to the node's loop but
+``send_at_once``, which is of any thread.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
@@ -37,12 +39,16 @@ class Link:
         self._backlog: deque[tuple[memoryview, tuple[int, ...]]] = deque()
         self._backlog_bytes = 0
         self._writable_wanted = trio.Event()
+        self._token: trio.lowlevel.TrioToken | None = None
+        self._sending = threading.Lock()
+        """Around what leaves, so that no frame begins within another."""
         self.closed = False
         self.dropped = 0
         sock.setblocking(False)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Serve until the other end is gone or the task is cancelled."""
+        self._token = trio.lowlevel.current_trio_token()
         try:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self._write_backlog)
@@ -58,9 +64,10 @@ class Link:
     def close(self) -> None:
         if self.closed:
             return
-        self.closed = True
-        trio.lowlevel.notify_closing(self._socket)
-        self._socket.close()
+        with self._sending:
+            self.closed = True
+            trio.lowlevel.notify_closing(self._socket)
+            self._socket.close()
         while self._backlog:
             _close_all(self._backlog.popleft()[1])
         self._node.detach(self)
@@ -76,18 +83,34 @@ class Link:
         if len(packet) > BACKLOG_BYTES:
             self.dropped += 1  # half of it would be sent and the rest not kept
             return False
-        if self._backlog:
-            self._keep(memoryview(packet), descriptors)
-            return True
-        try:
-            sent = self._send(packet, descriptors)
-        except BlockingIOError:
-            self._keep(memoryview(packet), descriptors)
-        except OSError:
-            return False  # the reader will see the end of file
-        else:
-            if sent < len(packet):
-                self._keep(memoryview(packet)[sent:], ())
+        with self._sending:
+            if self._backlog:
+                self._keep(memoryview(packet), descriptors)
+                return True
+            try:
+                sent = self._send(packet, descriptors)
+            except BlockingIOError:
+                self._keep(memoryview(packet), descriptors)
+            except OSError:
+                return False  # the reader will see the end of file
+            else:
+                if sent < len(packet):
+                    self._keep(memoryview(packet)[sent:], ())
+        return True
+
+    def send_at_once(self, data: bytes) -> bool:
+        packet = HEAD.pack(len(data), 0) + data
+        with self._sending:
+            if self.closed or self._backlog or self._token is None:
+                return False
+            try:
+                sent = self._socket.send(packet)
+            except OSError:
+                return False
+            if sent < len(packet):  # Linux cuts nothing so short in two, others may
+                self._backlog.append((memoryview(packet)[sent:], ()))
+                self._backlog_bytes += len(packet) - sent
+                self._token.run_sync_soon(lambda: self._writable_wanted.set())
         return True
 
     def announce(self, address: str, hosted: bool) -> None:

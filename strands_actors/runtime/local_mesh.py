@@ -75,6 +75,9 @@ class LocalMesh:
     def tell(self, to: str, sender: str, body: bytes) -> bool:
         return self.send(to, frame(to, TELLS, 0, sender, self.node.address, [msgspec.Raw(body)]))
 
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: delivery looks the address up."""
 

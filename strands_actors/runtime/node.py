@@ -42,7 +42,19 @@ from .messages import MAX_MESSAGE_BYTES, Message, Refused
 from .tap import Tap
 from .turn import Turn
 
-__all__ = ["PREFIX", "PROMPT", "Answer", "AskTimeout", "DeadLetter", "Mesh", "Node", "Ref", "Unreachable", "Way"]
+__all__ = [
+    "PREFIX",
+    "PROMPT",
+    "Answer",
+    "AskTimeout",
+    "DeadLetter",
+    "Mesh",
+    "Node",
+    "Ref",
+    "Sent",
+    "Unreachable",
+    "Way",
+]
 
 PREFIX = "strands"
 PROMPT = 32
@@ -59,6 +71,10 @@ class Way(TypingProtocol):
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
         receiver gets duplicates; a way between processes that is no link delivers none."""
+        ...
+
+    def send_at_once(self, data: bytes) -> bool:
+        """From any thread: whole, or not at all. Only a link can, and only when nothing waits to be sent there."""
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...
@@ -155,6 +171,42 @@ class Ref:
             return await answer.wait()
         finally:
             node.pending.pop(cid, None)
+
+    def ask_at_once(self, message: Message) -> Sent | None:
+        """From any thread, without its loop: send over a link to the process of the actor. None: there is none, or
+        it has something to send before, and nothing was sent."""
+        node = self._node
+        link = node.route(self.address)
+        if link is None:
+            return None
+        cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
+        sent = Sent(node, cid, answer)
+        node.pending[cid] = answer  # before it leaves: the loop may be quicker with the answer than this thread
+        if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
+            sent.forget()
+            return None
+        return sent
+
+
+class Sent:
+    """An ask that has left, by ``Ref.ask_at_once``. What becomes of it is for the loop."""
+
+    __slots__ = ("_answer", "_cid", "_node")
+
+    def __init__(self, node: Node, cid: int, answer: Answer) -> None:
+        self._node, self._cid, self._answer = node, cid, answer
+
+    async def answer(self, deadline_s: float) -> Message | None:
+        """Wait for it, as ``Ref.ask`` does. Raise ``AskTimeout``."""
+        try:
+            if not self._answer.done:
+                self._node.deadlines.add(self._answer, deadline_s)
+            return await self._answer.wait()
+        finally:
+            self.forget()
+
+    def forget(self) -> None:
+        self._node.pending.pop(self._cid, None)
 
 
 class Node:
@@ -257,6 +309,10 @@ class Node:
 
     def new_cid(self) -> int:
         return next(self._cids)
+
+    def route(self, address: str) -> Way | None:
+        """The link behind which it lives."""
+        return self._routes.get(address)
 
     def attach(self, way: Way) -> None:
         """A link came up: tell its other end what lives here."""
@@ -380,7 +436,7 @@ class Node:
         return self.put(cell, message, reply, head.sender)
 
     def _receive_reply(self, head: Frame) -> None:
-        answer = self.pending.get(head.cid)
+        answer = self.pending.pop(head.cid, None)
         if answer is None or answer.done:
             self.dead(head.to, head, "the asker no longer waits")
             return

@@ -41,6 +41,7 @@ class Received(msgspec.Struct, frozen=True):
     encoding: str
     attachment: bytes | None
     alive: bool = True  # of a liveliness token: False when it is gone
+    done: Any = None  # what the subscription's ``at_once`` made of it
 
 
 class Topic:
@@ -116,7 +117,8 @@ class PubSub:
             for inbox in list(self._inboxes.values()):
                 samples = inbox.samples
                 for _ in range(min(len(samples), _WAKE_BATCH)):
-                    inbox.handler(_received(samples.popleft()))
+                    sample = samples.popleft()
+                    inbox.handler(sample if isinstance(sample, Received) else _received(sample))
                 if samples:
                     self._waker.wake()
         self._waker.close()
@@ -154,10 +156,17 @@ class PubSub:
 
     # -- in
 
-    def subscribe(self, key: str, handler: Callable[[Received], None], keep: int = 256) -> None:
+    def subscribe(
+        self,
+        key: str,
+        handler: Callable[[Received], None],
+        keep: int = 256,
+        at_once: Callable[[Received], object] | None = None,
+    ) -> None:
         """Call ``handler`` in the loop, instead of the one that had this key before. At most ``keep`` samples wait,
-        the newest; keys are looked at in the order in which they were subscribed to."""
-        self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into))
+        the newest; keys are looked at in the order in which they were subscribed to. ``at_once``: called before, in
+        zenoh's own thread, whatever the loop does; it must neither wait nor raise."""
+        self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
         """Call ``handler`` for each token that is there, comes or goes."""
@@ -170,16 +179,21 @@ class PubSub:
         return self._polls[key]
 
     def _listen(
-        self, key: str, handler: Callable[[Received], None], keep: int, declare: Callable[[Any], Any]
+        self,
+        key: str,
+        handler: Callable[[Received], None],
+        keep: int,
+        declare: Callable[[Any], Any],
+        at_once: Callable[[Received], object] | None = None,
     ) -> None:
         known = self._inboxes.get(key)
         if known is not None:
-            known.handler = handler
+            known.handler, known.at_once = handler, at_once
             return
-        inbox = self._inboxes[key] = _Inbox(handler, keep)
+        inbox = self._inboxes[key] = _Inbox(handler, keep, at_once)
 
         def arrived(sample: zenoh.Sample) -> None:  # on zenoh's thread
-            inbox.samples.append(sample)
+            inbox.take(sample)
             self._waker.wake()
 
         # Not indirect: that would be a Python thread, which outlives a script that has crashed.
@@ -187,10 +201,21 @@ class PubSub:
 
 
 class _Inbox:
-    def __init__(self, handler: Callable[[Received], None], keep: int) -> None:
+    def __init__(
+        self, handler: Callable[[Received], None], keep: int, at_once: Callable[[Received], object] | None
+    ) -> None:
         self.handler = handler
-        self.samples: deque[zenoh.Sample] = deque(maxlen=keep)
+        self.at_once = at_once
+        self.samples: deque[zenoh.Sample | Received] = deque(maxlen=keep)
         self.subscriber: Any = None  # what nobody refers to is undeclared
+
+    def take(self, sample: zenoh.Sample) -> None:
+        """On zenoh's thread."""
+        if self.at_once is None:
+            self.samples.append(sample)
+            return
+        received = _received(sample)
+        self.samples.append(msgspec.structs.replace(received, done=self.at_once(received)))
 
 
 _encode = msgspec.json.Encoder().encode

@@ -144,6 +144,9 @@ class ZenohMesh:
         )
         return publisher
 
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
     def announce(self, address: str, hosted: bool) -> None:
         if not hosted:
             for declared in self._subscribers.pop(address, ()):

@@ -70,7 +70,7 @@ def a_line() -> Iterator[tuple[ThreadLine, Peer]]:
         made.set_result((ThreadLine(ours, OWN, TO, There), lambda: token.run_sync_soon(over.set)))
         await over.wait()
 
-    thread = threading.Thread(target=trio.run, args=(loop,))
+    thread = threading.Thread(target=trio.run, args=(loop,), daemon=True)
     thread.start()
     line, end = made.result(PATIENCE_S)
     try:

@@ -1,0 +1,97 @@
+"""An e-stop from the mesh reaches the gate whatever the loop of the robot's root is doing."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+
+import pytest
+import trio
+import zenoh
+
+from strands_actors.rundir import Name
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.node import Node
+from strands_actors.runtime.zenoh_session import config, unix_endpoint
+from strands_actors.supervisors import addresses, mesh_json
+from strands_actors.supervisors.mesh_place import MeshPlace
+from strands_actors.supervisors.messages import GetStatus, Stop, StopReport, TaskStatus
+from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
+
+from .world import run, until
+
+ROBOT = "arm"
+HELD_UP_S = 0.6
+
+
+class Gate(Actor):
+    """Of another process: what it was told, and when."""
+
+    def __init__(self, told: list[tuple[float, Stop]]) -> None:
+        self._told = told
+
+    def receive(self, message: Stop | GetStatus) -> StopReport | None:
+        if not isinstance(message, Stop):
+            return None
+        self._told.append((time.monotonic(), message))
+        return StopReport(message.reason, "limp", 2, True, ())
+
+
+def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(HARDWARE, ROBOT, FakeHardware())
+    told: list[tuple[float, Stop]] = []
+    ours, theirs = socket.socketpair()
+
+    async def wire() -> None:
+        node = Node("wire", MonotonicClock())
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            await nursery.start(node.cell(addresses.of(ROBOT).path("gate"), lambda: Gate(told)).run)
+            await Link(node, theirs).run()
+            nursery.cancel_scope.cancel()
+
+    thread = threading.Thread(target=trio.run, args=(wire,), daemon=True)
+    thread.start()
+
+    async def test() -> None:
+        name = Name(ROBOT)
+        endpoint = unix_endpoint(name.socket("mesh"))
+        node = Node("root", MonotonicClock())
+        place = MeshPlace(node, ROBOT, FakeDriver("fake", ROBOT, {}), TaskStatus)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            await nursery.start(Link(node, ours).run)
+            nursery.start_soon(place.run, [endpoint], [], {})
+            await place.settled.wait()
+            await until(lambda: node.route(addresses.of(ROBOT).gate), "the gate is known")
+            session = await trio.to_thread.run_sync(zenoh.open, config([], [endpoint], {}))
+            answers: list[dict[str, object]] = []
+            subscriber = session.declare_subscriber(
+                mesh_json.response_key("the-button", ROBOT, "press-1"),
+                lambda sample: answers.append(json.loads(sample.payload.to_bytes())),
+            )
+            await trio.sleep(0.5)  # until the two sessions know of each other's subscriptions
+            order = {"sender_id": "the-button", "turn_id": "press-1", "by": "the button"}
+            press = threading.Timer(0.1, session.put, (mesh_json.ESTOP_KEY, json.dumps(order).encode()))
+            press.start()
+            time.sleep(HELD_UP_S)  # noqa: ASYNC251  # the loop, which would have read it
+            over_s = time.monotonic()
+            assert told, "nobody told the gate"
+            at_s, stop = told[0]
+            assert at_s < over_s - HELD_UP_S / 3
+            assert (stop.reason, stop.by, stop.lock) == (Reason.ESTOP, "the button", True)
+            await until(lambda: answers, "who pressed is told what became of it")
+            assert len(told) == 1, "and nobody stops it twice"
+            subscriber.undeclare()
+            await trio.to_thread.run_sync(session.close)
+            place.close()
+            nursery.cancel_scope.cancel()
+        name.release()
+
+    run(test)
+    thread.join(20.0)
