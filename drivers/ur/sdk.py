@@ -20,6 +20,7 @@ import msgspec
 import trio
 
 from strands_actors.runtime.contract import ProcessSpent, WireDown
+from strands_actors.runtime.threads import call_in_thread
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
 
@@ -182,7 +183,7 @@ class Sdk:
             raise ProcessSpent(self.spent)
         try:
             with trio.fail_after(deadline_s):
-                return await trio.to_thread.run_sync(function, *args, abandon_on_cancel=True)
+                return await call_in_thread(function, *args)
         except trio.TooSlowError:
             self.spent = f"ur-rtde: {name} did not return within {deadline_s * 1e3:g} ms"
             raise ProcessSpent(self.spent) from None
