@@ -9,7 +9,7 @@ from benchmarks.house import Figures, Goal, Question, Side, beside
 def side(who: str, peer: str = "") -> Side:
     def ask(short: bool) -> Figures:
         python = {"python": peers.python(peer)} if peer else {}
-        return beside("benchmarks.sides.telemetry", who, "short" if short else "long", timeout_s=240, **python)
+        return beside("benchmarks.sides.telemetry", who, "short" if short else "long", timeout_s=420, **python)
 
     return ask
 

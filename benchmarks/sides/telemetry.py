@@ -22,7 +22,7 @@ from typing import Any
 from benchmarks.sides.wire import percentile, processor_s
 
 STATE_HZ = 10.0
-STEPS = {"short": (2,), "long": (4, 8, 16, 24, 32)}
+STEPS = {"short": (2,), "long": (4, 8, 16, 24, 32, 48, 64)}
 WINDOW_S = 4.0
 SETTLE_S = 1.5
 LOST_PCT, AGE_MS = 1.0, 50.0

@@ -17,6 +17,7 @@ from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
+from strands_actors.runtime.pubsub import PubSub, Received
 from strands_actors.runtime.zenoh_session import config, unix_endpoint
 from strands_actors.supervisors import addresses, mesh_json
 from strands_actors.supervisors.mesh_place import MeshPlace
@@ -95,3 +96,42 @@ def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.Monk
 
     run(test)
     thread.join(20.0)
+
+
+def test_what_was_done_at_once_is_told_to_the_loop_and_nothing_else_waits_for_it() -> None:
+    """In zenoh's thread; in the order in which the samples came."""
+    by_thread: list[int] = []
+    heard: list[tuple[str, str | None, int]] = []
+
+    def at_once(received: Received) -> str | None:
+        by_thread.append(threading.get_ident())
+        text = received.payload.decode()
+        return f"did {text}" if text.startswith("urgent") else None
+
+    def handle(received: Received) -> None:
+        heard.append((received.payload.decode(), received.done, threading.get_ident()))
+
+    async def test() -> None:
+        name = Name("topics")
+        endpoint = unix_endpoint(name.socket("mesh"))
+        there, here = await PubSub.open([endpoint]), await PubSub.open([], [endpoint])
+        there.subscribe("strands/bench/cmd", handle, at_once=at_once)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(there.run)
+            await nursery.start(here.run)
+            await until(lambda: here.connections, "a connection")
+            while not heard:
+                here.put("strands/bench/cmd", b"first", "command")
+                await trio.sleep(0.02)
+            for text in ("urgent 1", "later", "urgent 2"):
+                here.put("strands/bench/cmd", text.encode(), "command")
+            await until(lambda: heard[-1][0] == "urgent 2", "all of them")
+            here.close()
+            there.close()
+        name.release()
+
+    run(test)
+    me = threading.get_ident()
+    wanted = [("urgent 1", "did urgent 1", me), ("later", None, me), ("urgent 2", "did urgent 2", me)]
+    assert heard[-3:] == wanted
+    assert me not in by_thread
