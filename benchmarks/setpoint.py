@@ -21,18 +21,17 @@ QUESTION = Question(
         Goal("feetech_late_us", "strands-robots", at_most=1.0),
         Goal("ur_late_us", "strands-robots", at_most=1.0),
     ),
-    limit="""Half of the median is waking up: stamped hop by hop on a quiet machine, 0.25 ms from the call to
-the caller's loop (0.03 ms when called again at once; a blocked thread alone wakes in 0.06), 0.18 to the gate in
-the wire process, 0.11 to the transport, 0.06 to the bus; a third of all samples are in epoll. The p99 on Feetech's
-half-duplex bus is a line in use: a setpoint waits for the end of a reading (1.5 ms, 30 a second; so it was in eight
-of the ten slowest of 400), while the reference in this comparison neither reads nor repeats anything. On a UR it is
-waking up again: the 18 slowest of 1800, stamped, were 1.3 ms behind the median, 0.8 of it between the call and the
-gate (two processes that slept), 0.25 in the thread that may wait for ur-rtde, 0.25 from there to the twin. Three
-stood behind the repeated setpoint before them; to repeat it a third as often changed nothing. `a process with the
-SDK` is what anybody pays whose robot is read, or fed, by a process that outlives the script, without gates, leases
-and deadlines: on Feetech's bus its p99 is behind ours, on a UR it was at the goal (0.72 and 1.02 of it in two
-runs). What that buys: the caller can be killed, frozen or computing, and the wire still shows the safe state.
-`late` is the p99; beside us it is that of the reference plus the millisecond that the goal allows.""",
+    limit="""Two thirds of the median are waking up (see `hops`): the wire process, on a UR the thread that may wait for ur-
+rtde, the twin. The caller's own loop, which was a third wake-up and 0.2 to 0.4 ms of it, is no longer on the
+way. The p99 on Feetech's half-duplex bus is a line in use: a setpoint waits for the end of a reading (1.5 ms,
+30 a second; so it was in eight of the ten slowest of 400), while the reference in this comparison neither reads
+nor repeats anything. On a UR it is waking up again, of a process and of a thread that slept; three of the 18
+slowest of 1800 stood behind the repeated setpoint before them, and to repeat it a third as often changed
+nothing. `a process with the SDK` is what anybody pays whose robot is read, or fed, by a process that outlives
+the script, without gates, leases and deadlines: on Feetech's bus its p99 is far behind ours; on a UR it stands
+at the goal, 0.72 to 1.15 of it in four rounds, and ours at 0.94 to 1.26, with all that it has not. What that
+buys: the caller can be killed, frozen or computing, and the wire still shows the safe state. `late` is the p99;
+beside us it is that of the reference plus the millisecond that the goal allows.""",
     ground="a process with the SDK",
     rounds=2,
 )
