@@ -14,9 +14,9 @@ QUESTION = Question(
         Goal("same_trace", "", at_least=1.0, gross=1.0),
     ),
     ground="two empty ticks",
-    limit="""Of 27 ms for a simulated second of an SO-101 (470 passes of trio's loop) trio and its virtual
-clock are 34 %, the twin's servos with 500 steps of MuJoCo 19 %, actors and messages 19 %, the driver's codec and
-gates 11 % (cProfile; the flame graph has the same). The same tree on a driver without wire and physics reaches
-75. Two empty ticks of 100 Hz, 200 passes with nothing in them, reach 247: with 470 passes trio alone is at 105,
-and no tree with this bus reaches 100 on this loop. The replay has no loop.""",
+    limit="""Of 26 ms for a simulated second of an SO-101 (470 passes of trio's loop) trio and its virtual clock
+are a third, the twin's servos with 500 steps of MuJoCo a sixth, actors and messages a fifth, the driver's codec
+and gates a tenth (cProfile; the flame graph has the same). The same tree on a driver without wire and physics
+reaches 66 to 75. Two empty ticks of 100 Hz, 200 passes with nothing in them, reach 224 to 247: with 470 passes
+trio alone is at 95 to 105, and no tree with this bus reaches 100 on this loop. The replay has no loop.""",
 )

@@ -6,6 +6,7 @@ is not part of it. ``armed`` is from the constructor to an answer that the robot
 
 from __future__ import annotations
 
+import os
 import statistics
 import subprocess
 import sys
@@ -59,4 +60,5 @@ def parts(short: bool) -> Figures:
 
 
 if __name__ == "__main__":
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as a machine is on which it was installed
     answer({"ours": ours, "trio and msgspec": parts})

@@ -1,0 +1,42 @@
+"""``telemetry_ticks LENGTH``: what is left of a robot's tree with nothing in it: two processes, each a loop of trio
+that wakes a hundred times a second, as wire and root do to see whether the other lives. As many robots at a time as
+the first steps of ``telemetry`` have; ``robots_per_core`` is what a whole core would carry, if nothing else ran."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import trio
+
+PERIOD_S = 0.01
+SECONDS = {"short": 1.0, "long": 6.0}
+ROBOTS = 8
+
+
+async def tick(seconds: float) -> None:
+    began_s = trio.current_time()
+    for number in range(1, round(seconds / PERIOD_S)):
+        await trio.sleep_until(began_s + number * PERIOD_S)
+
+
+def one(seconds: float) -> None:
+    began_s, used_s = time.monotonic(), time.process_time()
+    trio.run(tick, seconds)
+    print((time.process_time() - used_s) / (time.monotonic() - began_s), flush=True)
+
+
+def main(length: str) -> None:
+    command = [sys.executable, "-m", "benchmarks.sides.telemetry_ticks", "one", str(SECONDS[length])]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2 * ROBOTS)]
+    share = sum(float(process.communicate()[0]) for process in processes) / ROBOTS
+    print(json.dumps({"cpu_per_robot_pct": 100 * share, "robots_per_core": 1 / share}), flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "one":
+        one(float(sys.argv[2]))
+    else:
+        main(sys.argv[1])
