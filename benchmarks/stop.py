@@ -50,9 +50,9 @@ QUESTION = Question(
     },
     goals=tuple(Goal(figure, "", at_most=2.0, gross=25.0) for figure in FIGURES),
     limit="""The call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to
-1.8 ms, whatever the policy does, half of it waking up (half of all samples are in epoll; see `setpoint`). On a
-UR the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of the
-third row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four
+1.8 ms, whatever the policy does, half of it waking up (two fifths of all samples are in epoll; see `setpoint`).
+On a UR the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of
+the third row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four
 times on the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh (`estop_button`) is
 zenoh's and ur-rtde's first of all: `plain zenoh and the SDK`, a `put` and a process that does nothing but move
 one arm, took 0.8 to 1 ms in six runs and 2 in one. Ours, medians of 16 stamped hop by hop: 0.26 for the `put`,
