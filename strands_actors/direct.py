@@ -17,15 +17,13 @@ from .runtime.contract import Observation
 from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Unreachable
 from .runtime.thread_line import NotSent
+from .supervisors.actions import refuse_shape
 from .supervisors.messages import Accepted, GetObservation, Lease, Performed
-from .tree_processes import ASK_S, TreeProcesses
-from .writer import Writer
+from .tree_processes import ASK_S, TreeProcesses, unreachable
+from .writer import STALE, Writer
 
 if TYPE_CHECKING:
     from .tree import RobotTree
-
-STALE = ("stale_epoch", "no_lease", "lease")
-"""Refusals of a lease that was good once: an explicit new command may take it anew."""
 
 
 class Direct:
@@ -46,7 +44,7 @@ class Direct:
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
     ) -> Performed | Refused | None:
         tree = self._tree
-        if tree.driver.check_service(service, arguments) or (action is not None and refuse_shape(action)):
+        if tree.refuse_service(service, arguments, action) is not None:
             return None
         answer = self._command(
             service, lambda lease: tree.performing(lease, service, arguments, action), tree.within_s(service)
@@ -76,14 +74,3 @@ class Direct:
         except Unreachable as failure:
             return unreachable(verb, failure)
         return None if isinstance(answer, Refused) and answer.code in STALE else answer
-
-
-def unreachable(verb: str, failure: Unreachable) -> Refused:
-    return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
-
-
-def refuse_shape(action: object) -> Refused | None:
-    if isinstance(action, Mapping):
-        return None
-    kind = type(action).__name__
-    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")

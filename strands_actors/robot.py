@@ -370,9 +370,10 @@ class SimRobot(RealRobot):
 
     def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Answer:
         """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed. Answers with
-        ``position`` after them and ``sim_time_s``. ``action``: joints by name, as ``send_action`` takes them, from
-        the first step on; when it is refused, no step passes. ``get_observation`` follows within a control period.
-        Deadlines, leases and rollouts are of the clock all the same, and between calls the physics keeps to it."""
+        ``position`` after them and ``sim_time_s``. A target that was sent before counts from the first step on, and
+        so does ``action``, joints by name as ``send_action`` takes them; when that is refused, no step passes.
+        ``get_observation`` follows within a control period. Deadlines, leases and rollouts are of the clock all the
+        same, and between calls the physics keeps to it."""
         return self.service("step", steps=steps, action=action)
 
     def reset(self) -> Answer:

@@ -10,13 +10,13 @@ from typing import Any
 
 import trio
 
-from .direct import STALE, Direct, refuse_shape, unreachable
+from .direct import Direct
 from .factory import Plan
 from .rollouts import Rollouts
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Unreachable
-from .supervisors.actions import plain
+from .supervisors.actions import plain, refuse_shape
 from .supervisors.failsafe import Mode
 from .supervisors.messages import (
     Accepted,
@@ -33,8 +33,8 @@ from .supervisors.messages import (
     StopReport,
     TreeReport,
 )
-from .tree_processes import ASK_S, FENCE_S, STOP_S, NotConnected, TreeProcesses
-from .writer import Writer
+from .tree_processes import ASK_S, FENCE_S, STOP_S, NotConnected, TreeProcesses, unreachable
+from .writer import STALE, Writer
 
 COMMAND_S = 0.25
 """A command that has not reached the wire by then never will."""
@@ -160,15 +160,20 @@ class RobotTree:
         """One of the driver's own services (``Driver.SERVICES``), under this caller's lease. ``action``: a command
         that is written first; when it is refused, so is the service."""
         self._processes.require()
-        refusal = self.driver.check_service(service, arguments) or (
-            None if action is None else refuse_shape(action)
-        )
+        refusal = self.refuse_service(service, arguments, action)
         if refusal is not None:
             return refusal
         answer = await self._command(
             service, lambda lease: self.performing(lease, service, arguments, action), self.within_s(service)
         )
         return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+
+    def refuse_service(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+    ) -> Refused | None:
+        """What can be refused before the gate is asked. Of any thread."""
+        refusal = self.driver.check_service(service, arguments)
+        return refusal or (None if action is None else refuse_shape(action))
 
     def setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
         """Of any thread."""

@@ -18,6 +18,7 @@ from .engine import SIM, EngineDown
 from .factory import Plan
 from .rundir import Name, Note
 from .runtime.contract import Reason
+from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.thread_line import ThreadLine
@@ -47,6 +48,10 @@ LOOK_S = 0.02
 
 class NotConnected(Exception):
     """There is no tree, or it does not answer."""
+
+
+def unreachable(verb: str, failure: Unreachable) -> Refused:
+    return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
 
 
 class TreeProcesses:

@@ -12,6 +12,8 @@ from .supervisors.messages import Acquire, Beat, Lease, Release
 from .tree_processes import ASK_S, TreeProcesses
 
 BEAT_S = 0.04
+STALE = ("stale_epoch", "no_lease", "lease")
+"""Refusals of a lease that was good once: an explicit new command may take it anew."""
 
 
 class Writer:

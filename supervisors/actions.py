@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.runtime.messages import Refused
+
 SHOWN = 100
 """Characters of a key or value that are sent on, for the refusal to show."""
 
@@ -14,6 +16,13 @@ def plain(action: Mapping[str, Any]) -> dict[str, Any]:
     """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
     refused by name."""
     return {str(key)[:SHOWN]: _plain_value(value) for key, value in action.items()}
+
+
+def refuse_shape(action: object) -> Refused | None:
+    if isinstance(action, Mapping):
+        return None
+    kind = type(action).__name__
+    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")
 
 
 def _plain_value(value: Any) -> Any:

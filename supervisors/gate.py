@@ -7,10 +7,6 @@ reports, and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
-from typing import Any
-
-import msgspec
-
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
@@ -19,6 +15,7 @@ from strands_actors.runtime.node import Ref
 
 from . import failsafe
 from .failsafe import Action, Event, Mode
+from .gate_memory import GateMemory
 from .lease import LEASE_TTL_NS, Leases, refuse_by_deadline
 from .messages import (
     BROUGHT,
@@ -55,31 +52,6 @@ from .messages import (
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
-
-
-class GateMemory(msgspec.Struct, frozen=True):
-    """All that a gate's decisions depend on, beside the message and when it was taken up: its attributes of these
-    names."""
-
-    state: failsafe.State
-    leases: Leases
-    observation: Observation | None
-    target: tuple[float, ...]
-    target_ns: int
-    live_until_ns: int
-    stops: list[tuple[int, Deferred]]
-    resumes: list[Deferred]
-    cause: str
-    connect_error: str
-    facts: dict[str, Any]
-    last_stop: StopReport | None
-    last_stop_ns: int
-    services: dict[int, Deferred]
-    service: int
-    writes: int
-    reads: int
-    refusals: int
-    last_refusal: str
 
 
 class Gate(Actor):

@@ -17,7 +17,8 @@ from ..runtime.frames import protocol_of
 from ..runtime.processor import Standing
 from ..runtime.pulse import Pulse
 from ..supervisors import addresses, failsafe
-from ..supervisors.gate import Gate, GateMemory
+from ..supervisors.gate import Gate
+from ..supervisors.gate_memory import GateMemory
 from ..supervisors.tap import Entry, Kind
 from ..supervisors.watchdog import Watchdog, WatchdogMemory
 from .code import build_driver

@@ -96,6 +96,14 @@ class Protocol:
         return Refused("wrong_type", f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
 
 
+def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | None:
+    """By an actor's ``decode_reply``; what it cannot read becomes a refusal."""
+    try:
+        return decode(body)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        return Refused("malformed_reply", f"the answer cannot be read: {error}")
+
+
 _protocols: dict[Any, Protocol] = {}
 
 

@@ -29,6 +29,11 @@ _ANCILLARY_BYTES = socket.CMSG_LEN(_MAX_DESCRIPTORS * _INT)
 _CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
 
 
+def packet_of(data: bytes, descriptors: int = 0) -> bytes:
+    """A frame as it travels."""
+    return HEAD.pack(len(data), descriptors) + data
+
+
 class Link:
     """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone."""
 
@@ -79,7 +84,7 @@ class Link:
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         if self.closed:
             return False
-        packet = HEAD.pack(len(data), len(descriptors)) + data
+        packet = packet_of(data, len(descriptors))
         if len(packet) > BACKLOG_BYTES:
             self.dropped += 1  # half of it would be sent and the rest not kept
             return False
@@ -99,7 +104,7 @@ class Link:
         return True
 
     def send_at_once(self, data: bytes) -> bool:
-        packet = HEAD.pack(len(data), 0) + data
+        packet = packet_of(data)
         with self._sending:
             if self.closed or self._backlog or self._token is None:
                 return False

@@ -36,6 +36,7 @@ from .frames import (
     encode,
     frame,
     protocol_of,
+    read_reply,
 )
 from .mailbox import ReplyTo
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
@@ -440,10 +441,7 @@ class Node:
         if answer is None or answer.done:
             self.dead(head.to, head, "the asker no longer waits")
             return
-        try:
-            answer.send(None if answer.decode is None else answer.decode(head.body))
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-            answer.send(Refused("malformed_reply", f"the answer cannot be read: {error}"))
+        answer.send(None if answer.decode is None else read_reply(answer.decode, head.body))
 
     def hosts_frame(self, address: str, hosted: bool) -> bytes:
         """What a link tells its other end: ``address`` lives here, or no longer does."""

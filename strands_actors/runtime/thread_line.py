@@ -19,9 +19,9 @@ import trio
 
 from .actor import Actor
 from .asks import AskTimeout
-from .frames import ASK, HOSTS, REPLY, Frame, decode_frame, frame, protocol_of
-from .link import HEAD
-from .messages import MAX_MESSAGE_BYTES, Message, Refused
+from .frames import ASK, HOSTS, REPLY, Frame, decode_frame, frame, protocol_of, read_reply
+from .link import HEAD, packet_of
+from .messages import MAX_MESSAGE_BYTES, Message
 from .node import Unreachable
 
 _READ_BYTES = 16 * 1024
@@ -53,7 +53,7 @@ class ThreadLine:
         self.ended = trio.Event()
         """It is closed, as the loop sees it."""
         with contextlib.suppress(ConnectionError):  # nobody is there: ``is_up``
-            sock.sendall(_packet(frame("", HOSTS, 1, own, own, None)))
+            sock.sendall(packet_of(frame("", HOSTS, 1, own, own, None)))
 
     async def is_up(self) -> bool:
         """Wait for the other end: a link says first of all what lives there. False when nobody took it."""
@@ -107,12 +107,12 @@ class ThreadLine:
         left_s = deadline_s
         try:
             self._socket.settimeout(left_s)
-            self._send(_packet(data))
+            self._send(packet_of(data))
             while left_s > 0:
                 self._socket.settimeout(left_s)
                 for head in self._receive():
                     if head.kind == REPLY and head.cid == cid:
-                        return self._read(head)
+                        return read_reply(self._decode, head.body)
                 left_s = until_s - time.monotonic()
         except TimeoutError:
             pass
@@ -147,13 +147,3 @@ class ThreadLine:
             start = end
         self._rest = data[start:]
         return frames
-
-    def _read(self, head: Frame) -> Message | None:
-        try:
-            return self._decode(head.body)
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-            return Refused("malformed_reply", f"the answer cannot be read: {error}")
-
-
-def _packet(data: bytes) -> bytes:
-    return HEAD.pack(len(data), 0) + data

@@ -13,7 +13,8 @@ from strands_actors.runtime.node import Node
 from strands_actors.runtime.pulse import pair
 from strands_actors.runtime.silence import Heard, Silence
 from strands_actors.supervisors.failsafe import State
-from strands_actors.supervisors.gate import Gate, GateMemory
+from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.gate_memory import GateMemory
 from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 from tests.runtime.kernel import real_time, virtual_time

@@ -219,10 +219,10 @@ def test_what_is_too_long_is_left_to_who_refuses_it() -> None:
 def test_a_wait_that_is_interrupted_leaves_no_answer_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     with a_line() as (line, peer):
 
-        def interrupted(head: Frame) -> Message | None:
+        def interrupted(body: object) -> Message | None:
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(line, "_read", interrupted)
+        monkeypatch.setattr(line, "_decode", interrupted)
         asked = soon(lambda: line.ask(Ping(), PATIENCE_S))
         peer.answer(peer.read().cid, 1)
         assert isinstance(asked.exception(PATIENCE_S), KeyboardInterrupt)
