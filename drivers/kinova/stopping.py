@@ -1,0 +1,139 @@
+"""How an arm is stopped: by the wire on its own session, by the root on every way it has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.runtime.contract import MotorReport, WireDown
+
+from .client import KortexClient, Refusal
+from .protocol import JOINTS, ArmState, Call, Feedback
+
+AGAIN_S = 0.05
+"""An order that was not answered by then is sent again."""
+
+POLL_S = 0.01
+STANDS_S = 0.6
+"""From top speed the arm needs 0.2 s [assumed]; one that still moves then does not obey. Twice this fits into what a
+stop may take."""
+
+STANDING_DEG_S = 0.5
+"""A joint that shows less stands [assumed]: measured speeds are not still."""
+
+
+class _Way:
+    """One connection on which the arm is told to stop, and what is known there."""
+
+    def __init__(self, client: KortexClient) -> None:
+        self._client = client
+        self._number = 0
+        self.written = self.acknowledged = False
+        self.feedback: Feedback | None = None  # from after an answered order
+        self.detail = "silent"
+
+    @property
+    def moving(self) -> set[int]:
+        """Joints that are not known to stand."""
+        if self.feedback is None:
+            return set(range(JOINTS))
+        joints = enumerate(self.feedback.actuators)
+        return {at for at, one in joints if abs(one.velocity_deg_s) >= STANDING_DEG_S}
+
+    @property
+    def believed(self) -> bool:
+        """Whether an arm that stands goes on standing: it was told to, or its base is in fault."""
+        in_fault = self.feedback is not None and self.feedback.arm_state == ArmState.IN_FAULT
+        return self.acknowledged or in_fault
+
+    @property
+    def confirmed(self) -> bool:
+        return self.believed and not self.moving
+
+    def order(self, call: Call) -> None:
+        """Send it. Never raises."""
+        try:
+            self._number = self._client.ask(call)
+            self.written = True
+        except WireDown as down:
+            self.detail = str(down)
+
+    async def follow(self, call: Call) -> None:
+        """Until the arm stands, or the base refuses. Never raises."""
+        if not self.written:
+            return
+        try:
+            while (answer := await self._answer(self._number, AGAIN_S)) is None:
+                self._number = self._client.ask(call)
+            if answer.error:
+                self.detail = Refusal(call, answer.sub_error).text
+            else:
+                self.acknowledged = True
+            await self._look()
+            while self.believed and not self.confirmed:
+                self.detail = "moves"
+                await trio.sleep(POLL_S)
+                await self._look()
+        except WireDown as down:
+            self.detail = str(down)
+
+    async def _answer(self, number: int, within_s: float):
+        try:
+            return await self._client.answer(number, within_s)
+        finally:
+            self._client.forget(number)
+
+    async def _look(self) -> None:
+        answer = await self._answer(self._client.ask(Call.REFRESH_FEEDBACK), AGAIN_S)
+        if answer is None or answer.error:
+            return
+        try:
+            seen = Feedback.decode(answer.payload)
+        except MalformedFrame as error:
+            self.detail = str(error)
+            return
+        if len(seen.actuators) == JOINTS:
+            self.feedback = seen
+
+
+async def stop_arm(axes: Sequence[str], clients: Sequence[KortexClient]) -> tuple[MotorReport, ...]:
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; when no
+    connection has brought the arm to stand, ``ApplyEmergencyStop``. Report each joint that was then seen to stand as
+    safe. Never raises."""
+    ways = [_Way(client) for client in clients]
+    for call in (Call.STOP, Call.APPLY_EMERGENCY_STOP):
+        for way in ways:
+            way.order(call)
+        with trio.move_on_after(STANDS_S):
+            async with trio.open_nursery() as nursery:
+                for way in ways:
+                    nursery.start_soon(_follow, way, call, nursery.cancel_scope)
+        if any(way.confirmed for way in ways):
+            break
+    return _reports(axes, ways)
+
+
+async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
+    await way.follow(call)
+    if way.confirmed:
+        scope.cancel()
+
+
+def _reports(axes: Sequence[str], ways: Sequence[_Way]) -> tuple[MotorReport, ...]:
+    """By the way that knows best."""
+    if not ways:
+        return not_connected(axes)
+    best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
+    reports = []
+    for at, axis in enumerate(axes):
+        safe = best.believed and at not in best.moving
+        detail = "" if safe else best.detail
+        reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail))
+    return tuple(reports)
+
+
+def not_connected(axes: Sequence[str], why: str = "not connected") -> tuple[MotorReport, ...]:
+    """Report that nothing was written."""
+    return tuple(MotorReport(axis, at + 1, False, False, False, why) for at, axis in enumerate(axes))
