@@ -32,7 +32,7 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .lines import WireEnd
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .messages import RootGone
 from .tap import Attached, TapKeeper, name_of
 from .transport import Transport
@@ -89,7 +89,8 @@ def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: s
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
     names = {address: name_of(address) for address in (at.gate, at.watchdog)}
-    return TapKeeper(names, Attached(description, driver.axes, driver.unit), remember)
+    attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
+    return TapKeeper(names, attached, remember)
 
 
 class ProcessPlace:

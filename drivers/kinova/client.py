@@ -97,17 +97,20 @@ class KortexClient:
         self._awaited[number] = None
         return number
 
-    async def answer(self, number: int, within_s: float) -> Frame | None:
-        """Return the answer, or None: not yet. Raise ``WireDown`` when the base owes answers and has said nothing
-        for ``SILENT_S``."""
+    async def listen(self, number: int, within_s: float) -> None:
+        """Take what comes until that answer has come. Raise ``WireDown`` when the base owes answers and has said
+        nothing for ``SILENT_S``."""
         with trio.move_on_after(within_s):
-            while self._awaited.get(number) is None:
+            while number in self._awaited and self._awaited[number] is None:
                 self._take(await self._stream.read())
-        found = self.taken(number)
         silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
-        if found is None and self._open and silent_s > SILENT_S:
+        if self._open and silent_s > SILENT_S:
             raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
-        return found
+
+    async def answer(self, number: int, within_s: float) -> Frame | None:
+        """Return the answer, or None: not yet. Raise ``WireDown`` as ``listen``."""
+        await self.listen(number, within_s)
+        return self.taken(number)
 
     def taken(self, number: int) -> Frame | None:
         """Return the answer if it has been read."""

@@ -184,14 +184,12 @@ class Decoder:
             yield frame
 
     def _align(self) -> bool:
-        """Drop what stands before the next magic. Return whether there is something to read."""
+        """Drop what stands before the next magic, or before what may be its beginning. Return whether anything is
+        left."""
         at = self._pending.find(MAGIC)
-        if at < 0:  # the end may be the beginning of one
-            at = next(
-                (i for i in range(max(0, len(self._pending) - 7), len(self._pending))
-                 if MAGIC.startswith(self._pending[i:])),
-                len(self._pending),
-            )
+        if at < 0:
+            begins = (size for size in range(len(MAGIC) - 1, 0, -1) if self._pending.endswith(MAGIC[:size]))
+            at = len(self._pending) - next(begins, 0)
         if at:
             self._skip(at)
         return bool(self._pending)
@@ -242,7 +240,7 @@ def decode_number(data: bytes) -> int:
 
 
 def encode_speeds(deg_s: Sequence[float]) -> bytes:
-    """Encode ``JointSpeeds`` of all joints. Its durations stay out: the API reference calls them not implemented."""
+    """Encode ``JointSpeeds`` of all joints. Without durations: the API reference calls them not implemented."""
     return b"".join(
         pb.bytes_field(1, pb.varint_field(1, joint) + pb.float_field(2, value)) for joint, value in enumerate(deg_s)
     )
@@ -312,8 +310,9 @@ def _encode(actuator: Actuator) -> bytes:
 
 
 def _actuator(found: dict[int, list[pb.Value]]) -> Actuator:
-    values = [_finite(found, number) for number in _ACTUATOR_FLOATS]
-    return Actuator(*values, faults=(pb.last_int(found, 11), pb.last_int(found, 12)))
+    position, velocity, torque, current, motor, core = (_finite(found, number) for number in _ACTUATOR_FLOATS)
+    faults = pb.last_int(found, 11), pb.last_int(found, 12)
+    return Actuator(position, velocity, torque, current, motor, core, faults)
 
 
 def _messages(found: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:

@@ -10,15 +10,15 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.runtime.contract import MotorReport, WireDown
 
 from .client import KortexClient, Refusal
-from .protocol import JOINTS, ArmState, Call, Feedback
+from .protocol import JOINTS, ArmState, Call, Feedback, Frame
 
 AGAIN_S = 0.05
 """An order that was not answered by then is sent again."""
 
 POLL_S = 0.01
 STANDS_S = 0.6
-"""From top speed the arm needs 0.2 s [assumed]; one that still moves then does not obey. Twice this fits into what a
-stop may take."""
+"""From top speed the arm needs 0.2 s [assumed]; one that still moves then does not obey. Twice this fits into what
+a stop may take."""
 
 STANDING_DEG_S = 0.5
 """A joint that shows less stands [assumed]: measured speeds are not still."""
@@ -30,7 +30,7 @@ class _Way:
     def __init__(self, client: KortexClient) -> None:
         self._client = client
         self._number = 0
-        self.written = self.acknowledged = False
+        self.written = self.answered = self.acknowledged = False
         self.feedback: Feedback | None = None  # from after an answered order
         self.detail = "silent"
 
@@ -67,19 +67,20 @@ class _Way:
         try:
             while (answer := await self._answer(self._number, AGAIN_S)) is None:
                 self._number = self._client.ask(call)
+            self.answered = True
             if answer.error:
                 self.detail = Refusal(call, answer.sub_error).text
             else:
                 self.acknowledged = True
             await self._look()
             while self.believed and not self.confirmed:
-                self.detail = "moves"
+                self.detail = "moves" if self.feedback else "no feedback"
                 await trio.sleep(POLL_S)
                 await self._look()
         except WireDown as down:
             self.detail = str(down)
 
-    async def _answer(self, number: int, within_s: float):
+    async def _answer(self, number: int, within_s: float) -> Frame | None:
         try:
             return await self._client.answer(number, within_s)
         finally:
@@ -99,20 +100,23 @@ class _Way:
 
 
 async def stop_arm(axes: Sequence[str], clients: Sequence[KortexClient]) -> tuple[MotorReport, ...]:
-    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; when no
-    connection has brought the arm to stand, ``ApplyEmergencyStop``. Report each joint that was then seen to stand as
-    safe. Never raises."""
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered. Where the
+    base refuses, or the arm does not come to stand, send ``ApplyEmergencyStop``; not to a base that says nothing,
+    which would find it when it comes back. Report each joint that was then seen to stand as safe. Never raises."""
     ways = [_Way(client) for client in clients]
-    for call in (Call.STOP, Call.APPLY_EMERGENCY_STOP):
-        for way in ways:
-            way.order(call)
-        with trio.move_on_after(STANDS_S):
-            async with trio.open_nursery() as nursery:
-                for way in ways:
-                    nursery.start_soon(_follow, way, call, nursery.cancel_scope)
-        if any(way.confirmed for way in ways):
-            break
+    await _try(Call.STOP, ways)
+    if not any(way.confirmed for way in ways):
+        await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.answered])
     return _reports(axes, ways)
+
+
+async def _try(call: Call, ways: Sequence[_Way]) -> None:
+    for way in ways:
+        way.order(call)
+    with trio.move_on_after(STANDS_S):
+        async with trio.open_nursery() as nursery:
+            for way in ways:
+                nursery.start_soon(_follow, way, call, nursery.cancel_scope)
 
 
 async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
