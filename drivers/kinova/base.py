@@ -223,7 +223,8 @@ class Base:
 
     def _call(self, session: Session, request: Frame) -> bytes:
         first = min(self._sessions) == session.number
-        if not first and self._second is Second.POWERLESS and self.kind(request) not in ("read", "keepalive"):
+        harmless = self.kind(request) in ("read", "keepalive") or request.call == Call.CLOSE_SESSION
+        if not first and self._second is Second.POWERLESS and not harmless:
             raise CallFailed(SubError.METHOD_FAILED)
         match request.call:
             case Call.KEEP_ALIVE:

@@ -19,8 +19,6 @@ from strands_actors.runtime.contract import MotorReport, Observation
 HOST = "192.0.2.10"
 
 
-
-
 class Rig:
     """``told``: every frame that reached the base, in order."""
 
