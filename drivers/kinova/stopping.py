@@ -16,9 +16,9 @@ AGAIN_S = 0.05
 """An order that was not answered by then is sent again."""
 
 POLL_S = 0.01
-STANDS_S = 0.6
-"""From top speed the arm needs 0.2 s [assumed]; one that still moves then does not obey. Twice this fits into what
-a stop may take."""
+STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.5}
+"""How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they fit into what a
+stop may take."""
 
 STANDING_DEG_S = 0.5
 """A joint that shows less stands [assumed]: measured speeds are not still."""
@@ -30,7 +30,7 @@ class _Way:
     def __init__(self, client: KortexClient) -> None:
         self._client = client
         self._number = 0
-        self.written = self.answered = self.acknowledged = False
+        self.written = self.refused = self.acknowledged = False
         self.feedback: Feedback | None = None  # from after an answered order
         self.detail = "silent"
 
@@ -67,9 +67,8 @@ class _Way:
         try:
             while (answer := await self._answer(self._number, AGAIN_S)) is None:
                 self._number = self._client.ask(call)
-            self.answered = True
             if answer.error:
-                self.detail = Refusal(call, answer.sub_error).text
+                self.refused, self.detail = True, Refusal(call, answer.sub_error).text
             else:
                 self.acknowledged = True
             await self._look()
@@ -100,20 +99,20 @@ class _Way:
 
 
 async def stop_arm(axes: Sequence[str], clients: Sequence[KortexClient]) -> tuple[MotorReport, ...]:
-    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered. Where the
-    base refuses, or the arm does not come to stand, send ``ApplyEmergencyStop``; not to a base that says nothing,
-    which would find it when it comes back. Report each joint that was then seen to stand as safe. Never raises."""
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; where it is
+    refused, and no other connection stops the arm, ``ApplyEmergencyStop``, after which the base is in fault. Report
+    each joint that was then seen to stand as safe. Never raises."""
     ways = [_Way(client) for client in clients]
     await _try(Call.STOP, ways)
     if not any(way.confirmed for way in ways):
-        await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.answered])
+        await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.refused])
     return _reports(axes, ways)
 
 
 async def _try(call: Call, ways: Sequence[_Way]) -> None:
     for way in ways:
         way.order(call)
-    with trio.move_on_after(STANDS_S):
+    with trio.move_on_after(STANDS_S[call]):
         async with trio.open_nursery() as nursery:
             for way in ways:
                 nursery.start_soon(_follow, way, call, nursery.cancel_scope)

@@ -200,7 +200,7 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 
 
 def test_a_password_is_in_no_refusal() -> None:
-    assert Kinova.SECRETS == {"password"}
+    assert {"password"} == Kinova.SECRETS
     with pytest.raises(ValueError) as refusal:
         Kinova.resolve("kinova_gen3", {"password": 73571})
     assert "password is not accepted" in str(refusal.value) and "73571" not in str(refusal.value)
