@@ -69,6 +69,10 @@ class Refusal(NamedTuple):
         return f"the base refuses {name}: {p.sub_error_name(self.sub_error)}"
 
 
+class CallRefused(WireDown):
+    """The base answers, and does not do it."""
+
+
 class KortexClient:
     """Calls never overlap."""
 
@@ -130,7 +134,7 @@ class KortexClient:
         if found is None:
             raise WireDown(f"{self._name}: no answer to {call.name} within {within_s:g} s. Check the base")
         if found.error:
-            raise WireDown(f"{self._name}: {Refusal(call, found.sub_error).text}")
+            raise CallRefused(f"{self._name}: {Refusal(call, found.sub_error).text}")
         return found
 
     async def number(self, call: Call) -> int:
@@ -145,8 +149,8 @@ class KortexClient:
         """Open a session. Raise ``WireDown``, which names no password."""
         try:
             created = await self.call(Call.CREATE_SESSION, p.Login(username, password).encode())
-        except WireDown as down:
-            raise WireDown(f"{down}. Check username= and password=, and who else is connected") from None
+        except CallRefused as refused:
+            raise WireDown(f"{refused}. Check username= and password=, and who else is connected") from None
         self.page.begin(created.session)
 
     def close(self) -> None:
