@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import trio
@@ -23,6 +24,9 @@ stop may take."""
 STANDING_DEG_S = 0.5
 """A joint that shows less stands [assumed]: measured speeds are not still."""
 
+STEADY_S = 0.05
+"""For so long: a joint that turns round, or has not yet followed what was sent last, shows no speed for a moment."""
+
 
 class _Way:
     """One connection on which the arm is told to stop, and what is known there."""
@@ -32,15 +36,14 @@ class _Way:
         self._number = 0
         self.written = self.refused = self.acknowledged = False
         self.feedback: Feedback | None = None  # from after an answered order
+        self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
+        self._seen_s = 0.0
         self.detail = "silent"
 
     @property
     def moving(self) -> set[int]:
         """Joints that are not known to stand."""
-        if self.feedback is None:
-            return set(range(JOINTS))
-        joints = enumerate(self.feedback.actuators)
-        return {at for at, one in joints if abs(one.velocity_deg_s) >= STANDING_DEG_S}
+        return {at for at, moved_s in enumerate(self._moved_s) if not self._seen_s - moved_s >= STEADY_S}
 
     @property
     def believed(self) -> bool:
@@ -94,8 +97,13 @@ class _Way:
         except MalformedFrame as error:
             self.detail = str(error)
             return
-        if len(seen.actuators) == JOINTS:
-            self.feedback = seen
+        if len(seen.actuators) != JOINTS:
+            return
+        first, self._seen_s = self.feedback is None, trio.current_time()
+        self.feedback = seen
+        for at, one in enumerate(seen.actuators):
+            if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
+                self._moved_s[at] = self._seen_s
 
 
 async def stop_arm(axes: Sequence[str], clients: Sequence[KortexClient]) -> tuple[MotorReport, ...]:
