@@ -381,8 +381,9 @@ class Driver(ABC):
         return {}
 
     def energised(self, rung: str) -> bool:
-        """Whether motors keep torque on this rung."""
-        return rung == "hold"
+        """Return whether the robot stays ready in this state, so that the next setpoint moves it again: motors keep
+        torque, or a base stands at velocity zero."""
+        return rung in ("hold", "zero")
 
 
 def _is_count(value: object, most: int) -> bool:
