@@ -115,6 +115,8 @@ class Transport(Actor):
         self._opening: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
+        timing = driver.timing
+        self._announced_s = timing.call_s if timing.call_s > timing.beat_ttl_s / 2 else 0.0
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
         self._written_ns = 0
         self._writes = 0
@@ -166,7 +168,7 @@ class Transport(Actor):
                 await wire.write(write.values, permit)
                 written = True
             else:
-                with self.context.until_urgent():
+                with self._waiting():
                     await wire.write(write.values, permit)
                     written = True
         except PermitDenied:
@@ -196,7 +198,8 @@ class Transport(Actor):
 
     async def _feed(self) -> None:
         if self._wire is not None:
-            await self._wire.feed()
+            with self._waiting():
+                await self._wire.feed()
 
     async def _read(self) -> None:
         wire, observation = self._wire, None
@@ -205,7 +208,7 @@ class Transport(Actor):
         if wire.prompt:
             observation = await wire.read()
         else:
-            with self.context.until_urgent():
+            with self._waiting():
                 observation = await wire.read()
         if observation is not None:
             self._reads += 1
@@ -357,6 +360,15 @@ class Transport(Actor):
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
         self._gate.tell(LinkLost(why))
+
+    @contextlib.contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
+        with contextlib.ExitStack() as stack:
+            if self._announced_s:
+                stack.enter_context(self._busy(self._announced_s))
+            stack.enter_context(self.context.until_urgent())
+            yield
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
