@@ -115,8 +115,6 @@ class Transport(Actor):
         self._opening: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
-        timing = driver.timing
-        self._announced_s = timing.call_s if timing.call_s > timing.beat_ttl_s / 2 else 0.0
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
         self._written_ns = 0
         self._writes = 0
@@ -365,8 +363,8 @@ class Transport(Actor):
     def _waiting(self) -> Iterator[None]:
         """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
         with contextlib.ExitStack() as stack:
-            if self._announced_s:
-                stack.enter_context(self._busy(self._announced_s))
+            if self._driver.timing.call_s:
+                stack.enter_context(self._busy(self._driver.timing.call_s))
             stack.enter_context(self.context.until_urgent())
             yield
 

@@ -65,9 +65,9 @@ class Timing(msgspec.Struct, frozen=True):
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
-    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait. Longer than a beat, it is announced to the
-    # watchdog; who takes longer than this counts as frozen.
-    call_s: float = 0.05
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a beat: it is
+    # announced to the watchdog, and who takes longer counts as frozen. 0: they wait less than a beat.
+    call_s: float = 0.0
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's

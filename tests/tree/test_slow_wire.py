@@ -137,7 +137,7 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
             writer = await armed(tree)
             tree.hardware.write_s = 0.3
             writer.ref.tell(writer.setpoint(latched=True, a=1.0))
-            await trio.sleep(0.6)
+            await trio.sleep(0.8)
             assert len(tree.places) == 1 and setpoints(tree)
             began_ns = tree.node.clock.now_ns()
             tree.hardware.write_s = 60.0
