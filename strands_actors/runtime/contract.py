@@ -22,6 +22,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.axis import Axis, Part, axes_of, first_target, parse_action
+from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
 from .columns import Columns, by_axis
@@ -275,6 +276,8 @@ class Driver(ABC):
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
+    SENSORS: ClassVar[tuple[Sensor, ...]] = ()
+    """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
