@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import (
@@ -50,6 +51,7 @@ class Kinova(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_position": "tool_position_m"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)

@@ -25,7 +25,7 @@ STANDING_DEG_S = 0.5
 """A joint that shows less stands [assumed]: measured speeds are not still."""
 
 STEADY_S = 0.05
-"""For so long: a joint that turns round, or has not yet followed what was sent last, shows no speed for a moment."""
+"""For so long: one that turns round, or has not yet followed what was sent last, shows no speed for a moment."""
 
 
 class _Way:

@@ -68,8 +68,10 @@ def test_after_a_hold_the_next_target_is_led_to_from_where_the_arm_is() -> None:
     async def main() -> None:
         rig = await moving(Rig())
         assert all_safe(await rig.stop("hold"))
-        await rig.period()
         rig.told.clear()
+        for _ in range(8):
+            assert (await rig.period()).faults == {}, "there is nothing left to expire"
+        assert rig.stops() == []
         await rig.go(0, STEP_RAD)
         assert len(rig.speeds()) == 1
         await rig.period()
@@ -206,9 +208,11 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: str) -> Non
             await rig.go(0, STEP_RAD)
             await trio.sleep(0.1)  # the wire is dead, the arm goes on
             assert rig.velocity > 0.3
+            last = max(frame.message for _, frame in rig.told if frame.session == 1)
             rig.told.clear()
             began_s = trio.current_time()
             reports = await channel.make_safe("stop")
+            assert [frame.message for _, frame in rig.told if frame.session == 1][0] == last + 1
             assert rig.stops() == [began_s] * (1 if second == "refused" else 2)
             assert all_safe(reports), reports
             assert rig.velocity < 0.01
@@ -228,6 +232,21 @@ def test_the_own_session_is_kept_up_for_longer_than_a_base_remembers() -> None:
             rig.told.clear()
             assert all_safe(await channel.make_safe("stop"))
             assert Call.CREATE_SESSION not in rig.calls()
+
+    virtual(main)
+
+
+def test_a_question_that_is_still_open_does_not_keep_the_stop_waiting() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        async with served(rig.stop_channel()) as channel:
+            rig.silent = True
+            await trio.sleep(0.6)  # it waits for the answer to a keep-alive
+            rig.silent = False
+            rig.told.clear()
+            assert all_safe(await channel.make_safe("stop"))
+            await trio.sleep(2.0)
+            assert {Call.CREATE_SESSION, Call.KEEP_ALIVE}.isdisjoint(rig.calls())
 
     virtual(main)
 

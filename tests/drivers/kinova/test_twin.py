@@ -38,6 +38,14 @@ def sub_error(client: Client, function: int, payload: bytes = b"") -> int:
     return failed.value.sub
 
 
+def is_there(address: str) -> bool:
+    try:
+        Client(address).socket.close()
+    except ConnectionError:
+        return False
+    return True
+
+
 def velocity(client: Client, joint: int = 0) -> float:
     return client.refresh_feedback()[1][joint][1]
 
@@ -177,9 +185,21 @@ def test_without_power_nobody_is_there_and_then_all_is_new(client: Client, twin:
     with pytest.raises(ConnectionError):
         while True:
             client.call(KEEP_ALIVE)
+    wait_until(lambda: is_there(twin.port), "it is back")
     with Client(twin.port) as other:
         other.log_in()
         assert abs(velocity(other)) < 0.1
+
+
+def test_the_cable_may_be_pulled_twice_and_is_put_back_once(client: Client, twin: TwinProcess) -> None:
+    for line in ("unplug", "unplug", "plug"):
+        twin.command(line)
+    with pytest.raises(ConnectionError):
+        while True:
+            client.call(KEEP_ALIVE)
+    wait_until(lambda: is_there(twin.port), "it is back")
+    with Client(twin.port) as other:
+        other.log_in()
 
 
 def test_an_unknown_control_line_says_what_there_is(twin: TwinProcess) -> None:

@@ -138,6 +138,7 @@ def test_saf_009_a_stop_during_arming_wins(checks: int) -> None:
         with pytest.raises(PermitDenied):
             await rig.wire.arm(Permission(denied_at=checks))
         assert not rig.speeds()
+        assert rig.calls().count(Call.SET_SERVOING_MODE) == checks
 
     virtual(main)
 
