@@ -212,7 +212,7 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: str) -> Non
             rig.told.clear()
             began_s = trio.current_time()
             reports = await channel.make_safe("stop")
-            assert [frame.message for _, frame in rig.told if frame.session == 1][0] == last + 1
+            assert next(frame.message for _, frame in rig.told if frame.session == 1) == last + 1
             assert rig.stops() == [began_s] * (1 if second == "refused" else 2)
             assert all_safe(reports), reports
             assert rig.velocity < 0.01
