@@ -80,7 +80,7 @@ class KortexClient:
         """``page``: of a session that was opened already; default: none was."""
         self.page = page or Page(bytearray(_PAGE.size))
         self.refusal: Refusal | None = None
-        """Of something that was told; the last one."""
+        """Of joint speeds; the last one."""
         self._stream = stream
         self._name = name
         self._clock = clock
@@ -91,7 +91,7 @@ class KortexClient:
         self._asked_ns = 0
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
-        """Send at once. That it was refused stands in ``refusal`` when the answer has been read. Raise
+        """Send at once. That joint speeds were refused stands in ``refusal`` when the answer has been read. Raise
         ``WireDown``."""
         self._send(call, payload)
 
@@ -176,7 +176,7 @@ class KortexClient:
             self._waiting_since_ns = self._clock.now_ns()
             if frame.message in self._awaited:
                 self._awaited[frame.message] = frame
-            elif frame.error:
+            elif frame.error and frame.call == Call.SEND_JOINT_SPEEDS:
                 self.refusal = Refusal(frame.call, frame.sub_error)
 
 

@@ -13,8 +13,11 @@ from strands_actors.runtime.contract import MotorReport, WireDown
 from .client import KortexClient, Refusal
 from .protocol import JOINTS, ArmState, Call, Feedback, Frame
 
-AGAIN_S = 0.05
+AGAIN_S = 0.025
 """An order that was not answered by then is sent again."""
+
+LOOK_S = 0.2
+"""How long a reading waits for its answer."""
 
 POLL_S = 0.01
 STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.5}
@@ -33,7 +36,7 @@ class _Way:
 
     def __init__(self, client: KortexClient) -> None:
         self._client = client
-        self._number = 0
+        self._orders: list[int] = []  # whose answers have not come
         self.written = self.refused = self.acknowledged = False
         self.feedback: Feedback | None = None  # from after an answered order
         self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
@@ -58,7 +61,7 @@ class _Way:
     def order(self, call: Call) -> None:
         """Send it. Never raises."""
         try:
-            self._number = self._client.ask(call)
+            self._orders = [self._client.ask(call)]
             self.written = True
         except WireDown as down:
             self.detail = str(down)
@@ -68,8 +71,8 @@ class _Way:
         if not self.written:
             return
         try:
-            while (answer := await self._answer(self._number, AGAIN_S)) is None:
-                self._number = self._client.ask(call)
+            while (answer := await self._answer_to_order()) is None:
+                self._orders.append(self._client.ask(call))
             if answer.error:
                 self.refused, self.detail = True, Refusal(call, answer.sub_error).text
             else:
@@ -81,15 +84,19 @@ class _Way:
                 await self._look()
         except WireDown as down:
             self.detail = str(down)
-
-    async def _answer(self, number: int, within_s: float) -> Frame | None:
-        try:
-            return await self._client.answer(number, within_s)
         finally:
-            self._client.forget(number)
+            for number in self._orders:
+                self._client.forget(number)
+
+    async def _answer_to_order(self) -> Frame | None:
+        """Return the answer to any of the orders, however late it is."""
+        await self._client.listen(self._orders[-1], AGAIN_S)
+        return next((answer for number in self._orders if (answer := self._client.taken(number))), None)
 
     async def _look(self) -> None:
-        answer = await self._answer(self._client.ask(Call.REFRESH_FEEDBACK), AGAIN_S)
+        number = self._client.ask(Call.REFRESH_FEEDBACK)
+        answer = await self._client.answer(number, LOOK_S)
+        self._client.forget(number)
         if answer is None or answer.error:
             return
         try:

@@ -57,7 +57,7 @@ class _Session:
         self.course: Course | None = None
         self.sent_ns = 0
         self.turning = False  # joints may be, by speeds of ours
-        self.stop: int | None = None  # the last one that ``read`` has sent
+        self.stops: list[int] = []  # those that ``read`` has sent, and nobody has answered
         self.lost = ""  # why no speeds are sent before the next arming
 
     def take(self, number: int) -> None:
@@ -76,6 +76,12 @@ class _Session:
             seen = [math.radians(one.position_deg) for one in feedback.actuators]
             self.position = unwrap(seen, self.position)
             self.feedback, self.stamp_ns = feedback, asked_ns
+
+    def forget_stops(self) -> None:
+        """What is still answered to them tells nothing of what was sent later."""
+        for number in self.stops:
+            self.client.forget(number)
+        self.stops.clear()
 
     @property
     def velocity(self) -> tuple[float, ...]:
@@ -130,6 +136,7 @@ class KinovaWire(Wire):
         # To stand still is the first command: a base that takes no speeds says so now.
         await client.call(Call.SEND_JOINT_SPEEDS, p.encode_speeds([0.0] * p.JOINTS))
         await self._refresh(session)
+        session.forget_stops()
         client.refusal, session.course, session.lost = None, None, ""
         return self._observation(session)
 
@@ -211,8 +218,9 @@ class KinovaWire(Wire):
     def _expire(self, session: _Session) -> None:
         """Stop an arm that may be turning, and is not led any more."""
         self._look_for_refusal(session)
-        if session.stop is not None and (answer := session.client.taken(session.stop)) is not None:
-            session.stop = None
+        answers = [answer for number in session.stops if (answer := session.client.taken(number))]
+        for answer in answers[:1]:  # the others say the same
+            session.forget_stops()
             if answer.error:
                 session.lost = f"the base refuses STOP: {p.sub_error_name(answer.sub_error)}"
             else:
@@ -225,9 +233,7 @@ class KinovaWire(Wire):
             if silent_s > self._driver.silent_s and not session.lost:
                 session.lost = f"stopped, because nothing was {what} for {silent_s * 1e3:.0f} ms"
         if session.lost:
-            if session.stop is not None:
-                session.client.forget(session.stop)
-            session.stop = session.client.ask(Call.STOP)
+            session.stops.append(session.client.ask(Call.STOP))
 
     def _observation(self, session: _Session) -> Observation:
         feedback = session.feedback

@@ -91,8 +91,26 @@ def test_saf_005_a_stop_that_is_lost_is_sent_again() -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(hear_again)
             assert all_safe(await rig.stop())
-        assert 3 < len(rig.stops()) < 10
+        assert 6 < len(rig.stops()) < 12
         assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("late_s", [0.03, 0.06, 0.15])
+def test_a_stop_whose_answers_are_late_is_confirmed_all_the_same(late_s: float) -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.delay_s = lambda call: late_s
+        began_s = trio.current_time()
+        assert all_safe(await rig.stop())
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        await trio.sleep(0.2)
+        rig.delay_s = lambda call: 0.001
+        for _ in range(8):
+            await rig.period()
+        waiting = set(rig.wire._session().client._awaited) - set(rig.wire._session().asked_ns)
+        assert waiting == set(), "nothing is waited for any more"
 
     virtual(main)
 

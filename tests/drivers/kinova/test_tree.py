@@ -348,17 +348,15 @@ def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
 
 def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(bench: Bench) -> None:
     """Joint speeds never expire: how far the arm goes is the root's doing."""
-    start = bench.arm.get_observation()["joint_1"]
-    steps = iter(range(1, 10_000))
-    json_of(bench.arm.run_policy(lambda _: {"joint_1": start + 0.2 * 0.025 * next(steps)}, duration=60.0))
-    until(lambda: bench.arm.get_observation()["joint_1"] - start > 0.2, "it is on its way")
+    bench.move()
+    until(lambda: arm_velocity(bench) > 0.05, "it is on its way")
     since_ns = time.monotonic_ns()
     before = bench.arm.get_observation()["joint_1"]
     os.kill(bench.pid("wire"), signal.SIGKILL)
     bench.safe_within(since_ns, 0.05 + SLACK_S)
     until(lambda: state(bench.arm) == "disarmed", "it is back")
-    went = bench.arm.get_observation()["joint_1"] - before
-    assert 0.0 < went < 0.2 * (0.05 + SLACK_S)
+    went = abs(bench.arm.get_observation()["joint_1"] - before)
+    assert went < 0.2 * (0.05 + SLACK_S), "so far a policy of 0.2 rad/s would have had it in the time"
 
 
 def arm_velocity(bench: Bench) -> float:

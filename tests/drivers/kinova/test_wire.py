@@ -284,6 +284,28 @@ def test_saf_003_the_stop_is_repeated_until_it_is_answered() -> None:
     virtual(main)
 
 
+def test_stops_that_are_answered_late_end_all_the_same_and_leave_nothing() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0, STEP_RAD)
+        rig.delay_s = lambda call: 0.06
+        for _ in range(20):
+            await rig.period(earned=False)
+        count = len(rig.stops())
+        assert 1 < count < 8
+        session = rig.wire._session()
+        assert not session.turning and session.stops == []
+        assert set(session.client._awaited) == set(session.asked_ns)
+        rig.delay_s = lambda call: 0.001
+        await trio.sleep(0.1)
+        await rig.wire.arm(Permission())
+        await rig.go(0, STEP_RAD)
+        await rig.period(earned=False)
+        assert session.turning, "an answer to an old stop says nothing of a new speed"
+
+    virtual(main)
+
+
 def test_saf_012_a_base_that_is_not_heard_is_stopped_and_not_commanded() -> None:
     async def main() -> None:
         rig = await Rig().armed()
