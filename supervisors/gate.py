@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
+from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, MotorReport, Observation, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 
@@ -375,7 +375,7 @@ class Gate(Actor):
         if report.epoch == self._state.epoch:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:
-                self._aim_at_measured(self._observation)
+                self._aim_where_held(report, self._observation)
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         mode = self._state.mode
@@ -414,6 +414,23 @@ class Gate(Actor):
         self._target = observation.position
         self._target_ns = self.context.received_ns
         self._live_until_ns = 0
+
+    def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
+        """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
+        its last target, one that was is not sent elsewhere by an older reading."""
+        motors = {motor.axis: motor for motor in report.motors}
+        before = self._target
+        self._aim_at_measured(observation)
+        self._target = tuple(
+            self._aim_of(motors.get(axis), before[at], observation.position[at])
+            for at, axis in enumerate(self._driver.axes)
+        )
+
+    @staticmethod
+    def _aim_of(motor: MotorReport | None, before: float, measured: float) -> float:
+        if motor is not None and motor.target is not None:
+            return motor.target
+        return measured if motor is None or motor.safe else before
 
     # -- the link
 

@@ -4,6 +4,10 @@ It checks epoch and deadline immediately before each write, through the permit t
 last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at once. It
 reports every write, reads observations with their age, and opens the wire again, with backoff, when it was
 lost; it never arms by itself.
+
+A link that was lost while something was energised is made safe before anything else is done with it: at the
+loss, before each attempt to open it again, and at every stop, on whatever can still be written (``Wire.reach``).
+None of that waits for a handshake, and a stop cuts a handshake short.
 """
 
 from __future__ import annotations
@@ -17,11 +21,13 @@ import trio
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
     Driver,
     MotorReport,
     Observation,
     PermitDenied,
     ProcessSpent,
+    Reason,
     Wire,
     WireDown,
 )
@@ -53,7 +59,14 @@ HANDOVER_S = 3.0
 """Of these five: what the root may take to have its own path ready."""
 ROOT_AGAIN_S = 0.01
 SAFE_DEADLINE_S = 1.5
+REACH_S = 1.25
+"""Of these: what ``Wire.reach`` may take."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
+"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
+
+CUT = "a stop came before the robot had answered"
 
 _PROMPT = (Write, Cycle)
 """Handled without waiting, by a wire that never waits."""
@@ -80,14 +93,19 @@ class _Permit:
 
 
 class Transport(Actor):
-    def __init__(self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int) -> None:
+    """``owed``: an earlier wire left something energised, or nobody has confirmed that it did not."""
+
+    def __init__(
+        self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int, owed: bool = False
+    ) -> None:
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
-        self._lost: Wire | None = None  # closed; the last that was open, until another one is
+        self._lost: Wire | None = None  # the last that was open, until another one is
+        self._owed = owed  # a safe state: from arming until every motor has confirmed that of a stop
         self._performing: trio.CancelScope | None = None
-        self._opening: trio.CancelScope | None = None
+        self._cut: trio.CancelScope | None = None  # what a stop need not wait for
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
@@ -173,19 +191,51 @@ class Transport(Actor):
         self._last = None
         if self._performing is not None:
             self._performing.cancel()
+        rung = message.rung
+        holds = message.reason in HOLDING_REASONS and self._driver.energised(rung)
         began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] | None = ()
         with self._busy(SAFE_DEADLINE_S):
             if self._wire is not None:
-                motors = await self._wire.make_safe(message.rung)
-            else:
-                reached = () if self._lost is None else await self._lost.reach(message.rung)
-                motors = reached or _not_reached(self._driver)
+                motors = await (self._hold(self._wire, rung) if holds else self._wire.make_safe(rung))
+            if motors is None:
+                return  # a stop came: its report is the answer to this, too
+            if not holds and not any(motor.written or motor.safe for motor in motors):
+                if self._wire is not None:
+                    self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
+                if self._owed or message.reason in ORDERED:
+                    left_s = SAFE_DEADLINE_S - (self.context.clock.now_ns() - began_ns) / NS
+                    motors = await self._reach(rung, min(REACH_S, left_s)) or motors
+        self._report_safe(message.reason, rung, message.epoch, began_ns, motors)
+        if not holds and self._wire is not None and _all_safe(motors):
+            self._owed = False
+
+    async def _hold(self, wire: Wire, rung: str) -> tuple[MotorReport, ...] | None:
+        """None: a stop came meanwhile, and takes over."""
+        if not wire.interruptible:
+            return await wire.make_safe(rung)
+        with self._cut_by_a_stop() as cut:
+            motors = await wire.make_safe(rung)
+        return None if cut.cancelled_caught else motors
+
+    async def _reach(self, rung: str, within_s: float) -> tuple[MotorReport, ...]:
+        """Make safe what can be written although there is no link. Empty: it was not done in time."""
+        if self._lost is None:
+            self._lost = self._driver.open_wire(self.context.clock)
+        motors: tuple[MotorReport, ...] = ()
+        with trio.move_on_after(within_s):
+            motors = await self._lost.reach(rung)
+        if _all_safe(motors):
+            self._owed = False
+        return motors
+
+    def _report_safe(
+        self, reason: Reason, rung: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
+    ) -> None:
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
-        confirmed = bool(motors) and all(motor.safe for motor in motors)
-        report = StopReport(
-            message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms, at_ns=now_ns
-        )
+        motors = motors or _not_reached(self._driver)
+        report = StopReport(reason, rung, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
         self._gate.tell(SafeDone(report))
 
     async def _arm(self, epoch: int) -> None:
@@ -199,7 +249,10 @@ class Transport(Actor):
         try:
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
                 if self._wire is not None:
-                    observation = await self._wire.arm(_Permit(self, epoch, 0))
+                    self._owed = True
+                    error = "a stop came before the robot was armed"
+                    with self._cut_by_a_stop() if self._wire.interruptible else contextlib.nullcontext():
+                        observation = await self._wire.arm(_Permit(self, epoch, 0))
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
             error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
@@ -243,35 +296,62 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
+        if self._owed and not await self._settle(number):
+            return
+        if self._lost is not None and not self._owed:
+            self._lost.close()
         wire = self._driver.open_wire(self.context.clock)
-        self._opening = opening = trio.CancelScope()
-        if self._lost is not None and type(self._lost).reach is not Wire.reach:
-            self.context.start_soon(self._give_way, opening)
         try:
-            with opening, self._busy(OPEN_DEADLINE_S, number), self._silent(), trio.fail_after(OPEN_DEADLINE_S):
+            with (
+                self._cut_by_a_stop() as cut,
+                self._busy(OPEN_DEADLINE_S, number),
+                self._silent(),
+                trio.fail_after(OPEN_DEADLINE_S),
+            ):
                 facts = await wire.open()
                 observation = await wire.read()
                 await self._hand_over(wire)
-            if opening.cancelled_caught:
-                raise WireDown("a stop came before the robot had answered")
+            if cut.cancelled_caught:
+                raise WireDown(CUT)
         except (WireDown, trio.TooSlowError) as failure:
             wire.close()
             why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
             self._back_off(why)
         else:
+            if self._lost is not None:
+                self._lost.close()
             self._wire, self._lost = wire, None
             self._attempts = 0
             if self._driver.timing.realtime:
                 facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
-        finally:
-            self._opening = None
 
-    async def _give_way(self, opening: trio.CancelScope) -> None:
-        """A stop that can be written although the robot is not understood does not wait for its hello."""
-        while self._opening is opening:
+    async def _settle(self, number: int) -> bool:
+        """Write the safe state before anything is asked. False: a stop came, and does so now."""
+        rung = self._driver.ladder[Reason.LINK]
+        began_ns = self.context.clock.now_ns()
+        with self._cut_by_a_stop() as cut, self._busy(SAFE_DEADLINE_S, number):
+            motors = await self._reach(rung, REACH_S)
+        if cut.cancelled_caught:
+            return False
+        if any(motor.written for motor in motors):
+            self._report_safe(Reason.LINK, rung, self.epoch, began_ns, motors)
+        return True
+
+    @contextlib.contextmanager
+    def _cut_by_a_stop(self) -> Iterator[trio.CancelScope]:
+        with trio.CancelScope() as cut:
+            self._cut = cut
+            self.context.start_soon(self._cut_when_a_stop_waits, cut)
+            try:
+                yield cut
+            finally:
+                self._cut = None
+
+    async def _cut_when_a_stop_waits(self, cut: trio.CancelScope) -> None:
+        while self._cut is cut:
             if self.context.urgent_waiting:
-                opening.cancel()
+                cut.cancel()
             await trio.sleep(self._driver.timing.tick_s)
 
     async def _hand_over(self, wire: Wire) -> None:
@@ -291,12 +371,17 @@ class Transport(Actor):
             raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 
     def _lose(self, down: WireDown) -> None:
+        """What is owed a safe state stays open for it: the next cycle begins with that."""
         if self._wire is not None:
             if self._performing is not None:
                 self._performing.cancel()
-            self._wire.close()
-            self._wire, self._lost = None, self._wire
+            lost = self._lost = self._wire
+            self._wire = None
             self._back_off(str(down))
+            if self._owed:
+                self._open_at_ns = 0
+            else:
+                lost.close()
 
     def _back_off(self, why: str) -> None:
         pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
@@ -326,6 +411,10 @@ class Transport(Actor):
             yield
         finally:
             self._guardian.tell(SilentUntil(0))
+
+
+def _all_safe(motors: tuple[MotorReport, ...]) -> bool:
+    return bool(motors) and all(motor.safe for motor in motors)
 
 
 def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:

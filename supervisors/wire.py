@@ -60,7 +60,9 @@ async def run_group(
     cells = [
         node.cell(
             at.path("transport"),
-            lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
+            lambda: Transport(
+                driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+            ),
         ),
         node.cell(
             at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import select
 import termios
 from typing import Protocol
 
@@ -30,12 +31,20 @@ class BytePort(Protocol):
         """At least one byte, as soon as there is one."""
         ...
 
+    def take(self) -> bytes:
+        """What was received and not yet read, without waiting."""
+        ...
+
     def discard_input(self) -> None:
         """Forget what was received and not yet read."""
         ...
 
     def discard_output(self) -> None:
         """Forget what was written and has not left yet. May cut a frame in two."""
+        ...
+
+    async def hung_up(self) -> None:
+        """Return once the device is gone. Takes nothing of what it says."""
         ...
 
     def fileno(self) -> int: ...
@@ -77,11 +86,26 @@ class SerialPort:
                 raise self._gone(None)
             return data
 
+    def take(self) -> bytes:
+        try:
+            return os.read(self._fd, _READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from None
+
     def discard_input(self) -> None:
         self._flush(termios.TCIFLUSH)
 
     def discard_output(self) -> None:
         self._flush(termios.TCOFLUSH)
+
+    async def hung_up(self) -> None:
+        if not hasattr(select, "epoll"):
+            await trio.sleep_forever()  # where it cannot be told from data
+        with select.epoll() as poll:
+            poll.register(self._fd, 0)  # a hang-up is told unasked
+            await trio.lowlevel.wait_readable(poll.fileno())
 
     def fileno(self) -> int:
         return self._fd

@@ -293,8 +293,8 @@ def test_hold_asks_again_when_what_it_knows_is_old() -> None:
 def test_hold_names_a_motor_that_is_limp_and_one_that_is_silent() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
-        await rig.wire.read()
         rig.servo(5).power_cycle()
+        await rig.wire.read()
         rig.bus.set_fault(Fault.OFF, VICTIM)
         reports = {report.axis: report for report in await rig.wire.make_safe("hold")}
         assert {key for key, report in reports.items() if not report.safe} == {"elbow_flex", "wrist_roll"}
