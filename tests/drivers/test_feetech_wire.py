@@ -263,7 +263,9 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         assert all(report.safe for report in reports), reports
         at, first = rig.port.written[0]
         counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
-        assert at == began and first.startswith(protocol.RESYNC + protocol.hold(counts))
+        goals = {motor.id: axis.count(motor.target) for axis, motor in zip(rig.driver.joints, reports, strict=True)}
+        assert at == began and protocol.hold(counts) not in first, "nobody is pulled back to where it was"
+        assert rig.all_of(protocol.GOAL_POSITION) == list(goals.values())
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []
         await trio.sleep(1)

@@ -8,9 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
 from strands_actors.drivers.common.half_duplex import PacketT
+from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Observation
 
 from .axes import Axis
+
+STILL_COUNTS = 11
+"""One degree: a joint that may have gone further since it was read is not where it was."""
 
 _NAN = math.nan
 
@@ -41,6 +45,7 @@ class Readings(ABC, Generic[PacketT]):
         self._limits = dict(limits)
         self._words: dict[int, str] = {}
         self._asked_ns: dict[int, int] = {}
+        self._speed: dict[int, float] = {}
         self.counts: dict[int, int] = {}
         """Last measured position by id, however old."""
         self.limp: set[int] = set()
@@ -68,6 +73,7 @@ class Readings(ABC, Generic[PacketT]):
             sample = self.sample(axis, reply, base)
             self.counts[axis.id] = sample.position
             self._asked_ns[axis.id] = asked_ns
+            self._speed[axis.id] = sample.velocity
             self._stamp_ns[at] = now_ns
             self._position[at] = axis.value(sample.position)
             self._velocity[at] = sample.velocity / axis.scale
@@ -77,12 +83,14 @@ class Readings(ABC, Generic[PacketT]):
             if sample.energised is not None:
                 (self.limp.discard if sample.energised else self.limp.add)(axis.id)
 
-    def known(self, since_ns: int) -> dict[int, int]:
-        """Positions by id of those that have torque, and were asked since then."""
+    def known(self, since_ns: int, now_ns: int) -> dict[int, int]:
+        """Positions by id of those that have torque, were asked since then, and cannot have gone far meanwhile."""
         return {
             motor: count
             for motor, count in self.counts.items()
-            if self._asked_ns[motor] >= since_ns and motor not in self.limp
+            if (asked_ns := self._asked_ns[motor]) >= since_ns
+            and motor not in self.limp
+            and abs(self._speed[motor]) * (now_ns - asked_ns) <= STILL_COUNTS * NS
         }
 
     def energised(self) -> None:

@@ -145,15 +145,19 @@ class Safing(Generic[PacketT]):
             tally.failed(str(error))
         return tally.reports()
 
-    async def hold(self, known: Mapping[int, int]) -> tuple[MotorReport, ...]:
-        """Goals := positions. ``known``: where those that have torque are now; that goes out at once. The others
-        are asked. One that does not answer keeps its last goal, and one without torque gets none: a goal may
-        energise it. Never raises."""
+    async def hold(
+        self, known: Mapping[int, int], kept: Mapping[int, int] | None = None
+    ) -> tuple[MotorReport, ...]:
+        """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last goals of those
+        that have torque, told again to the others, since a goal from an older reading would move them. Both go out
+        at once; then the others are asked where they are, and held there. One that does not answer keeps its last
+        goal, and one without torque gets none: a goal may energise it. Never raises."""
         tally = Tally(self._axes)
         goals = self.goals(known)
+        told = {**(kept or {}), **goals}
         try:
-            if goals:
-                await self._burst(self._codec.hold(goals), tally)
+            if told:
+                await self._burst(self._codec.hold(told), tally)
             with trio.move_on_after(CONFIRM_S):
                 for attempt in range(ATTEMPTS):
                     await self._hold_others(goals, tally)
@@ -164,7 +168,7 @@ class Safing(Generic[PacketT]):
                         break
         except WireDown as error:
             tally.failed(str(error))
-        return tally.reports(goals)
+        return tally.reports({**told, **goals})
 
     async def _hold_others(self, goals: dict[int, int], tally: Tally) -> None:
         """Ask those without a goal where they are, and hold them there."""

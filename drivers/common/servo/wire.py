@@ -35,7 +35,7 @@ from .safing import Safing, unreachable
 TORQUE_CHECK_S = 0.5
 LINK_SILENT_S = 0.5
 HOLD_FRESH_S = 0.05
-"""A position that was asked for longer ago is not where the joint is: from full speed it may be 17 degrees away."""
+"""A position that was asked for longer ago is not where the joint is."""
 
 OUTSIDE_DEG = 5.0
 """A servo pulls a joint that rests outside its range back in, at full speed, the moment it is energised.
@@ -67,6 +67,23 @@ class _Session(Generic[PacketT]):
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
         self.torque_due_ns = 0
         self.silent_since_ns: int | None = None
+        self.goals: dict[int, int] = {}  # the last that were written
+        self.aimed_ns = 0  # when they changed
+
+    def to_tell(self, counts: Mapping[int, int]) -> dict[int, int]:
+        """Less those that are not heard, and may have lost their torque, and those that have."""
+        left_out = self.readings.limp.union(self.health.mute())
+        return {motor: count for motor, count in counts.items() if motor not in left_out}
+
+    def told(self, goals: Mapping[int, int]) -> None:
+        if self.goals != {**self.goals, **goals}:
+            self.goals |= goals
+            self.aimed_ns = self.bus.clock.now_ns()
+
+    def known(self) -> dict[int, int]:
+        """Where those that have torque are now: read since they were last sent elsewhere."""
+        now_ns = self.bus.clock.now_ns()
+        return self.readings.known(max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS)), now_ns)
 
 
 class ServoWire(Wire, Generic[PacketT]):
@@ -152,25 +169,22 @@ class ServoWire(Wire, Generic[PacketT]):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """To those that are heard and have torque: a goal would give it back to a servo that has lost it."""
         session = self.session
-        left_out = session.readings.limp.union(session.health.mute())
-        counts = {
-            axis.id: axis.count(value)
-            for axis, value in zip(self.axes, values, strict=True)
-            if axis.id not in left_out
-        }
         if not self._armed:
             raise PermitDenied("not armed")
+        wanted = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
+        counts = session.to_tell(wanted)
         if counts:
             frame = self.CODEC.goals(counts)
             permit.check()
             session.bus.send(frame)
+            session.told(counts)
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return unreachable(self.axes, "not connected")
         if rung == "hold":
-            return await session.safing.hold(session.readings.known(self.clock.now_ns() - round(HOLD_FRESH_S * NS)))
+            return await self._hold(session)
         self._armed = False
         return await session.safing.limp()
 
@@ -228,6 +242,19 @@ class ServoWire(Wire, Generic[PacketT]):
 
     # -- details
 
+    async def _hold(self, session: _Session[PacketT]) -> tuple[MotorReport, ...]:
+        if not self._armed:
+            return await session.safing.hold({})  # who has torque all the same is asked
+        reports = await session.safing.hold(session.known(), session.to_tell(session.goals))
+        session.told(
+            {
+                axis.id: axis.count(report.target)
+                for axis, report in zip(self.axes, reports, strict=True)
+                if report.target is not None
+            }
+        )
+        return reports
+
     async def _measure(self, session: _Session[PacketT]) -> None:
         now_ns = self.clock.now_ns()
         asked = session.health.to_ask(now_ns)
@@ -264,6 +291,7 @@ class ServoWire(Wire, Generic[PacketT]):
         goal = session.safing.goals({axis.id: position})[axis.id]
         permit.check()
         session.bus.send(codec.hold({axis.id: goal}))
+        session.told({axis.id: goal})
         reply = await self._of(axis, goal_register.address, goal_register.size, "its goal")
         taken = goal_register.decode(reply.params)
         if taken != goal:
