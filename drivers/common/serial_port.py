@@ -7,6 +7,7 @@ descriptor, handed to another process, is adopted: same open file, same lock, sa
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import select
@@ -16,6 +17,8 @@ from typing import Protocol
 import trio
 
 from strands_actors.runtime.contract import WireDown
+
+from .port_users import users_of
 
 _READ_SIZE = 4096
 
@@ -140,6 +143,8 @@ def open_serial(path: str, baud: int) -> SerialPort:
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
+        if "lock" in str(error) or getattr(error, "errno", None) == errno.EBUSY:
+            raise WireDown(in_use(path, users_of(path))) from None
         raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None
     try:
         fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
@@ -152,6 +157,12 @@ def open_serial(path: str, baud: int) -> SerialPort:
         port.close()
         raise WireDown(f"{path}: cannot be set up ({error.args[-1]}). Check port=") from None
     return port
+
+
+def in_use(path: str, users: tuple[str, ...]) -> str:
+    """For people; ``users``: as far as they are known."""
+    by = f" by {', '.join(users)}" if users else ""
+    return f"{path}: in use{by}. End that first, or give another port="
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:

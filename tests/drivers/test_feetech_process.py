@@ -133,7 +133,7 @@ def test_two_masters_are_refused_and_a_closed_port_can_be_opened_again(twin: Twi
         driver, wire = on(twin)
         await connected(wire)
         other = driver.open_wire(MonotonicClock())
-        with pytest.raises(WireDown, match="cannot open at 1000000 baud"):
+        with pytest.raises(WireDown, match="in use"):
             await other.open()
         kept = os.dup(wire.handover()[0])  # the root's: must not keep us out
         wire.close()

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable
 
 import pytest
 import trio
-from memory_port import MemoryPort, virtual
+from memory_port import MemoryPort, Peer, virtual
+from trio.testing import MockClock
 
 from strands_actors.drivers.common.half_duplex import (
     BACKOFF_S,
@@ -80,6 +81,48 @@ def test_the_timeout_is_the_time_of_the_bytes_and_a_margin() -> None:
         assert trio.current_time() - began == pytest.approx(wire_s + MARGIN_S)
         with pytest.raises(Quiet):
             await bus.transact(protocol.ping(1), {1: 0})
+
+    virtual(main)
+
+
+class StarvedPort(MemoryPort):
+    """On a host that does not get to run for ``starved_s`` while it waits for its first ``times`` answers."""
+
+    def __init__(self, peer: Peer, starved_s: float, times: int = 1) -> None:
+        super().__init__(peer)
+        self._starved_s = starved_s
+        self._times = times
+
+    async def read(self) -> bytes:
+        if self._times:
+            self._times -= 1
+            clock = trio.lowlevel.current_clock()
+            assert isinstance(clock, MockClock)
+            clock.jump(self._starved_s)
+            await trio.lowlevel.checkpoint()
+        return await super().read()
+
+
+def test_an_answer_that_came_in_time_is_taken_however_late_this_host_looks() -> None:
+    async def main() -> None:
+        decoder = protocol.Decoder()
+        port = StarvedPort(lambda data: [(0.001, status(1, 5, 6)) for _ in decoder.feed(data)], 0.3)
+        bus = Bus(port, protocol.Decoder(), VirtualClock(), 1_000_000)
+        replies = await bus.transact(protocol.read(1, 56, 2), {1: 2})
+        assert replies[1].params == b"\x05\x06"
+        assert not bus.quiet
+        assert bus.starved and bus.late_s > 0.2
+        await bus.transact(protocol.read(1, 56, 2), {1: 2})
+        assert not bus.starved, "it is of the last question only"
+
+    virtual(main)
+
+
+def test_a_motor_that_is_silent_is_not_a_host_that_is_late() -> None:
+    async def main() -> None:
+        bus, _ = bus_of(lambda _: [])
+        assert await bus.transact(protocol.ping(1), {1: 0}) == {}
+        assert not bus.starved
 
     virtual(main)
 

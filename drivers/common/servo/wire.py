@@ -13,7 +13,8 @@ import msgspec
 import trio
 
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.drivers.common.port_users import users_of
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, in_use, open_serial
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import (
     MotorReport,
@@ -129,8 +130,10 @@ class ServoWire(Wire, Generic[PacketT]):
         try:
             await roll_call(bus, codec, driver.robot, self.axes, f"{driver.port} at {driver.baud} baud")
             hello = await self.hello(bus)
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if isinstance(error, WireDown) and (users := users_of(driver.port)):
+                raise WireDown(f"connect: {in_use(driver.port, users)}") from error  # and garbles what it hears
             raise
         safing = self.SAFING(bus, codec, self.axes, hello.travel)
         self._session_or_none = _Session(bus, driver.ids, hello, safing)
