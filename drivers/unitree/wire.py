@@ -136,6 +136,7 @@ class UnitreeWire(Wire):
         self._driver = driver
         self._clock = clock
         self._session_or_none: _Session | None = None
+        self._last: p.State | None = None  # of the session before, once it is closed
 
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask what controls it."""
@@ -215,9 +216,10 @@ class UnitreeWire(Wire):
         except WireDown as down:
             return reports(driver.model, False, str(down))
         try:
+            link.state = self._last
             link.listen()
             with trio.move_on_after(REACH_S):
-                while not (link.heard and link.state is not None):
+                while not link.heard:
                     link.poll()
                     await trio.sleep(CONTROL_S)
             return await bring_down(link, rung)
@@ -248,6 +250,7 @@ class UnitreeWire(Wire):
     def close(self) -> None:
         if self._session_or_none is not None:
             self._session_or_none.link.close()
+            self._last = self._session_or_none.link.state
             self._session_or_none = None
 
     # -- parts
