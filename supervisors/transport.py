@@ -103,7 +103,7 @@ class Transport(Actor):
         self.epoch = epoch
         self._wire: Wire | None = None
         self._lost: Wire | None = None  # the last that was open, until another one is
-        self._owed = owed  # a safe state: from arming until every motor has confirmed that of a stop
+        self._owed = owed  # a safe state: from arming until, on a link, every motor has confirmed that of a stop
         self._performing: trio.CancelScope | None = None
         self._cut: trio.CancelScope | None = None  # what a stop need not wait for
         self._spent = False  # of this process nothing can be had any more but a safe frame
@@ -225,8 +225,6 @@ class Transport(Actor):
         motors: tuple[MotorReport, ...] = ()
         with trio.move_on_after(within_s):
             motors = await self._lost.reach(rung)
-        if _all_safe(motors):
-            self._owed = False
         return motors
 
     def _report_safe(
@@ -298,8 +296,6 @@ class Transport(Actor):
             return
         if self._owed and not await self._settle(number):
             return
-        if self._lost is not None and not self._owed:
-            self._lost.close()
         wire = self._driver.open_wire(self.context.clock)
         try:
             with (
