@@ -222,10 +222,9 @@ class Transport(Actor):
         """Make safe what can be written although there is no link. Empty: it was not done in time."""
         if self._lost is None:
             self._lost = self._driver.open_wire(self.context.clock)
-        motors: tuple[MotorReport, ...] = ()
         with trio.move_on_after(within_s):
-            motors = await self._lost.reach(rung)
-        return motors
+            return await self._lost.reach(rung)
+        return ()
 
     def _report_safe(
         self, reason: Reason, rung: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]

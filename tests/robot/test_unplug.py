@@ -16,7 +16,7 @@ from strands_actors.testing import Twin
 
 from ..answers import json_of, state, status, task_ended, until, why
 from .conftest import NewArm
-from .helpers import IDS, goals, holds, limps, measured_before, register_now, torque_now
+from .helpers import IDS, armed_at, goals, limps, register_now, torque_now
 
 TWO_PERIODS_S = 0.5
 """Two periods of the wire are 0.07 s; the rest is for a busy machine."""
@@ -78,10 +78,7 @@ def test_unplugged_while_moving_and_put_back(arm: RealRobot, twin: Twin, mover: 
 
     resumed_ns = time.monotonic_ns()
     json_of(arm.resume())
-    held: dict[int, int] = {}
-    for hold in holds(twin.log, resumed_ns):  # of one motor each, where it was measured just before
-        assert goals(hold).items() <= measured_before(twin.log, hold.t_ns).items()
-        held |= goals(hold)
+    held = armed_at(twin.log, resumed_ns)
     assert held.keys() == set(IDS.values())
     assert not twin.log.host("setpoint", resumed_ns)
     assert arm.send_action({"gripper": 50.0})["status"] == "success"
