@@ -7,9 +7,10 @@ reports, and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
+from strands_actors.contract.axis import AxisMode
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, MotorReport, Observation, Reason
+from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
 
@@ -114,6 +115,8 @@ class Gate(Actor):
             case Probe():
                 if self._live_until_ns:
                     self._look(message.now_ns)
+                elif self._state.mode in failsafe.WRITABLE:
+                    self._look_at_conditions(message.now_ns, live=False)
                 self._tell_alive(message.number)
             case Observed():
                 self._observed(message)
@@ -232,7 +235,7 @@ class Gate(Actor):
 
     def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
         for condition in self._driver.conditions:
-            refusal = condition(observation, now_ns)
+            refusal = condition.check(observation, now_ns)
             if refusal is not None:
                 return refusal
         return None
@@ -309,10 +312,20 @@ class Gate(Actor):
             self._trip(Reason.EXPIRED, "the setpoint expired")
         elif silent := self._leases.lapsed(now_ns, live_until < 0):
             self._trip(Reason.LEASE, f"{silent} stopped answering")
-        elif not admitted and self._driver.conditions and self._observation is not None:
-            refusal = self._refuse_by_condition(self._observation, now_ns)
-            if refusal is not None:
-                self._trip(Reason.FAULT, refusal.reason.removeprefix("move: "))
+        elif not admitted:
+            self._look_at_conditions(now_ns, live=True)
+
+    def _look_at_conditions(self, now_ns: int, live: bool) -> None:
+        """End what is live, or with the conditions that are always looked at a hold, when one is not true."""
+        if self._observation is None:
+            return
+        for condition in self._driver.conditions:
+            if live or condition.always:
+                refusal = condition.check(self._observation, now_ns)
+                if refusal is not None:
+                    cause = refusal.reason.removeprefix("move: ")
+                    self._trip(condition.reason, cause, safe_state=condition.safe_state)
+                    return
 
     def _tell_alive(self, number: int) -> None:
         live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
@@ -332,9 +345,9 @@ class Gate(Actor):
         rung = self._driver.ladder[message.reason]
         return StopReport(message.reason, rung, self._state.epoch, True, ())
 
-    def _trip(self, reason: Reason, cause: str, lock: str = "") -> bool:
-        """Order the rung of ``reason``; False when the machine has nothing to do for it."""
-        rung = self._driver.ladder[reason]
+    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
+        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
+        rung = safe_state or self._driver.ladder[reason]
         holds = reason in HOLDING_REASONS and self._driver.energised(rung)
         event = Event.HOLD if holds else Event.STOP
         return self._step(event, rung, reason, cause, lock)
@@ -411,26 +424,29 @@ class Gate(Actor):
     def _aim_at_measured(self, observation: Observation) -> None:
         """The present position is the first target: no jump."""
         self._observation = observation
-        self._target = observation.position
+        self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
         self._live_until_ns = 0
 
     def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
         """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
         its last target, one that was is not sent elsewhere by an older reading."""
-        motors = {motor.axis: motor for motor in report.motors}
         before = self._target
         self._aim_at_measured(observation)
-        self._target = tuple(
-            self._aim_of(motors.get(axis), before[at], observation.position[at])
-            for at, axis in enumerate(self._driver.axes)
-        )
+        aimed = list(self._target)
+        motors = {motor.axis: motor for motor in report.motors}
+        for at, axis in enumerate(self._driver.axes):
+            motor = motors.get(axis)
+            if motor is not None and motor.target is not None:
+                aimed[at] = motor.target
+            elif motor is not None and not motor.safe and not self._rests(at):
+                aimed[at] = before[at]
+        self._target = tuple(aimed)
 
-    @staticmethod
-    def _aim_of(motor: MotorReport | None, before: float, measured: float) -> float:
-        if motor is not None and motor.target is not None:
-            return motor.target
-        return measured if motor is None or motor.safe else before
+    def _rests(self, at: int) -> bool:
+        """Whether the axis is a velocity's: its first target is rest, wherever it is."""
+        table = self._driver.table
+        return bool(table) and table[at].mode is AxisMode.VELOCITY
 
     # -- the link
 

@@ -54,19 +54,13 @@ from .messages import (
     Write,
 )
 
-OPEN_DEADLINE_S = 5.0
-HANDOVER_S = 3.0
-"""Of these five: what the root may take to have its own path ready."""
 ROOT_AGAIN_S = 0.01
-SAFE_DEADLINE_S = 1.5
-REACH_S = 1.25
-"""Of these: what ``Wire.reach`` may take."""
+REACH_MARGIN_S = 0.25
+"""Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 """Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
-
-CUT = "a stop came before the robot had answered"
 
 _PROMPT = (Write, Cycle)
 """Handled without waiting, by a wire that never waits."""
@@ -92,6 +86,34 @@ class _Permit:
             raise PermitDenied("a stop is waiting")
 
 
+class _Serving:
+    """What a wire keeps up beside its calls (``Wire.serve``), and how that ended."""
+
+    def __init__(self) -> None:
+        self.scope = trio.CancelScope()
+        self.ready = trio.Event()
+        self.failure: WireDown | ProcessSpent | None = None
+
+    async def run(self, wire: Wire) -> None:
+        with self.scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(wire.serve)
+                    self.ready.set()
+            except* (WireDown, ProcessSpent) as failures:
+                failure: BaseException = failures
+                while isinstance(failure, BaseExceptionGroup):
+                    failure = failure.exceptions[0]
+                assert isinstance(failure, WireDown | ProcessSpent)
+                self.failure = failure
+        self.ready.set()
+
+    def check(self) -> None:
+        """Raise what ended it."""
+        if self.failure is not None:
+            raise self.failure
+
+
 class Transport(Actor):
     """``owed``: an earlier wire left something energised, or nobody has confirmed that it did not."""
 
@@ -102,10 +124,10 @@ class Transport(Actor):
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
+        self._serving = _Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
         self._owed = owed  # a safe state: from arming until, on a link, every motor has confirmed that of a stop
         self._performing: trio.CancelScope | None = None
-        self._cut: trio.CancelScope | None = None  # what a stop need not wait for
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
@@ -152,13 +174,21 @@ class Transport(Actor):
     async def _write(self, write: Write, deadline_ns: int) -> None:
         if self._wire is None:
             return
+        wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
+        written = False
         try:
-            await self._wire.write(write.values, _Permit(self, write.epoch, deadline_ns))
+            if wire.prompt:
+                await wire.write(write.values, permit)
+                written = True
+            else:
+                with self._waiting():
+                    await wire.write(write.values, permit)
+                    written = True
         except PermitDenied:
             self._denied += 1
         except WireDown as down:
             self._lose(down)
-        else:
+        if written:
             self._writes += 1
             self._written_ns = self.context.clock.now_ns()
 
@@ -170,17 +200,30 @@ class Transport(Actor):
             due_ns = self._written_ns + self._keepalive_ns
             if last is not None and cycle.resend_epoch == last.epoch and self.context.clock.now_ns() >= due_ns:
                 await self._write(last, last.expires_ns)
-            await self._read()
+            try:
+                self._serving.check()
+                if cycle.feed:
+                    await self._feed()
+                await self._read()
+            except WireDown as down:
+                self._lose(down)
         self._watchdog.tell(Cycled(cycle.number))
 
+    async def _feed(self) -> None:
+        if self._wire is not None:
+            with self._waiting():
+                await self._wire.feed()
+
     async def _read(self) -> None:
-        if self._wire is None:
+        wire, observation = self._wire, None
+        if wire is None:
             return
-        try:
-            observation = await self._wire.read()
-        except WireDown as down:
-            self._lose(down)
+        if wire.prompt:
+            observation = await wire.read()
         else:
+            with self._waiting():
+                observation = await wire.read()
+        if observation is not None:
             self._reads += 1
             self._gate.tell(Observed(observation, self._writes, self._reads))
 
@@ -195,36 +238,45 @@ class Transport(Actor):
         holds = message.reason in HOLDING_REASONS and self._driver.energised(rung)
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
-        with self._busy(SAFE_DEADLINE_S):
+        with self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
-                motors = await (self._hold(self._wire, rung) if holds else self._wire.make_safe(rung))
+                motors = None
+                with self._cut_by_a_stop(holds and self._wire.interruptible):
+                    motors = await self._wire.make_safe(rung)
             if motors is None:
                 return  # a stop came: its report is the answer to this, too
             if not holds and not any(motor.written or motor.safe for motor in motors):
                 if self._wire is not None:
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if self._owed or message.reason in ORDERED:
-                    left_s = SAFE_DEADLINE_S - (self.context.clock.now_ns() - began_ns) / NS
-                    motors = await self._reach(rung, min(REACH_S, left_s)) or motors
+                    motors = await self._reach(rung, began_ns) or motors
         self._report_safe(message.reason, rung, message.epoch, began_ns, motors)
         if not holds and self._wire is not None and _all_safe(motors):
             self._owed = False
 
-    async def _hold(self, wire: Wire, rung: str) -> tuple[MotorReport, ...] | None:
-        """None: a stop came meanwhile, and takes over."""
-        if not wire.interruptible:
-            return await wire.make_safe(rung)
-        with self._cut_by_a_stop() as cut:
-            motors = await wire.make_safe(rung)
-        return None if cut.cancelled_caught else motors
-
-    async def _reach(self, rung: str, within_s: float) -> tuple[MotorReport, ...]:
+    async def _reach(self, rung: str, began_ns: int) -> tuple[MotorReport, ...]:
         """Make safe what can be written although there is no link. Empty: it was not done in time."""
         if self._lost is None:
             self._lost = self._driver.open_wire(self.context.clock)
-        with trio.move_on_after(within_s):
-            return await self._lost.reach(rung)
+        passed_s = (self.context.clock.now_ns() - began_ns) / NS
+        with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
+            return await self._lost.reach(rung) or await self._by_stop_channel(rung)
         return ()
+
+    async def _by_stop_channel(self, rung: str) -> tuple[MotorReport, ...]:
+        """Of a wire that has no way of its own: what the root would do, which needs no handshake either."""
+        path = self._driver.second_path((), self.context.clock)
+        motors: tuple[MotorReport, ...] = ()
+        try:
+            async with trio.open_nursery() as nursery:
+                await nursery.start(path.serve)
+                motors = await path.make_safe(rung)
+                nursery.cancel_scope.cancel()
+        except* WireDown:
+            motors = ()
+        finally:
+            path.close()
+        return motors
 
     def _report_safe(
         self, reason: Reason, rung: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
@@ -248,7 +300,7 @@ class Transport(Actor):
                 if self._wire is not None:
                     self._owed = True
                     error = "a stop came before the robot was armed"
-                    with self._cut_by_a_stop() if self._wire.interruptible else contextlib.nullcontext():
+                    with self._cut_by_a_stop(self._wire.interruptible):
                         observation = await self._wire.arm(_Permit(self, epoch, 0))
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
             error = str(failure) or f"arming took longer than {arm_s:g} s"
@@ -293,24 +345,30 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
-        if self._owed and not await self._settle(number):
-            return
-        wire = self._driver.open_wire(self.context.clock)
+        if self._owed:
+            await self._settle(number)
+            if self.context.urgent_waiting:
+                return  # a stop: it does the same, now
+        wire, open_s = self._driver.open_wire(self.context.clock), self._driver.timing.open_s
+        opened = False
         try:
             with (
-                self._cut_by_a_stop() as cut,
-                self._busy(OPEN_DEADLINE_S, number),
+                self._cut_by_a_stop(),
+                self._busy(open_s, number),
                 self._silent(),
-                trio.fail_after(OPEN_DEADLINE_S),
+                trio.fail_after(open_s),
             ):
                 facts = await wire.open()
+                await self._serve(wire)
                 observation = await wire.read()
                 await self._hand_over(wire)
-            if cut.cancelled_caught:
-                raise WireDown(CUT)
+                opened = True
+            if not opened:
+                raise WireDown("a stop came before the robot had answered")
         except (WireDown, trio.TooSlowError) as failure:
+            self._serving.scope.cancel()
             wire.close()
-            why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
+            why = str(failure) or f"the robot did not answer within {open_s:g} s"
             self._back_off(why)
         else:
             if self._lost is not None:
@@ -321,41 +379,32 @@ class Transport(Actor):
                 facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
 
-    async def _settle(self, number: int) -> bool:
-        """Write the safe state before anything is asked. False: a stop came, and does so now."""
+    async def _serve(self, wire: Wire) -> None:
+        self._serving = serving = _Serving()
+        self.context.start_soon(serving.run, wire)
+        await serving.ready.wait()
+        serving.check()
+
+    async def _settle(self, number: int) -> None:
+        """Write the safe state before anything is asked."""
         rung = self._driver.ladder[Reason.LINK]
         began_ns = self.context.clock.now_ns()
-        with self._cut_by_a_stop() as cut, self._busy(SAFE_DEADLINE_S, number):
-            motors = await self._reach(rung, REACH_S)
-        if cut.cancelled_caught:
-            return False
-        if any(motor.written for motor in motors):
-            self._report_safe(Reason.LINK, rung, self.epoch, began_ns, motors)
-        return True
+        with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
+            motors = await self._reach(rung, began_ns)
+            if any(motor.written for motor in motors):
+                self._report_safe(Reason.LINK, rung, self.epoch, began_ns, motors)
 
-    @contextlib.contextmanager
-    def _cut_by_a_stop(self) -> Iterator[trio.CancelScope]:
-        with trio.CancelScope() as cut:
-            self._cut = cut
-            self.context.start_soon(self._cut_when_a_stop_waits, cut)
-            try:
-                yield cut
-            finally:
-                self._cut = None
-
-    async def _cut_when_a_stop_waits(self, cut: trio.CancelScope) -> None:
-        while self._cut is cut:
-            if self.context.urgent_waiting:
-                cut.cancel()
-            await trio.sleep(self._driver.timing.tick_s)
+    def _cut_by_a_stop(self, may_be: bool = True) -> contextlib.AbstractContextManager[None]:
+        """What need not be finished. What the block assigns may then be missing."""
+        return self.context.until_urgent() if may_be else contextlib.nullcontext()
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
-        handover = Handover(tuple(wire.handover()))
-        until_s = trio.current_time() + HANDOVER_S
+        handover, handover_s = Handover(tuple(wire.handover())), self._driver.timing.handover_s
+        until_s = trio.current_time() + handover_s
         while True:
             try:
-                answer = await self._guardian.ask(handover, HANDOVER_S)
+                answer = await self._guardian.ask(handover, handover_s)
                 break
             except (AskTimeout, Unreachable) as failure:
                 # Unreachable: a root that waits for a processor has not yet said what lives there.
@@ -370,6 +419,7 @@ class Transport(Actor):
         if self._wire is not None:
             if self._performing is not None:
                 self._performing.cancel()
+            self._serving.scope.cancel()
             lost = self._lost = self._wire
             self._wire = None
             self._back_off(str(down))
@@ -383,6 +433,15 @@ class Transport(Actor):
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
         self._gate.tell(LinkLost(why))
+
+    @contextlib.contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
+        with contextlib.ExitStack() as stack:
+            if self._driver.timing.call_s:
+                stack.enter_context(self._busy(self._driver.timing.call_s))
+            stack.enter_context(self.context.until_urgent())
+            yield
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:

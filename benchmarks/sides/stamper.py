@@ -122,9 +122,6 @@ class _Wire(Wire):
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         return self._paper.make_safe()
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        return self._paper.make_safe()
-
     def close(self) -> None:
         self._paper.close()
 

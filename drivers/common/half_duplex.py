@@ -82,6 +82,8 @@ class HalfDuplexBus(Generic[PacketT]):
         self._margin_s = margin_s
         self._quiet_ns = round(quiet_s * NS)
         self._quiet_until_ns = 0
+        self._pending: dict[int, int] = {}  # who still owes an answer to a question that was given up
+        self._pending_end_s = 0.0
         self.stray_bytes = 0
         """Bytes heard during the last question that belong to no expected reply."""
         self.refusals: dict[int, str] = {}
@@ -142,6 +144,7 @@ class HalfDuplexBus(Generic[PacketT]):
                     continue
                 self.stray_bytes -= self._overhead + len(packet.params)
 
+        self._pending, self._pending_end_s = dict(expected), trio.current_time() + timeout_s
         try:
             self._write(request)
             with trio.move_on_after(timeout_s) as window:
@@ -150,11 +153,25 @@ class HalfDuplexBus(Generic[PacketT]):
             if window.cancelled_caught:
                 self.late_s = trio.current_time() - window.deadline
                 take(self.port.take())  # what came in time, and was not looked at in time
-        finally:
-            # not only on a timeout: a caller that was cancelled leaves its answer on the bus too
             if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
+            self._pending = {}
+        finally:
+            # a caller that was cancelled leaves its answers on the bus: who asks next hears them out
+            self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
+
+    async def _hear_out(self) -> None:
+        """Throw away the answers to a question that was given up; it too has its time, and its quiet time."""
+        pending = self._pending
+        with trio.move_on_at(self._pending_end_s):
+            while pending:
+                for packet in self._decoder.feed(await self.port.read()):
+                    if packet.failure or pending.get(packet.id) == len(packet.params):
+                        pending.pop(packet.id, None)
+        if pending:
+            self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
+        self._pending = {}
 
     async def listen(self, request: bytes, first_s: float, silence_s: float) -> list[PacketT]:
         """Ask, and return whatever whoever answers, until nothing was heard for ``silence_s``
@@ -180,6 +197,8 @@ class HalfDuplexBus(Generic[PacketT]):
         return packets
 
     async def _begin(self, wait: bool) -> None:
+        if self._pending:
+            await self._hear_out()
         if self.quiet:
             if not wait:
                 raise Quiet

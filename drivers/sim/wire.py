@@ -77,10 +77,6 @@ class SimWire(Wire):
         self._armed = self._armed and self._driver.energised(rung)
         return await _make_safe(self._driver, self._door, rung)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        self.close()
-        return await SimSecondPath(self._driver).make_safe(rung)
-
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``step``, in a conversation beside the readings'. A target written before is heard before."""
         permit.check()

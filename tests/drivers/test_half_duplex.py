@@ -158,12 +158,36 @@ def test_a_torn_reply_starts_the_quiet_time() -> None:
     virtual(main)
 
 
-def test_a_cancelled_question_starts_the_quiet_time() -> None:
+def test_a_question_that_was_given_up_is_heard_out_before_the_next() -> None:
+    """A stop gives up a reading: what it asks need not wait for longer than that one would have."""
+
     async def main() -> None:
-        bus, _ = bus_of(lambda _: [(0.010, status(1, 5))])
+        bus, port = bus_of(lambda packet: [(0.010, status(1, packet.params[0]))])
+        for given_up_s in (0.0, 0.005, 0.003):
+            with trio.move_on_after(0.005):
+                await bus.transact(protocol.read(1, 40, 1), {1: 1})
+            began_s = trio.current_time()
+            with trio.move_on_after(given_up_s):
+                await bus.transact(protocol.read(1, 41, 1), {1: 1}, wait=True)
+            replies = await bus.transact(protocol.read(1, 42, 1), {1: 1}, wait=True)
+            assert replies[1].params == b"\x2a", "not the answer to another question"
+            assert trio.current_time() - began_s < 0.04
+            bus.send(protocol.LIMP)
+            assert port.written[-1][1] == protocol.LIMP
+
+    virtual(main)
+
+
+def test_a_question_that_was_given_up_and_is_not_answered_starts_the_quiet_time() -> None:
+    async def main() -> None:
+        bus, _ = bus_of(lambda packet: [] if packet.params[0] == 40 else [(0.001, status(1, 7))])
         with trio.move_on_after(0.005):
             await bus.transact(protocol.read(1, 40, 1), {1: 1})
-        assert bus.quiet
+        began_s = trio.current_time()
+        with pytest.raises(Quiet):
+            await bus.transact(protocol.read(1, 41, 1), {1: 1})
+        await bus.transact(protocol.read(1, 41, 1), {1: 1}, wait=True)
+        assert trio.current_time() - began_s > QUIET_S
 
     virtual(main)
 

@@ -123,10 +123,6 @@ class BlinkyWire(Wire):
             return (MotorReport("joint", 1, True, False, False, str(down)),)
         return (MotorReport("joint", 1, True, True, energised == (rung == "hold")),)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        self.close()
-        return await BlinkySecondPath(self._port, self._clock).make_safe(rung)
-
     def close(self) -> None:
         if self._stream is not None:
             self._stream.socket.close()
