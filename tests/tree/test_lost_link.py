@@ -6,10 +6,11 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.contract import Reason, Wire, WireDown
 from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors.messages import Accepted, Resume, Resumed, RootGone, Stop, StopReport
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing.fake import FakeSecondPath, FakeWire
 
 from .writer import armed
 
@@ -233,5 +234,41 @@ def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() ->
             assert not isinstance(answer, Refused)
             await trio.sleep(0.01)
             assert tree.hardware.of("setpoint")[-1].values == (6.0, 5.0)
+
+    run_virtual(run)
+
+
+def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(FakeWire, "reach", Wire.reach)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            lost_ns = await lost(tree)
+            await trio.sleep(0.05)
+            assert {(entry.path, entry.rung) for entry in tree.hardware.of("safe", lost_ns)} == {("second", "limp")}
+            assert tree.hardware.energised == [False, False]
+            tree.hardware.energised = [True, True]
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and all(motor.written for motor in report.motors)
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_020_a_stop_channel_that_finds_nobody_breaks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def nobody(self: object, task_status: object = None) -> None:
+        raise WireDown("the robot is not found")
+
+    monkeypatch.setattr(FakeWire, "reach", Wire.reach)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await lost(tree)
+            monkeypatch.setattr(FakeSecondPath, "serve", nobody, raising=False)
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and not report.confirmed
+            assert len(tree.places) == 1
 
     run_virtual(run)
