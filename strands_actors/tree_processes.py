@@ -23,7 +23,7 @@ from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.thread_line import ThreadLine
 from .runtime.zenoh_mesh import unix_endpoint
-from .supervisors import addresses
+from .supervisors import addresses, channels
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.lines import keep_line, keep_thread_line
 from .supervisors.loading import describe_driver
@@ -116,6 +116,7 @@ class TreeProcesses:
             "robot": self.robot,
             "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
             "caller_pid": os.getpid(),
+            "caller": self.node.address,
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
             "listen": listen,
             "wire_listen": wire_listen,
@@ -140,7 +141,10 @@ class TreeProcesses:
         self.root: Ref = node.ref(at.root, Root)
         self.tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
-        besides: list[Callable[[], Awaitable[None]]] = [beside, partial(keep_line, node, self.robot)]
+        besides: list[Callable[[], Awaitable[None]]] = [
+            beside,
+            partial(keep_line, node, self.robot, channels.of_wire(self.robot)),
+        ]
         if self._by_threads:
             besides.append(partial(keep_thread_line, node, self.robot, Gate, self._take_line))
         self.nursery.start_soon(self._attend, process, self._scope, besides)
@@ -161,7 +165,7 @@ class TreeProcesses:
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(process.link(self.node).run)
+                nursery.start_soon(process.link(self.node, channels.of_root(self.robot)).run)
                 for each in besides:
                     nursery.start_soon(each)
                 await process.wait()

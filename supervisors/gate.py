@@ -128,7 +128,7 @@ class Gate(Actor):
             case Acquire():
                 return self._acquire(message)
             case Release():
-                return self._release(message.lease)
+                return self._release(message)
             case GetObservation():
                 return self._observation or Refused("no_observation", "observe: nothing was read yet")
             case GetStatus():
@@ -150,11 +150,11 @@ class Gate(Actor):
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        held = self._leases.held
-        kept = held.refused if held is not None and held.id == message.lease else None
+        held = self._leases.find(message.lease, message.channel)
+        kept = None if held is None else held.refused
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
-            if held is not None and held.id == message.lease and not self.context.asked:
+            if held is not None and not self.context.asked:
                 held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
@@ -167,7 +167,7 @@ class Gate(Actor):
         now_ns = self.context.received_ns
         refusal = (
             self._refuse_by_mode()
-            or self._refuse_by_lease("move", message.lease, message.epoch)
+            or self._refuse_by_lease("move", message)
             or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
         )
         if refusal is not None:
@@ -218,14 +218,14 @@ class Gate(Actor):
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
 
-    def _refuse_by_lease(self, what: str, lease: int, epoch: int) -> Refused | None:
-        refusal = self._leases.refuse(what, lease)
-        if refusal is None and epoch != self._state.epoch:
+    def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
+        refusal = self._leases.refuse(what, message.lease, message.channel)
+        if refusal is None and message.epoch != self._state.epoch:
             return Refused(
                 "stale_epoch",
-                f"{what}: prepared in epoch {epoch}, now it is {self._state.epoch} ({self._cause})",
+                f"{what}: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
                 "acquire the lease again and start from the measured position",
-                str(epoch),
+                str(message.epoch),
                 str(self._state.epoch),
             )
         return refusal
@@ -251,7 +251,7 @@ class Gate(Actor):
             return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
             return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
-        refusal = self._refuse_by_lease(service, message.lease, message.epoch)
+        refusal = self._refuse_by_lease(service, message)
         if refusal is not None:
             return refusal
         moves = self._live_until_ns != 0 or message.first is not None
@@ -279,9 +279,9 @@ class Gate(Actor):
         answer = self._leases.acquire(message, self.context.received_ns)
         return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
-    def _release(self, lease: int) -> Deferred | None:
+    def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
-        held = self._leases.release(lease)
+        held = self._leases.release(message.lease, message.channel)
         if held is None:
             return None
         deferred = self.context.defer()

@@ -27,7 +27,7 @@ from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Su
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses
+from . import addresses, channels
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
@@ -45,6 +45,7 @@ from .messages import (
     OnMesh,
     ProcessInfo,
     Shutdown,
+    StateIs,
     Stop,
     StopReport,
     TaskStatus,
@@ -105,10 +106,12 @@ class Tree:
         if self.driver.timing.realtime:
             run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
+        # What the wire reports counts over its own link alone, and is not looked for elsewhere.
+        self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self.tasks = Tasks(self.robot, spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.guardian = Guardian(
-            self.driver, on_page(page, ROOT_END), self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+            self.driver, on_page(page, ROOT_END), self.start_wire, self._on_state, self.at.gate, self.writers
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -127,11 +130,17 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
+            "caller": self.args["caller"],
             "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
+
+    def _on_state(self, state: StateIs) -> None:
+        if state.locked_by:
+            self.tasks.end(f"e-stopped by {state.locked_by}")
+        self.mesh.tell_state(state)
 
     def writers(self) -> list[int]:
         """Processes whose setpoints may be on their way to the wire."""
@@ -157,7 +166,12 @@ class Tree:
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
             nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])
-            link = Link(self.node, sock, on_closed=lambda: self.shut_down(Reason.CALLER, "the caller ended"))
+            link = Link(
+                self.node,
+                sock,
+                lambda: self.shut_down(Reason.CALLER, "the caller ended"),
+                channels.of_caller(self.robot, self.args["caller"]),
+            )
             nursery.start_soon(link.run)
             nursery.start_soon(self._supervise)
             nursery.start_soon(self._join_mesh)
@@ -175,6 +189,7 @@ class Tree:
 
     async def _join_mesh(self) -> None:
         mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
+        mesh.channel = channels.of_user(self.robot)
         mesh.attach(self.node)
         await mesh.run()
 

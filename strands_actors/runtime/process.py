@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import msgspec
 import trio
 
+from .channel import Channel
 from .link import Link
 from .node import Node
 from .realtime import run_like_others, runs_first
@@ -56,10 +57,10 @@ class ChildProcess(ABC):
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
 
-    def link(self, node: Node) -> Link:
-        """The parent's end; run its ``run``."""
+    def link(self, node: Node, channel: Channel | None = None) -> Link:
+        """The parent's end; run its ``run``. ``channel``: what the child may say."""
         self._linked = True
-        return Link(node, self.socket)
+        return Link(node, self.socket, channel=channel)
 
     async def fence(self) -> None:
         """Make sure it never writes again: SIGKILL, wait for it, close the link."""
