@@ -60,8 +60,8 @@ class Switchboard(Actor):
 
 
 class WireEnd(Actor):
-    """In the wire process: takes lines, and serves each until its other end is gone. ``channel_of``: what a writer of
-    that name may say."""
+    """In the wire process: takes lines, and serves each until its other end is gone. ``channel_of``: what a writer
+    of that name may say."""
 
     def __init__(self, channel_of: Callable[[str], Channel]) -> None:
         self._channel_of = channel_of

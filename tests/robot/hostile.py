@@ -24,8 +24,8 @@ EVERY_S = 0.002
 
 
 class Hostile(Sine):
-    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it is the ``gate``, it
-    will ``resume``, ``write`` or ``stay``."""
+    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it is the ``gate``,
+    it will ``resume``, ``write`` or ``stay``."""
 
     def __init__(self, axes: Sequence[str], how: str, holder: str = "", lease: int = 0) -> None:
         super().__init__(axes, amplitude=5.0, hz=0.5)

@@ -6,8 +6,20 @@ import os
 import time
 from typing import Any
 
+import pytest
+
+from strands_actors import directory
 from strands_actors.mesh import estop
+from strands_actors.portal import portal
 from strands_actors.robot import RealRobot
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.node import Node
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.messages import SafeDone, StateIs, StopReport
 from strands_actors.testing import Twin
 
 from ..answers import json_of, state, status, task_ended, until
@@ -114,3 +126,28 @@ def test_a_named_policy_may_do_what_it_has_to(arm: RealRobot, twin: Twin) -> Non
     assert task_ended(arm)["exit_reason"] == "duration"
     assert len(twin.log.host("setpoint", began_ns)) > 5
     json_of(arm.send_action({"shoulder_pan": 5.0}))
+
+
+def ask(node: Node, to: str, actor: type[Actor], message: Message) -> Message | None:
+    async def run() -> Message | None:
+        return await node.ref(to, actor).ask(message, 5.0)
+
+    return portal().call(run)
+
+
+@pytest.mark.usefixtures("arm")
+def test_saf_017_what_the_wire_reports_counts_over_its_own_link_alone() -> None:
+    """Not from the tree's caller, nor from whoever joins the mesh of this user."""
+    at = addresses.of("so101")
+    forged = SafeDone(StopReport(Reason.STOP, "limp", 99, True, ()))
+
+    async def as_visitor() -> list[Message | None]:
+        async with directory.join() as joined:
+            await joined.tree(joined.notes[0])
+            reports = ((at.guardian, Guardian, StateIs("disarmed", 99, "", "forged")), (at.gate, Gate, forged))
+            return [await joined._ask(to, actor, message, 5.0) for to, actor, message in reports]
+
+    answers = portal().call(as_visitor)
+    answers.append(ask(portal().node, at.guardian, Guardian, StateIs("disarmed", 99, "", "forged")))
+    answers.append(ask(portal().node, at.gate, Gate, forged))
+    assert [answer.code for answer in answers if isinstance(answer, Refused)] == ["channel"] * 4
