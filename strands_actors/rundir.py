@@ -46,6 +46,20 @@ def run_dir() -> Path:
     return path
 
 
+def data_dir() -> Path:
+    """What is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else ``$XDG_DATA_HOME/strands-actors``, else
+    ``~/.local/share/strands-actors``."""
+    named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
+    if named:
+        return Path(named)
+    return (Path(base) if base else Path.home() / ".local" / "share") / "strands-actors"
+
+
+def locks_dir() -> Path:
+    """Where the locks of e-stops lie."""
+    return data_dir() / "locks"
+
+
 class Name:
     """A robot's name, held by a lock that the tree's root inherits."""
 

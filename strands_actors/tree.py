@@ -110,7 +110,8 @@ class RobotTree:
             return None
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             if status.locked_by:
-                return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
+                since = f", {status.locked_since}" if status.locked_since else ""
+                return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
             answer = await self._energise(stops)
             if not isinstance(answer, Resumed):
                 return answer.text if isinstance(answer, Refused) else "no answer"

@@ -16,7 +16,7 @@ import trio
 from .drill.certificate import TWIN, clause
 from .engine import SIM, EngineDown
 from .factory import Plan
-from .rundir import Name, Note
+from .rundir import Name, Note, locks_dir
 from .runtime.contract import Reason
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
@@ -118,6 +118,8 @@ class TreeProcesses:
             "caller_pid": os.getpid(),
             "caller": self.node.address,
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
+            "locks": str(locks_dir()),
+            "lock_port": "" if plan.engine is not None else port,
             "listen": listen,
             "wire_listen": wire_listen,
             "connect": [self._endpoint],

@@ -7,6 +7,8 @@ reports, and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
+import msgspec
+
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
@@ -32,6 +34,7 @@ from .messages import (
     Lease,
     LinkLost,
     LinkUp,
+    LockKept,
     MakeSafe,
     Observed,
     Perform,
@@ -69,7 +72,8 @@ class Gate(Actor):
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
-        self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
+        self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
+        self._lock = LockKept(0)  # the newest that was kept
         self._resumes: list[Deferred] = []
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
@@ -103,6 +107,7 @@ class Gate(Actor):
         | Probe
         | Observed
         | SafeDone
+        | LockKept
         | ArmDone
         | CarriedOut
         | LinkUp
@@ -139,6 +144,9 @@ class Gate(Actor):
                 self._carried_out(message)
             case SafeDone():
                 self._safe_done(message.report)
+            case LockKept():
+                self._lock = message
+                self._answer_stops()
             case ArmDone():
                 self._arm_done(message)
             case LinkUp():
@@ -286,7 +294,7 @@ class Gate(Actor):
             return None
         deferred = self.context.defer()
         if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
-            self._stops.append((self._state.epoch, deferred))
+            self._stops.append((self._state.epoch, deferred, False))
             return deferred
         return None
 
@@ -326,7 +334,7 @@ class Gate(Actor):
         lock = (message.by or "an operator") if message.lock else ""
         self._leases.stop()
         if self._trip(message.reason, by, lock):
-            self._stops.append((self._state.epoch, deferred))
+            self._stops.append((self._state.epoch, deferred, message.lock))
             return deferred
         # Nothing to do: already holding, or nothing energised to hold.
         rung = self._driver.ladder[message.reason]
@@ -368,14 +376,25 @@ class Gate(Actor):
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
         self._last_stop_ns = self.context.received_ns
-        for epoch, stop in self._stops:
-            if epoch <= report.epoch:
-                stop.send(report)
-        self._stops = [waiting for waiting in self._stops if waiting[0] > report.epoch]
+        self._answer_stops()
         if report.epoch == self._state.epoch:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:
                 self._aim_at_measured(self._observation)
+
+    def _answer_stops(self) -> None:
+        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk."""
+        report, waiting = self._last_stop, self._stops
+        if report is None:
+            return
+        self._stops = []
+        for epoch, stop, locks in waiting:
+            if epoch > report.epoch or (locks and epoch > self._lock.epoch):
+                self._stops.append((epoch, stop, locks))
+            elif locks and self._lock.problem:
+                stop.send(msgspec.structs.replace(report, note=self._lock.problem))
+            else:
+                stop.send(report)
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         mode = self._state.mode
@@ -464,6 +483,7 @@ class Gate(Actor):
             self._last_refusal,
             self._last_stop,
             self._facts,
+            self._lock.since if self._state.locked_by else "",
         )
 
     # -- for a recorder

@@ -109,6 +109,7 @@ class StopReport(Message, frozen=True):
     path: str = "wire"  # or "second": the root's own way
     took_ms: float = 0.0
     at_ns: int = 0  # when it was made: all motors had been asked
+    note: str = ""  # of an e-stop: why its lock does not outlive the tree; empty: it does
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -169,6 +170,7 @@ class Status(Message, frozen=True):
     last_refusal: str
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
+    locked_since: str = ""  # ISO 8601, UTC
 
 
 # -- inside the wire group
@@ -319,6 +321,16 @@ class StateIs(Message, frozen=True):
     epoch: int
     locked_by: str
     cause: str
+
+
+class LockKept(Message, frozen=True):
+    """The lock that stood in this epoch is on the disk. ``problem``: why it is not."""
+
+    lane = "urgent"
+
+    epoch: int
+    since: str = ""
+    problem: str = ""
 
 
 class RootGone(Message, frozen=True):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
+from pathlib import Path
 from typing import Any
 
 import trio
@@ -34,6 +35,8 @@ from .gate import Gate
 from .guardian import Guardian
 from .lines import Switchboard
 from .loading import load_driver
+from .lock_keeper import LockKeeper
+from .locks import Locks
 from .mesh_place import MeshPlace
 from .messages import (
     ActorInfo,
@@ -110,8 +113,15 @@ class Tree:
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self.tasks = Tasks(self.robot, spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(
-            self.driver, on_page(page, ROOT_END), self.start_wire, self._on_state, self.at.gate, self.writers
+            self.driver,
+            on_page(page, ROOT_END),
+            self.start_wire,
+            self._on_state,
+            self.at.gate,
+            self.writers,
+            self.keeper,
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -159,6 +169,7 @@ class Tree:
             await nursery.start(self.node.run)
             await nursery.start(self.spawner.run)
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
+            nursery.start_soon(self.keeper.run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
             switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
@@ -227,6 +238,7 @@ class Tree:
         report = report or self.guardian.last_report
         for waiting in self._waiting:
             waiting.send(report)
+        await self.keeper.settle()
         await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 

@@ -6,10 +6,12 @@ import os
 from collections.abc import Awaitable, Callable
 
 from ..directory import Directory
-from ..rundir import Note
+from ..rundir import Note, locks_dir
 from ..runtime.contract import Reason
 from ..runtime.messages import Refused
+from ..supervisors.locks import Locks, locked_robots
 from ..supervisors.messages import Resumed, StopReport
+from .errors import Problem
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
 """Does it to one robot: whether that was confirmed, and a line for people."""
@@ -20,8 +22,10 @@ async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
 
 
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
-    confirmed, line = _told(await joined.stop(note, Reason.ESTOP, by(), lock=True))
-    return confirmed, f"{line}; locked until `strands-actors resume {note.robot}`"
+    report = await joined.stop(note, Reason.ESTOP, by(), lock=True)
+    confirmed, line = _told(report)
+    problem = report.note if isinstance(report, StopReport) else _lock_the_next(note.robot)
+    return confirmed, line + locked_until(note.robot, problem)
 
 
 async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
@@ -48,6 +52,42 @@ def _told(report: StopReport | Refused) -> tuple[bool, str]:
 
 def _motors(count: int) -> str:
     return "1 motor" if count == 1 else f"{count} motors"
+
+
+def locked_until(robot: str, problem: str) -> str:
+    """For people. ``problem``: why the lock is not on the disk."""
+    return f"; locked until `strands-actors resume {robot}`{f'. BUT {problem}' if problem else ''}"
+
+
+def _lock_the_next(robot: str) -> str:
+    """Nobody of its tree has answered: its next tree is to be locked at least. Why that cannot be, or nothing."""
+    try:
+        Locks(locks_dir(), robot).put(by())
+    except OSError as error:
+        return f"the lock cannot be kept: {error}"
+    return ""
+
+
+def locked() -> list[str]:
+    """Names of robots that are locked, whether a tree of theirs runs or not."""
+    try:
+        return locked_robots(locks_dir())
+    except OSError as error:
+        raise Problem(f"the locks of e-stops cannot be read: {error}") from error
+
+
+def lift(robot: str) -> tuple[bool, str]:
+    """The lock of a robot of which no tree runs: whether it is gone, and a line for people."""
+    locks = Locks(locks_dir(), robot)
+    lock = locks.find()
+    try:
+        locks.lift()
+    except OSError as error:
+        return False, f"its lock cannot be lifted: {error}"
+    if lock is None:
+        return True, "it was not locked"
+    since = f", {lock.since}" if lock.since else ""
+    return True, f"the e-stop by {lock.by}{since} is lifted. no tree of it runs: nothing was energised"
 
 
 def by() -> str:

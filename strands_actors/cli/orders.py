@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -102,23 +102,36 @@ async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
 
 async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
+        if robot not in client.robots:
+            return _lift(robot)
         answer = await client.resume(robot, operate.by())
         if isinstance(answer, Refused):
             return Told(robot, False, answer.text, {"code": answer.code, "detail": answer.text})
         return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 
-    return await _each(client, robots, one)
+    return await _each(client, robots, one, operate.locked())
 
 
-async def _each(client: MeshClient, robots: list[str] | None, verb: Callable[[str], Awaitable[Told]]) -> list[Told]:
-    """All at once: none waits for another."""
+def _lift(robot: str) -> Told:
+    """The lock of a robot of which no tree runs."""
+    done, line = operate.lift(robot)
+    return Told(robot, done, line, {"lifted": done, "detail": line})
+
+
+async def _each(
+    client: MeshClient,
+    robots: list[str] | None,
+    verb: Callable[[str], Awaitable[Told]],
+    others: Iterable[str] = (),
+) -> list[Told]:
+    """All at once: none waits for another. ``others``: of which no tree runs."""
     told: list[Told] = []
 
     async def run(robot: str) -> None:
         told.append(await verb(robot))
 
     async with trio.open_nursery() as nursery:
-        for robot in client.robots:
+        for robot in {*client.robots, *others}:
             if robots is None or robot in robots:
                 nursery.start_soon(run, robot)
     return sorted(told, key=lambda each: each.robot)
@@ -145,5 +158,5 @@ def _tell(outcome: Outcome) -> Told:
         by = " by the root's own path" if outcome.path == "second" else ""
         line = f"{outcome.rung}, {len(outcome.motors)} motors confirmed in {outcome.took_ms:.1f} ms{by}"
     if outcome.locked and outcome.outcome == "safe":
-        line += f"; locked until `strands-actors resume {outcome.robot}`"
+        line += operate.locked_until(outcome.robot, outcome.note)
     return Told(outcome.robot, outcome.outcome == "safe", line, facts)
