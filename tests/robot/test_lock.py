@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.mesh import estop
 from strands_actors.robot import RealRobot
+from strands_actors.supervisors.locks import Locks
 from strands_actors.testing import Twin
 
 from ..answers import json_of, status, until, why
@@ -128,3 +132,23 @@ def test_saf_018_a_simulation_is_locked_by_its_name(new_arm: NewArm) -> None:
     assert BY in (second.connect_eagerly() or "")
     json_of(second.resume())
     until(lambda: status(second)["state"] == "armed", "armed")
+
+
+class SlowDisk(Feetech):
+    """Whose root has a disk that takes its time."""
+
+    def preload(self) -> None:
+        super().preload()
+        os.fsync = lambda fd: time.sleep(0.3)
+
+
+def test_saf_018_a_tree_that_ends_keeps_its_lock_first(
+    strands_robot: Callable[..., tuple[RealRobot, Twin]], strands_run_dir: Path
+) -> None:
+    arm, _ = strands_robot("so101", driver=SlowDisk)
+    with ThreadPoolExecutor() as thread:
+        pressed = thread.submit(estop, by=BY, within_s=5.0)
+        until(lambda: status(arm)["locked_by"], "it is locked")
+        arm.cleanup()
+        pressed.result()
+    assert Locks(strands_run_dir / "data" / "locks", "so101").find() is not None

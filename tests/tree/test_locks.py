@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import trio
 import trio.lowlevel
+import trio.testing
 
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Reason
@@ -223,6 +224,50 @@ def test_saf_018_the_newest_wish_wins(tmp_path: Path) -> None:
             keeper.want("")
             await keeper.settle()
             assert by(locks) == ""
+            nursery.cancel_scope.cancel()
+
+    trio.run(main)
+
+
+class Lifts(Locks):
+    """Slowly."""
+
+    def __init__(self, directory: Path) -> None:
+        super().__init__(directory, "so101")
+        self.begun, self.go_on = threading.Event(), threading.Event()
+
+    def lift(self) -> None:
+        self.begun.set()
+        assert self.go_on.wait(20.0)
+        super().lift()
+
+
+def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) -> None:
+    """Resumed, and locked again by the same while the file goes."""
+    locks = Lifts(tmp_path)
+    locks.put("one")
+
+    async def main() -> None:
+        keeper = LockKeeper(locks)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(keeper.run)
+            keeper.want("")
+            await trio.to_thread.run_sync(locks.begun.wait)
+            keeper.want("one")
+            kept: list[str] = []
+
+            async def wait() -> None:
+                await keeper.kept("one")
+                kept.append(by(locks))
+
+            nursery.start_soon(wait)
+            await trio.sleep(0.05)  # what must not happen has no event to wait for
+            assert not kept
+            locks.go_on.set()
+            await keeper.settle()
+            assert by(locks) == "one"
+            await trio.testing.wait_all_tasks_blocked()
+            assert kept == ["one"]
             nursery.cancel_scope.cancel()
 
     trio.run(main)
