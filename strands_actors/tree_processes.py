@@ -23,6 +23,7 @@ from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.thread_line import ThreadLine
 from .runtime.zenoh_mesh import unix_endpoint
+from .strays import label_of
 from .supervisors import addresses, channels
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.lines import keep_line, keep_thread_line
@@ -129,7 +130,8 @@ class TreeProcesses:
                 "settings": plan.mesh.robot_settings(),
             },
         }
-        process = self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
+        entry = "strands_actors.supervisors.root:main"
+        process = self._root_process = start(entry, args, [name.lock_fd], label_of(self.robot))
         name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from .supervisors.gate import Gate

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 
+import trio
+
+from .. import strays
 from ..directory import Directory
 from ..rundir import Note, locks_dir
 from ..runtime.contract import Reason
 from ..runtime.messages import Refused
+from ..strays import Stray
 from ..supervisors.locks import Locks, locked_robots
 from ..supervisors.messages import Resumed, StopReport
 from .errors import Problem
@@ -52,6 +56,15 @@ def _told(report: StopReport | Refused) -> tuple[bool, str]:
 
 def _motors(count: int) -> str:
     return "1 motor" if count == 1 else f"{count} motors"
+
+
+async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
+    """End trees that nobody can ask: never more than half done, since no motor was read back here."""
+    gone = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
+    robot, what = lost[0].robot, lost[0].text
+    became = "its wire has ended after it: it makes safe first" if gone else "ITS WIRE HAS NOT ENDED"
+    line = f"NOT CONFIRMED: {what}, which was ended. {became}. cut its power if it still moves"
+    return False, line + (locked_until(robot, _lock_the_next(robot)) if lock else "")
 
 
 def locked_until(robot: str, problem: str) -> str:

@@ -22,6 +22,7 @@ from ..mesh.config import MeshConfig
 from ..mesh.outcome import Outcome
 from ..rundir import notes
 from ..runtime.messages import Refused
+from ..strays import strays
 from . import operate
 from .errors import Problem
 
@@ -89,7 +90,7 @@ async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    return await _each(client, robots, one)
+    return await _each(client, robots, one, [stray.robot for stray in strays()])
 
 
 async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
@@ -138,9 +139,16 @@ async def _each(
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
-    """By the actors' own way, where the mesh has no answer and the robot is this user's."""
+    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree that nobody can ask
+    is ended."""
+    if outcome.outcome != "unreachable":
+        return _tell(outcome)
+    lost = [stray for stray in strays() if stray.robot == outcome.robot]
+    if lost:
+        done, line = await operate.end(lost, lock=verb is operate.VERBS["e-stop"])
+        return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
     note = next((note for note in notes() if note.robot == outcome.robot), None)
-    if outcome.outcome != "unreachable" or note is None:
+    if note is None:
         return _tell(outcome)
     async with directory.join() as joined:
         done, line = await verb(joined, note)

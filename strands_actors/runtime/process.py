@@ -146,13 +146,13 @@ def _bury(child: Started) -> None:
     child.wait()
 
 
-def execute(link_fd: int, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subprocess.Popen[bytes]:
     """Exec a child that reads its specification from ``link_fd``. Stops this process until the child has begun:
-    a few milliseconds, more on a busy machine. Raise ``OSError``."""
+    a few milliseconds, more on a busy machine. ``label``: what a list of processes shows. Raise ``OSError``."""
     # The child imports what its parent could: a user's own modules included.
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.Popen(
-        [sys.executable, "-c", _BOOT, str(link_fd)],
+        [sys.executable, "-c", _BOOT, str(link_fd), *([label] if label else [])],
         pass_fds=(link_fd, *pass_fds),
         stdin=subprocess.DEVNULL,
         process_group=0,
@@ -166,11 +166,11 @@ def specify(link_socket: socket.socket, entry: str, args: Mapping[str, Any]) -> 
     link_socket.sendall(len(specification).to_bytes(4, "little") + specification)
 
 
-def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:
+def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:
     """Start a child by exec, as ``execute``."""
     ours, theirs = socket.socketpair()
     with theirs:
-        popen = execute(theirs.fileno(), pass_fds)
+        popen = execute(theirs.fileno(), pass_fds, label)
     specify(ours, entry, args)
     return OwnChild(popen, ours)
 
