@@ -99,11 +99,11 @@ class RobotTree:
             # What it says of the link may be from before its present pause between two attempts.
             status = await processes.wait_linked(RETRY_S)
         else:
-            await processes.start(self._writer.beat)
             try:
+                await processes.start(self._writer.beat)
                 status = await processes.wait_linked()
                 await processes.require_mesh()
-            except NotConnected:
+            except (NotConnected, OSError):
                 await self._end()  # it would go on trying, and take the port from whoever has it next
                 raise
         if not arm:

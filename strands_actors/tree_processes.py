@@ -13,6 +13,7 @@ from typing import Any
 
 import trio
 
+from .descriptors import FOR_ROBOT, require
 from .drill.certificate import TWIN, clause
 from .engine import SIM, EngineDown
 from .factory import Plan
@@ -99,7 +100,9 @@ class TreeProcesses:
     # -- start and end
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start."""
+        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start,
+        ``OSError`` when the system does not let us."""
+        require(FOR_ROBOT)
         plan = self.plan
         port = plan.port
         if plan.engine is not None:

@@ -77,7 +77,12 @@ async def keep_line(node: Node, robot: str, channel: Channel | None = None) -> N
     """Have a line to the wire of ``robot``, as often as the wire is another one. Needs a link to its root.
     ``channel``: what the wire may say."""
     while True:
-        await Link(node, _lay(node, robot), channel=channel).run()
+        try:
+            sock = _lay(node, robot)
+        except OSError:  # no descriptor is free: what has to be told goes over the mesh meanwhile
+            await trio.sleep(AGAIN_S)
+            continue
+        await Link(node, sock, channel=channel).run()
         await trio.sleep(AGAIN_S)
 
 
@@ -86,8 +91,13 @@ async def keep_thread_line(
 ) -> None:
     """The same for this process's threads, to the gate. ``gate``: its class, imported by who needs it anyway.
     ``hand`` gets each line, and None when it is at its end."""
+    own = f"{node.address}/threads/{robot}"
     while True:
-        line = ThreadLine(_lay(node, robot), f"{node.address}/threads/{robot}", addresses.of(robot).gate, gate)
+        try:
+            line = ThreadLine(_lay(node, robot), own, addresses.of(robot).gate, gate)
+        except OSError:  # as above
+            await trio.sleep(AGAIN_S)
+            continue
         try:
             if await line.is_up():
                 hand(line)

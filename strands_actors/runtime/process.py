@@ -6,6 +6,7 @@ the script's end means is then decided by the tree, not by who else got the sign
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -105,7 +106,8 @@ class OwnChild(ChildProcess):
 
     async def wait(self) -> int:
         if self._ended() is None and hasattr(os, "pidfd_open"):
-            await wait_for_end_of(self.pid)
+            with contextlib.suppress(OSError):  # no descriptor is free: it is looked at instead
+                await wait_for_end_of(self.pid)
         while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or nothing tells
             await trio.sleep(NOTICED_S)
         return code
