@@ -15,7 +15,6 @@ from ..runtime.messages import Refused
 from ..strays import Stray
 from ..supervisors.locks import Locks, locked_robots
 from ..supervisors.messages import Resumed, StopReport
-from .errors import Problem
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
 """Does it to one robot: whether that was confirmed, and a line for people."""
@@ -82,11 +81,8 @@ def _lock_the_next(robot: str) -> str:
 
 
 def locked() -> list[str]:
-    """Names of robots that are locked, whether a tree of theirs runs or not."""
-    try:
-        return locked_robots(locks_dir())
-    except OSError as error:
-        raise Problem(f"the locks of e-stops cannot be read: {error}") from error
+    """Names of robots that are locked, whether a tree of theirs runs or not. Raise ``OSError``."""
+    return locked_robots(locks_dir())
 
 
 def lift(robot: str) -> tuple[bool, str]:

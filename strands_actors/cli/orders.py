@@ -110,7 +110,12 @@ async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
             return Told(robot, False, answer.text, {"code": answer.code, "detail": answer.text})
         return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 
-    return await _each(client, robots, one, operate.locked())
+    try:
+        locked = operate.locked()
+    except OSError as error:  # those that run can be resumed all the same
+        unread = Told("the locks of e-stops", False, f"they cannot be read: {error}", {"detail": str(error)})
+        return [*await _each(client, robots, one), unread]
+    return await _each(client, robots, one, locked)
 
 
 def _lift(robot: str) -> Told:
@@ -147,7 +152,10 @@ async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
     if lost:
         done, line = await operate.end(lost, lock=verb is operate.VERBS["e-stop"])
         return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
-    note = next((note for note in notes() if note.robot == outcome.robot), None)
+    try:
+        note = next((note for note in notes() if note.robot == outcome.robot), None)
+    except OSError:  # the directory cannot be used: among the outcomes
+        note = None
     if note is None:
         return _tell(outcome)
     async with directory.join() as joined:

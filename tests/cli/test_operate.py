@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+from pathlib import Path
 
 from .command import Command, RobotProcess, refusal_code
 
@@ -85,3 +87,30 @@ def test_saf_018_resume_all_lifts_what_no_tree_holds(cli: Command) -> None:
     assert done.returncode == 0, done.stderr
     assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["so101", "so101-2"]
     assert cli.run("resume", "--all").returncode == 2
+
+
+def test_saf_018_locks_that_cannot_be_read_keep_no_robot_from_being_resumed(
+    cli: Command, robot: RobotProcess
+) -> None:
+    assert cli.run("estop").returncode == 0
+    locks = Path(cli.environment["STRANDS_ACTORS_DATA"]) / "locks"
+    shutil.rmtree(locks)
+    locks.write_text("no directory")
+    done = cli.run("resume", "so101")
+    assert done.returncode == 1
+    assert "so101: armed" in done.stdout
+    assert "the locks of e-stops: they cannot be read" in done.stderr
+    assert robot.call("send_action", MOVE)["status"] == "success"
+
+
+def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot: RobotProcess) -> None:
+    directory = cli.environment["STRANDS_ACTORS_RUN"]
+    os.chmod(directory, 0o755)
+    try:
+        done = cli.run("estop")
+    finally:
+        os.chmod(directory, 0o700)
+    assert done.returncode == 1, done
+    assert "is open to others: chmod 700 it" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert cli.run("estop").returncode == 0
