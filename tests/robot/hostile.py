@@ -20,7 +20,8 @@ from strands_actors.supervisors.messages import Acquire, Beat, Resume, Setpoint,
 ROBOT = "so101"
 FAR = 90.0
 """Degrees: where no sine of this policy goes."""
-EVERY_S = 0.002
+EVERY_S = 0.02
+"""Not so often that the policy itself would be late on a busy machine, and end."""
 
 
 class Hostile(Sine):
@@ -56,8 +57,9 @@ class Hostile(Sine):
         return [link for link in list(self._node._links) if isinstance(link, Link)]
 
     def _tell(self, to: str, message: Message, kind: int = TELL) -> None:
+        """In its own name, and in that of others."""
         self._cid += 1
-        for sender in (self._node.address, self._at.gate, self._at.guardian):
+        for sender in (self._node.address, self._at.guardian):
             for link in self._links():
                 link.send_at_once(frame(to, kind, self._cid, sender, self._node.address, message))
 
