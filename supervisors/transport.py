@@ -9,6 +9,7 @@ lost; it never arms by itself.
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -258,6 +259,10 @@ class Transport(Actor):
             wire.close()
             why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
             self._back_off(why)
+        except trio.Cancelled:
+            if wire.handover():
+                wire.close()  # who makes safe in our place opens the port anew
+            raise
         else:
             self._wire, self._lost = wire, None
             self._attempts = 0
@@ -266,6 +271,17 @@ class Transport(Actor):
             self._gate.tell(LinkUp(facts, observation))
         finally:
             self._opening = None
+
+    def descriptors(self) -> tuple[int, ...]:
+        """Of the open wire, as its root was handed them; for who makes safe when this actor does not run any
+        more, and owns them."""
+        return () if self._wire is None else tuple(os.dup(fd) for fd in self._wire.handover())
+
+    def close(self) -> None:
+        """Release the port, after this actor has ended."""
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
 
     async def _give_way(self, opening: trio.CancelScope) -> None:
         """A stop that can be written although the robot is not understood does not wait for its hello."""

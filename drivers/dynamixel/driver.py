@@ -54,4 +54,4 @@ class Dynamixel(ServoDriver):
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .wire import DynamixelSecondPath
 
-        return DynamixelSecondPath(self, descriptors[0], clock)
+        return DynamixelSecondPath(self, descriptors[0] if descriptors else -1, clock)

@@ -49,4 +49,4 @@ class Feetech(ServoDriver):
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .wire import FeetechSecondPath
 
-        return FeetechSecondPath(self, descriptors[0], clock)
+        return FeetechSecondPath(self, descriptors[0] if descriptors else -1, clock)

@@ -28,7 +28,7 @@ MODES: dict[Mode, str] = {
     Mode.STOPPING: "The safe frames are out, and each motor is being read back.",
     Mode.UNCONFIRMED: "A motor did not confirm the safe state. The report names it.",
     Mode.FAILED: "The restart budget is spent. The robot stays safe; only a new tree helps.",
-    Mode.ENDING: "The tree ends. The safe frames are out, and are repeated until confirmed. Nobody is obeyed any more.",
+    Mode.ENDING: "The tree ends. The safe frames are out, not yet confirmed. Nobody is obeyed any more.",
     Mode.ENDED: "The tree ends, and the robot is safe. Nobody is obeyed any more.",
 }
 

@@ -309,7 +309,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave."""
+        """The root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing was
+        handed over, or it was closed since; then the path opens what it needs by itself."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

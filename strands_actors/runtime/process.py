@@ -74,6 +74,9 @@ class ChildProcess(ABC):
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
 
+    def part(self) -> None:  # noqa: B027  # who has another parent is buried by that one
+        """Let it go on without us; it is buried all the same."""
+
     def link(self, node: Node) -> Link:
         """The parent's end; run its ``run``."""
         self._linked = True
@@ -131,6 +134,9 @@ class OwnChild(ChildProcess):
     @property
     def alive(self) -> bool:
         return self._ended() is None
+
+    def part(self) -> None:
+        threading.Thread(target=_bury, args=(self._child,), daemon=True).start()
 
     async def wait(self) -> int:
         if self._pidfd is not None and self._ended() is None:

@@ -1,5 +1,5 @@
-"""Named policies as the root has them: a start that is late, a stop that nobody answers. Virtual time, judged by the
-frames that reach the wire."""
+"""Named policies as the root has them: a start that is late, a stop that nobody answers. In virtual time, judged by
+the frames that reach the wire."""
 
 from __future__ import annotations
 
