@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import trio
@@ -159,21 +159,29 @@ class InlinePlace:
         self._ended = trio.Event()
         self._why = "the wire group ended"
         self._watchdog = node.ref(addresses.of(robot).watchdog)
+        self._let_go = False
         self.left_safe = False
         nursery.start_soon(self._run, node, driver, robot, state, cause, pulse)
 
     async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str, pulse: Pulse) -> None:
+        transports: list[Transport] = []
+        group = trio.CancelScope()
+
+        def end(confirmed: bool) -> None:
+            self.left_safe = confirmed
+            group.cancel()
+
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, cause, self._leave, pulse)
-        except Exception as error:
-            self._why = describe(error)
+                try:
+                    with group:
+                        await run_group(node, driver, robot, state, cause, end, pulse, made=transports.append)
+                except Exception as error:
+                    self._why = describe(error)
+                if self._let_go and not self.left_safe:
+                    self.left_safe = await make_safe_alone(driver, node.clock, transports)
         finally:
             self._ended.set()
-
-    def _leave(self, confirmed: bool) -> None:
-        self.left_safe = confirmed
-        self._scope.cancel()
 
     @property
     def alive(self) -> bool:
@@ -189,6 +197,7 @@ class InlinePlace:
         return True
 
     def let_go(self) -> None:
+        self._let_go = True
         self._watchdog.tell(RootGone())
 
     def standing(self) -> None:
@@ -244,20 +253,20 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         if not (link.closed or os.getppid() != root):
             raise  # the root makes safe, as after any end of this process
         report_failure("the wire process, whose root is gone,", error)
-    await _make_safe_alone(driver, clock, transports[-1] if transports else None)
+    os._exit(0 if await make_safe_alone(driver, clock, transports) else UNCONFIRMED)
 
 
-async def _make_safe_alone(driver: Driver, clock: Clock, transport: Transport | None) -> None:
+async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:
     """The root is gone, and gate and transport could not make safe, or have failed: go past them, again and again
-    until every motor confirms it or ``LINGER_S`` are over. Ends the process."""
+    until every motor confirms it or ``LINGER_S`` are over. Whether they did. ``transports``: the one that ran."""
     rung = driver.ladder[Reason.ROOT]
-    descriptors = () if transport is None else transport.descriptors()
+    descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
             if all_safe(await attempt_anew(driver, clock, rung, descriptors)):
-                os._exit(0)
-            if descriptors and transport is not None:
-                transport.close()  # a port can be opened anew once nobody has it
+                return True
+            if descriptors:
+                transports[-1].close()  # a port can be opened anew once nobody has it
                 descriptors = ()
             await trio.sleep(pause_s)
-    os._exit(UNCONFIRMED)
+    return False
