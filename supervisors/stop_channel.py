@@ -14,8 +14,8 @@ from strands_actors.runtime.actor import describe
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import Driver, MotorReport, SecondPath
 
-ATTEMPT_S = 3.0
-"""Longest time of one attempt. A driver's own is shorter: this is for one that hangs."""
+ROOM_S = 0.5
+"""How much longer than ``Timing.safe_s`` an attempt may take: it hangs then."""
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
 """Pauses between attempts; the last one goes on."""
 INSIST_S = 2.0
@@ -28,10 +28,10 @@ LINGER_S = 60.0
 async def attempt(path: SecondPath, driver: Driver, rung: str) -> tuple[MotorReport, ...]:
     """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not reached."""
     try:
-        with trio.fail_after(ATTEMPT_S):
+        with trio.fail_after(driver.timing.safe_s + ROOM_S):
             return await path.make_safe(rung)
     except trio.TooSlowError:
-        why = f"no end within {ATTEMPT_S:g} s"
+        why = f"no end within {driver.timing.safe_s + ROOM_S:g} s"
     except Exception as error:  # of a driver; the next attempt may do better
         why = describe(error)
     return not_reached(driver, why)
@@ -46,7 +46,7 @@ async def attempt_anew(
         path = driver.second_path(descriptors, clock)
         try:
             async with trio.open_nursery() as nursery:
-                with trio.move_on_after(ATTEMPT_S):
+                with trio.move_on_after(driver.timing.handover_s):
                     await nursery.start(path.serve)
                 motors = await attempt(path, driver, rung)
                 nursery.cancel_scope.cancel()

@@ -32,8 +32,8 @@ from strands_actors.runtime.silence import Heard, Silence
 from .messages import BROUGHT, Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
 
 ASKS = 2
-LEAVE_S = 2.0
-"""For gate and transport to make safe when the root is gone."""
+ROOM_S = 0.5
+"""How much longer than ``Timing.safe_s`` gate and transport may take to make safe when the root is gone."""
 
 
 class Tick(Message, frozen=True):
@@ -83,6 +83,7 @@ class Watchdog(Actor):
         self._addresses = gate, transport
         self._pulse = pulse
         self._tick_s = timing.tick_s
+        self._leave_s = timing.safe_s + ROOM_S
         self._tick_ns = round(timing.tick_s * NS)
         self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
@@ -157,11 +158,11 @@ class Watchdog(Actor):
             self._pulse.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
-        earned = self._alive.live and self._transport_answered == self._cycle
-        resend = self._alive.epoch if earned else 0
+        answered = self._transport_answered == self._cycle
+        resend = self._alive.epoch if self._alive.live and answered else 0
         self._cycle += 1
         self._cycle_at_ns = max(self._cycle_at_ns + self._cycle_ns, now_ns)
-        self._transport.tell(Cycle(self._cycle, resend))
+        self._transport.tell(Cycle(self._cycle, resend, answered))
 
     def _chain_answered(self, now_ns: int) -> bool:
         """Gate and transport have both been heard within the beat's lifetime, or the transport said until
@@ -182,7 +183,7 @@ class Watchdog(Actor):
         confirmed = False
         try:
             for _ in range(ASKS):
-                report = await self._gate.ask(Stop(Reason.ROOT, why), LEAVE_S)
+                report = await self._gate.ask(Stop(Reason.ROOT, why), self._leave_s)
                 confirmed = isinstance(report, StopReport) and report.confirmed
                 if confirmed:
                     break

@@ -26,11 +26,13 @@ import trio
 from .forked import Forked, fork_child
 from .process import ChildProcess, OwnChild, specify, start
 
-_REPORT = struct.Struct("<ii")  # pid, and _STARTED (a pidfd comes with it) or the exit code
-_STARTED = 1 << 30
+_REPORT = struct.Struct("<ii")  # pid, and _STARTED (a pidfd comes with it) or the exit code; its own: _READY
+_STARTED, _READY = 1 << 30, 1 << 29
 _CODE_S = 0.5
 ANSWER_S = 1.0
 """A fork takes milliseconds: a spawner that has not answered by then is frozen."""
+READY_S = 5.0
+"""For one that replaces another to begin: a quarter of a second of computing, on a busy machine."""
 
 
 class SpawnedChild(ChildProcess):
@@ -67,10 +69,13 @@ class _Server:
         self._children: dict[int, SpawnedChild] = {}
         self._asked: tuple[socket.socket, trio.Event] | None = None
         self._answer: SpawnedChild | None = None
+        self._ready = trio.Event()
         self.gone = False
 
     async def fork(self) -> SpawnedChild | None:
         """None when it does not answer, or is gone. One at a time."""
+        with trio.move_on_after(READY_S):
+            await self._ready.wait()
         ours, theirs = socket.socketpair()
         answered = trio.Event()
         self._asked, self._answer = (ours, answered), None
@@ -92,6 +97,7 @@ class _Server:
             await self._hear()
         finally:
             self.gone = True
+            self._ready.set()
             if self._asked is not None:
                 self._asked[1].set()
             self._socket.close()
@@ -114,7 +120,9 @@ class _Server:
             while len(buffer) >= _REPORT.size:
                 pid, what = _REPORT.unpack_from(buffer)
                 buffer = buffer[_REPORT.size :]
-                if what == _STARTED:
+                if what == _READY:
+                    self._ready.set()
+                elif what == _STARTED:
                     self._started(pid, pidfds.popleft())
                 elif pid in self._children:
                     self._children.pop(pid).ended(what)
@@ -189,6 +197,7 @@ def _serve(sock: socket.socket) -> None:
     gc.collect()
     gc.freeze()  # a child's own collection then neither walks nor copies what it was born with (6 ms)
     children: dict[int, int] = {}
+    sock.sendall(_REPORT.pack(os.getpid(), _READY))
     while True:
         requests = sock.fileno()
         ready, _, _ = select.select([requests, *children], [], [])
