@@ -21,7 +21,7 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
-from strands_actors.runtime.processor import Standing, is_stopped
+from strands_actors.runtime.processor import Life, Standing, life_of
 from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Silence
 
@@ -91,7 +91,8 @@ class Place(Protocol):
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
     its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped. ``on_report`` is
-    told what became of each attempt to make the robot safe."""
+    told what became of each attempt to make the robot safe, ``on_dying`` of a writer that has been killed and waits
+    for a processor to die on."""
 
     def __init__(
         self,
@@ -102,6 +103,7 @@ class Guardian(Actor):
         gate: str = "",
         writers: Callable[[], Iterable[int]] = tuple,
         on_report: Callable[[StopReport], None] | None = None,
+        on_dying: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._pulse = pulse
@@ -110,7 +112,9 @@ class Guardian(Actor):
         self._gate_address = gate
         self._writers = writers
         self._on_report = on_report
-        self._stoppage = Stoppage(is_stopped)
+        self._on_dying = on_dying
+        self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
+        self._stoppage = Stoppage(lambda pid: self._lives[pid].stopped)
         self._second: SecondPath | None = None
         self._second_scope = trio.CancelScope()
         self.state = StateIs(Mode.DOWN, 0, "", "")
@@ -173,11 +177,18 @@ class Guardian(Actor):
         self._silence.heard(self._pulse.heard_ns)
         self._ticks += 1
         if self._ticks % LOOK_EVERY == 0:
-            for pid in self._stoppage.look(self._writers()):
-                self._gate.tell(Stopped(pid))
+            self._look_at_writers()
             self._look_at_start()
         if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):
             self._break(Reason.WIRE, f"the wire process stopped answering ({self._silence.told(now_ns)})")
+
+    def _look_at_writers(self) -> None:
+        self._lives = lives = {pid: life_of(pid) for pid in self._writers()}
+        for pid in self._stoppage.look(lives):
+            self._gate.tell(Stopped(pid))
+        for pid, life in lives.items():
+            if life.dying:
+                self._on_dying(pid)
 
     def _look_at_start(self) -> None:
         """A wire that was stopped before its first beat is not missed by its silence."""

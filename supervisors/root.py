@@ -145,6 +145,7 @@ class Tree:
             self.at.gate,
             self.writers,
             Unconfirmed(args["note"]).tell,
+            self._see_dying,
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -252,6 +253,14 @@ class Tree:
         self.shut_down(Reason.CALLER, "the caller ended")
 
     # -- the end
+
+    def _see_dying(self, pid: int) -> None:
+        """Who was killed has ended: what it waits for is a processor to die on, for tens of milliseconds on a busy
+        machine."""
+        if pid == self.args["caller_pid"]:
+            self.shut_down(Reason.CALLER, "the caller was killed")
+        elif self.tasks.status.running:
+            self.node.ref(self.at.gate).tell(Stop(Reason.POLICY, "its process was killed"))
 
     def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
         if deferred is not None:
