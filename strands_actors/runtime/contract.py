@@ -376,8 +376,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave. Without ``descriptors`` (no wire has
-        come so far) it opens its own, when it is used."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""
