@@ -12,6 +12,7 @@ import msgspec
 import trio
 
 from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.contract import MotorReport
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Node, Ref
@@ -79,7 +80,7 @@ class InlineProcess(ChildProcess):
         await self._ended.wait()
         return -signal.SIGKILL
 
-    def link(self, node: Node) -> Any:
+    def link(self, node: Node, channel: Channel | None = None) -> Any:
         return _Link()
 
     async def fence(self, within_s: float = 1.0) -> bool:
