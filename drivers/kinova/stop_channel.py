@@ -2,7 +2,8 @@
 
 Nobody of us has seen whether a base lets a second session stop the arm. So the root opens one, and has the wire's,
 too: a descriptor of its connection, and its id and counter in memory that both processes share. A stop is sent on
-both. A base that takes no second session is stopped on the wire's alone.
+both, and when neither is answered, on a session opened for it. A base that takes no second session is stopped on
+the wire's alone.
 """
 
 from __future__ import annotations
@@ -33,21 +34,29 @@ KEEP_S = 0.5
 
 class StopChannel(SecondPath):
     def __init__(
-        self, driver: Kinova, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
+        self,
+        driver: Kinova,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_stream: OpenStream = open_tcp,
+        wires: KortexClient | None = None,
     ) -> None:
-        """``descriptors``: of the wire's connection and of its page; none where they cannot be had."""
+        """``descriptors``: of the wire's connection and of its page, where they were handed over. ``wires``: that
+        connection, in the wire's own process, which closes it."""
         self._driver = driver
         self._clock = clock
         self._open_stream = open_stream
         self._own: KortexClient | None = None
-        self._wires = self._client_of(*descriptors) if descriptors else None
+        self._newest: KortexClient | None = None  # opened by the last stop
+        self._wires = self._client_of(*descriptors) if descriptors else wires
+        self._closes_wires = wires is None
         self._serving = trio.CancelScope()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         told = False
         with self._serving:
             try:
-                await self._log_in()
+                self._own = await self._log_in()
             except WireDown:
                 if self._wires is None:
                     raise
@@ -61,31 +70,51 @@ class StopChannel(SecondPath):
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         self._serving.cancel()  # nobody else reads from our connection
+        if self._newest is not None:
+            self._replace_own(self._newest)
+            self._newest = None
         clients = [client for client in (self._own, self._wires) if client is not None]
-        reports = await stop_arm(self._driver.axes, clients) if clients else not_connected(self._driver.axes)
-        if not any(report.written for report in reports):
+        why = "not connected"
+
+        async def another() -> KortexClient:
+            nonlocal why
             try:
-                await self._log_in()
+                self._newest = await self._log_in()
             except WireDown as down:
-                return not_connected(self._driver.axes, str(down))
-            assert self._own is not None
-            reports = await stop_arm(self._driver.axes, [self._own])
-        for client in (self._own, self._wires):
-            if client is not None and all(report.safe for report in reports):
-                with contextlib.suppress(WireDown):
-                    client.tell(Call.CLOSE_SESSION)  # a base may have room for one only
+                why = str(down)
+                raise
+            return self._newest
+
+        reports = await stop_arm(self._driver.axes, clients, another)
+        if not any(report.written for report in reports):
+            return not_connected(self._driver.axes, why)
+        if all(report.safe for report in reports):
+            self._log_out()
         return reports
 
     def close(self) -> None:
-        for client in (self._own, self._wires):
+        for client in (self._own, self._newest, self._wires if self._closes_wires else None):
             if client is not None:
                 client.close()
-        self._own = self._wires = None
+        self._own = self._newest = self._wires = None
 
-    async def _log_in(self) -> None:
+    def _log_out(self) -> None:
+        """A base may have room for one session only. A further stop opens another one."""
+        for client in (self._own, self._newest, self._wires):
+            if client is not None:
+                with contextlib.suppress(WireDown):
+                    client.tell(Call.CLOSE_SESSION)
+        self.close()
+
+    async def _log_in(self) -> KortexClient:
         """Raise ``WireDown``."""
         host, port = self._driver.address()
-        self._own = await log_in_at(host, port, self._driver.login, self._clock, self._open_stream)
+        return await log_in_at(host, port, self._driver.login, self._clock, self._open_stream)
+
+    def _replace_own(self, client: KortexClient) -> None:
+        if self._own is not None:
+            self._own.close()
+        self._own = client
 
     async def _keep_own(self, own: KortexClient) -> None:
         """Keep the session alive, or make a new one for one that is gone. While there is no way to the base, the
@@ -93,9 +122,8 @@ class StopChannel(SecondPath):
         try:
             await own.call(Call.KEEP_ALIVE)
         except WireDown:
-            own.close()
             with contextlib.suppress(WireDown):
-                await self._log_in()
+                self._replace_own(await self._log_in())
 
     def _client_of(self, connection: int, page: int) -> KortexClient:
         host, port = self._driver.address()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
@@ -20,7 +20,10 @@ LOOK_S = 0.2
 """How long a reading waits for its answer."""
 
 POLL_S = 0.01
-STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.5}
+ANEW_S = 0.1
+"""When a connection has answered nothing for so long, another one is opened."""
+
+STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.4}
 """How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they fit into what a
 stop may take."""
 
@@ -113,30 +116,53 @@ class _Way:
                 self._moved_s[at] = self._seen_s
 
 
-async def stop_arm(axes: Sequence[str], clients: Sequence[KortexClient]) -> tuple[MotorReport, ...]:
-    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; where it is
-    refused, and no other connection stops the arm, ``ApplyEmergencyStop``, after which the base is in fault. Report
-    each joint that was then seen to stand as safe. Never raises."""
+Another = Callable[[], Awaitable[KortexClient]]
+"""Opens one more session. Raises ``WireDown``."""
+
+
+async def stop_arm(
+    axes: Sequence[str], clients: Sequence[KortexClient], another: Another | None = None
+) -> tuple[MotorReport, ...]:
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; when none
+    has answered soon, on ``another``, too. Where it is refused, and no other connection stops the arm, send
+    ``ApplyEmergencyStop``, after which the base is in fault. Report each joint that was then seen to stand as
+    safe. Never raises."""
     ways = [_Way(client) for client in clients]
-    await _try(Call.STOP, ways)
+    await _try(Call.STOP, ways, another)
     if not any(way.confirmed for way in ways):
         await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.refused])
     return _reports(axes, ways)
 
 
-async def _try(call: Call, ways: Sequence[_Way]) -> None:
+async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> None:
     for way in ways:
         way.order(call)
     with trio.move_on_after(STANDS_S[call]):
         async with trio.open_nursery() as nursery:
             for way in ways:
                 nursery.start_soon(_follow, way, call, nursery.cancel_scope)
+            if another is not None:
+                nursery.start_soon(_follow_another, another, ways, call, nursery.cancel_scope)
 
 
 async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
     await way.follow(call)
     if way.confirmed:
         scope.cancel()
+
+
+async def _follow_another(another: Another, ways: list[_Way], call: Call, scope: trio.CancelScope) -> None:
+    if any(way.written for way in ways):
+        await trio.sleep(ANEW_S)
+    if any(way.acknowledged for way in ways):
+        return
+    try:
+        way = _Way(await another())
+    except WireDown:
+        return  # what is known is told of the others
+    ways.append(way)
+    way.order(call)
+    await _follow(way, call, scope)
 
 
 def _reports(axes: Sequence[str], ways: Sequence[_Way]) -> tuple[MotorReport, ...]:

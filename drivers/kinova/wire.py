@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
@@ -23,6 +23,7 @@ from .client import HELLO_S, KortexClient, Page
 from .gates import BASE, refuse_state
 from .protocol import Call, Feedback, ServoingMode
 from .speeds import Course, position_now
+from .stop_channel import StopChannel
 from .stopping import STANDING_DEG_S, not_connected, stop_arm
 
 if TYPE_CHECKING:
@@ -89,6 +90,8 @@ class _Session:
 
 
 class KinovaWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(
         self,
         driver: Kinova,
@@ -177,9 +180,19 @@ class KinovaWire(Wire):
             session.turning = False
         return reports
 
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """On the connection that was lost, if it still takes anything, and on one of its own."""
+        session = self._session_or_none
+        wires = None if session is None else session.client
+        channel = StopChannel(self._driver, (), self._clock, self._open_stream, wires)
+        try:
+            return await channel.make_safe(rung)
+        finally:
+            channel.close()
+
     def handover(self) -> tuple[int, ...]:
-        session = self._session()
-        return session.stream.fileno(), session.page_fd
+        session = self._session_or_none
+        return () if session is None else (session.stream.fileno(), session.page_fd)
 
     def close(self) -> None:
         if self._session_or_none is not None:

@@ -20,6 +20,8 @@ from .rig import Rig
 
 STEP_RAD = 0.02
 STOPS_WITHIN_S = 1.5
+REACHES_WITHIN_S = 1.25
+"""What is left of it for a wire without a link."""
 
 
 def all_safe(reports: tuple[MotorReport, ...]) -> bool:
@@ -195,6 +197,46 @@ def test_without_a_connection_it_says_so() -> None:
     virtual(main)
 
 
+# -- by the wire without a link
+
+
+def test_saf_020_a_stop_is_written_on_the_connection_that_was_lost_before_anything_is_asked() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.silent = True
+        began_s = trio.current_time()
+        reports = await rig.wire.reach("stop")
+        assert rig.stops()[0] == began_s
+        assert trio.current_time() - began_s < REACHES_WITHIN_S
+        assert all(report.written and not report.safe for report in reports)
+        assert Call.CREATE_SESSION in rig.calls(), "another way was tried"
+        rig.silent = False
+        assert all_safe(await rig.wire.reach("stop")), "and again, on the same connection"
+
+    virtual(main)
+
+
+def test_saf_020_a_dead_connection_is_replaced_for_a_stop() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.ports[0].unplugged = True
+        assert all_safe(await rig.wire.reach("stop"))
+        assert rig.calls()[:2] == [Call.CREATE_SESSION, Call.STOP]
+        assert rig.ports[1].closed and rig.velocity < 0.01
+        assert all_safe(await rig.wire.reach("stop")), "as often as it is asked to"
+
+    virtual(main)
+
+
+def test_a_stop_before_there_ever_was_a_link() -> None:
+    async def main() -> None:
+        rig = Rig()
+        assert all_safe(await rig.wire.reach("stop"))
+        assert rig.wire.handover() == ()
+
+    virtual(main)
+
+
 # -- by the stop channel
 
 
@@ -300,6 +342,37 @@ def test_a_channel_that_is_needed_before_it_is_ready_logs_in_and_stops() -> None
         async with trio.open_nursery() as nursery:
             await nursery.start(channel.serve)  # cancelled already: returns, having said so
         channel.close()
+
+    virtual(main)
+
+
+def test_a_stop_may_be_asked_for_again_and_again() -> None:
+    """The root writes before it fences the wire, is cut off, and writes again; until every joint has confirmed."""
+
+    async def main() -> None:
+        rig = await moving(Rig())
+        channel = rig.stop_channel()
+        wires(rig, channel)
+        async with served(channel):
+            rig.told.clear()
+            with trio.move_on_after(0.01):
+                await channel.make_safe("stop")
+            assert len(rig.stops()) == 2
+            for _ in range(3):
+                assert all_safe(await channel.make_safe("stop"))
+            rig.ports[-1].unplugged = True
+            assert all_safe(await channel.make_safe("stop"))
+
+    virtual(main)
+
+
+def test_a_session_that_was_forgotten_is_replaced() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        async with served(rig.stop_channel()) as channel:
+            rig.twin.base._sessions.clear()
+            assert all_safe(await channel.make_safe("stop"))
+            assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
 
     virtual(main)
 
