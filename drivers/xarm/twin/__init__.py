@@ -10,7 +10,7 @@ import errno
 import functools
 import socket
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Unpack
 
 import trio
@@ -114,13 +114,9 @@ class XArmServer(TcpServer):
         self._machine = Machine(controller, faults)
         self._reports = Reports(controller, faults)
         self._body = XArmBody(controller)
-        handlers = {
-            port: answering(functools.partial(ControlSession, controller, faults)),
-            **{
-                number: functools.partial(self._reports.serve, number)
-                for number in (p.NORMAL_PORT, p.RICH_PORT, p.REAL_PORT)
-            },
-        }
+        handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
+        for number in HZ:
+            handlers[number] = functools.partial(self._reports.serve, number)
         super().__init__(self._machine, handlers, log, host)
 
     @property
@@ -190,6 +186,7 @@ def controller_of(
     serial: str = "XF1300012345",
     firmware: str = "1.12.10",
     speed_limit_rad_s: float = 3.14159,
+    now_s: Callable[[], float] = time.monotonic,
 ) -> Controller:
     """Raise ``ValueError`` for a type that is not known."""
     arm = arm_of(robot)
@@ -198,7 +195,7 @@ def controller_of(
     if at is None:
         known = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
         raise ValueError(f"arm_type is {arm_type}. Use {known}")
-    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s)
+    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

@@ -140,6 +140,8 @@ class Controller:
             case Register.SERIAL:
                 return False, self.version.serial.encode().ljust(14, b"\0").ljust(p.TEXT_SIZE, b"\0")
             case Register.MOTION_ENABLE:
+                if not 1 <= data[0] <= p.ALL_JOINTS:
+                    return True, b""
                 self._enable(data[0], bool(data[1]))
             case Register.SET_STATE:
                 self.set_state(data[0])
@@ -186,6 +188,8 @@ class Controller:
         if not self.runs or self.error:
             return
         numbers = p.unpack_floats(data, p.JOINTS)
+        if not all(map(math.isfinite, numbers)):
+            raise MalformedFrame(f"joints at {numbers}")
         match register, self.mode:
             case Register.SERVO_JOINT, Mode.SERVO:
                 self._servo(numbers)
