@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.axis import Axis
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 from .protocol import JOINTS, Version
@@ -19,6 +20,8 @@ AXES = tuple(f"joint{number}" for number in range(1, JOINTS + 1))
 
 Range = tuple[float, float]
 
+ANY_SERIAL = (0, 9999)
+
 
 class ArmType(msgspec.Struct, frozen=True):
     """What differs between arms of one name."""
@@ -26,7 +29,7 @@ class ArmType(msgspec.Struct, frozen=True):
     number: int
     range_rad: tuple[Range, Range, Range, Range, Range, Range, Range]
     mirrored: tuple[int, ...] = ()
-    serials: Range = (0, 9999)
+    serials: Range = ANY_SERIAL
 
     def fits(self, version: Version) -> bool:
         digits = version.serial[2:6]
@@ -42,6 +45,11 @@ class Arm(msgspec.Struct, frozen=True):
     home_rad: tuple[float, ...]
     types: tuple[ArmType, ...]
 
+    @property
+    def usual(self) -> ArmType:
+        """The type of which most arms are."""
+        return next(kind for kind in self.types if not kind.mirrored and kind.serials == ANY_SERIAL)
+
     def type_at(self, version: Version) -> int | None:
         """Return where in ``types`` an arm's type stands (the first that fits), else None."""
         if version.axes != JOINTS:
@@ -53,6 +61,15 @@ class Arm(msgspec.Struct, frozen=True):
 def arm_of(robot: str) -> Arm:
     """Raise ``ValueError`` for a robot that is not of this wire."""
     return msgspec.convert(TABLES.table(robot), Arm)
+
+
+def axes_of(arm: Arm) -> tuple[Axis, ...]:
+    """The joints, with the ranges of the usual type."""
+    rows = enumerate(zip(AXES, arm.usual.range_rad, strict=True), 1)
+    return tuple(
+        Axis(key=key, unit="rad", low=low, high=high, speed=arm.speed_rad_s, id=number)
+        for number, (key, (low, high)) in rows
+    )
 
 
 def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:

@@ -1,5 +1,5 @@
-"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire and by the root's
-stop channel."""
+"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire and by the
+root's stop channel."""
 
 from __future__ import annotations
 
@@ -111,9 +111,7 @@ class Control:
             for heard in self._decoder.feed(data):
                 self._take_reply(p.reply_of(heard))
         except MalformedFrame as malformed:
-            raise WireDown(
-                f"{self._name}: answers with nothing that is understood ({malformed}). Reconnect"
-            ) from None
+            raise WireDown(f"{self._name}: cannot be understood ({malformed}). Reconnect") from None
         self._heard_ns = now_ns
         late = [number for number, (_, sent_ns) in self._open.items() if now_ns - sent_ns > FORGET_S * NS]
         for number in late:

@@ -1,42 +1,37 @@
 """UFACTORY xArm 7, on the controller's own TCP protocol: no SDK.
 
-Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo mode. For everything
-else it is stopped: state 4, in which the controller holds the arm, drops what it was told and takes nothing more. It
-stays so until ``resume()``, which is where servo mode is set up again. Brakes and power are left as they are.
+Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo mode. For
+everything else it is stopped: state 4, in which the controller holds the arm, drops what it was told and takes
+nothing more. It stays so until ``resume()``, which is where servo mode is set up again. Brakes and power are left
+as they are.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from strands_actors.drivers.common.gates import parse
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Reason,
-    SecondPath,
-    Timing,
-    WireDown,
-)
-from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.contract import HOLDING_REASONS, Driver, Reason, SecondPath, Timing, WireDown
 from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
-from .arms import AXES, TABLES, ArmType, arm_of
-from .gates import CONDITIONS, INDEX, JOINT_AXES, all_gates
-from .protocol import CONTROL_PORT, Version
+from .arms import TABLES, ArmType, arm_of, axes_of
+from .gates import CONDITIONS, all_gates
+from .protocol import CONTROL_PORT, JOINTS, Version
 
 if TYPE_CHECKING:
     from .wire import XArmWire
 
-CONTROL_HZ, SLOWEST_HZ, FASTEST_HZ = 100.0, 10.0, 250.0
-"""The controller's own cycle is 250 Hz [assumed: it takes a target in each]; a setpoint lives for 0.1 s."""
+
+class XArmOptions(DriverOptions, frozen=True):
+    control_frequency: Annotated[
+        float,
+        option("setpoints a second, 10 to 250; a joint may step as far as it turns in one period", ge=10, le=250),
+    ] = 100.0
 
 
 class XArm(Driver):
@@ -45,13 +40,8 @@ class XArm(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
-    OPTIONS: ClassVar[Mapping[str, str]] = {
-        "control_frequency": f"setpoints a second, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; default {CONTROL_HZ:g}. A joint "
-        "may step so far as it turns in one period",
-    }
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
 
-    axes = AXES
-    ids = tuple(range(1, len(AXES) + 1))
     unit = "radians"
     ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
     firmware_watchdog = (
@@ -63,21 +53,14 @@ class XArm(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        if unknown := [name for name in options if name not in (*cls.OPTIONS, "tool_name")]:
-            raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
-        given = options.get("control_frequency", CONTROL_HZ)
-        hz = finite(given)
-        if hz is None or not SLOWEST_HZ <= hz <= FASTEST_HZ:
-            raise ValueError(
-                f"{robot}: control_frequency is {given!r}. Give a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-            )
-        return {"control_frequency": hz}
+        return plain(read_options(robot, XArmOptions, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        hz: float = self.resolve(robot, options)["control_frequency"]
+        hz = read_options(robot, XArmOptions, options).control_frequency
         self.robot = TABLES.canonical(robot)
         self.port = port
         self.arm = arm_of(robot)
+        self.declare(Part(PartKind.ARM, axes_of(self.arm)))
         self.timing = Timing(
             control_hz=hz,
             keepalive_s=0.1,  # nothing needs it: it heals a target that the controller did not take
@@ -87,15 +70,12 @@ class XArm(Driver):
             arm_s=10.0,
             tick_s=min(0.01, 1 / hz),
         )
-        self.gates = all_gates(self.arm, 1 / hz, self.timing.state_ttl_s)
-
-    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return parse(action, self.robot, JOINT_AXES, INDEX, state)
+        self.gates = all_gates(self.arm, self.table, 1 / hz, self.timing.state_ttl_s)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
-        return {"robot": self.robot, "joints": {axis: target[axis] for axis in AXES if axis in named}}
+        return {"robot": self.robot, "joints": {axis: target[axis] for axis in self.axes if axis in named}}
 
     def kind_of(self, version: Version) -> ArmType:
         """Raise ``WireDown`` for an arm that is another than it should be."""
@@ -104,7 +84,7 @@ class XArm(Driver):
             known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
             raise WireDown(
                 f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
-                f"{self.robot} has {len(AXES)}, of type {known}"
+                f"{self.robot} has {JOINTS}, of type {known}"
             )
         return self.arm.types[at]
 

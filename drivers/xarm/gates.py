@@ -8,39 +8,28 @@ from collections.abc import Sequence
 
 import msgspec
 
-from strands_actors.drivers.common.gates import stale
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
-from .arms import AXES, Arm
+from .arms import Arm, Range
 from .protocol import Mode, State, error_words
 
 LEAD_S = 0.1
-"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo mode drives to it at
-full speed, also when the arm was kept from following [assumed: no arm lags so far behind]."""
+"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo mode drives to it
+at full speed, also when the arm was kept from following [assumed: no arm lags so far behind]."""
 
 _ROUNDING = 1e-9
 
 _AGAIN = "see to its cause, then call stop() and resume()"
 
-
-class Axis(msgspec.Struct, frozen=True):
-    """What the shared gates need to know of a joint."""
-
-    key: str
-    label: str
-    unit: str = "rad"
-    limits: tuple[float, float] = (-math.inf, math.inf)  # depend on the arm's type: see past_range
-    speed: float = math.inf
+Axes = Sequence[Axis]
 
 
-JOINT_AXES = tuple(Axis(axis, axis) for axis in AXES)
-INDEX = {axis: at for at, axis in enumerate(AXES)}
-
-
-def all_gates(arm: Arm, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
+def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
     """In the order in which they are asked: the first that refuses answers."""
-    return stale(JOINT_AXES, state_ttl_s), past_range(arm), too_fast(arm, period_s), runs_ahead(arm)
+    return stale(axes, state_ttl_s), past_own_range(arm, axes), too_fast(arm, axes, period_s), runs_ahead(arm, axes)
 
 
 # -- what must be true for a motion to begin, and to go on
@@ -59,7 +48,7 @@ def running(observation: Observation, now_ns: int) -> Refused | None:
     state = _sensor(observation, "state")
     if state in (State.MOVING, State.READY):
         return None
-    word = {State.PAUSED: "paused", State.STOPPED: "stopped"}.get(state or 0, "not ready")  # type: ignore[call-overload]
+    word = {State.PAUSED.value: "paused", State.STOPPED.value: "stopped"}.get(state or 0, "not ready")
     return Refused("state", f"move: arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
 
 
@@ -70,42 +59,29 @@ def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
     return Refused("mode", f"move: arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
 
 
-CONDITIONS: tuple[Condition, ...] = (error_free, running, in_servo_mode)
+CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, running, in_servo_mode))
 
 
 # -- of one setpoint
 
 
-def past_range(arm: Arm) -> GateCheck:
-    """The range of the arm's own type, which the wire puts beside its positions. Without it, what every type allows."""
-    narrowest = tuple(
-        (max(low for low, _ in ends), min(high for _, high in ends))
-        for ends in zip(*(kind.range_rad for kind in arm.types), strict=True)
-    )
+def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
+    """The range of the arm's own type, which the wire puts beside its positions; without it, what all allow."""
 
-    def past_range(candidate: Candidate, state: GateState) -> Refused | None:
+    def within(ranges: Sequence[Range]) -> GateCheck:
+        pairs = zip(axes, ranges, strict=True)
+        return past_range([msgspec.structs.replace(axis, low=low, high=high) for axis, (low, high) in pairs])
+
+    of_types: dict[tuple[Range, ...], GateCheck] = {kind.range_rad: within(kind.range_rad) for kind in arm.types}
+    joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
+    of_all = within([(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
+
+    def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
         sensors = state.observation.sensors
-        lows, highs = sensors.get("range_low_rad"), sensors.get("range_high_rad")
-        ranges: Sequence[tuple[float, float]] = narrowest
-        if lows and highs:
-            ranges = tuple(zip(lows, highs, strict=True))
-        for at in candidate.named:
-            rad, (low, high) = candidate.values[at], ranges[at]
-            # not (a <= b) rather than b < a: a NaN is refused too
-            if not low - _ROUNDING <= rad <= high + _ROUNDING:
-                # rounded inwards: what the text allows is allowed
-                limit = f"{math.ceil(low * 1e4) / 1e4:.4f}..{math.floor(high * 1e4) / 1e4:.4f}"
-                end = limit.partition("..")[0 if rad < low else 2]
-                return Refused(
-                    "past_travel",
-                    f"move: {AXES[at]} {rad:.4g} rad is past {end}",
-                    f"stay within {limit} rad",
-                    f"{rad:.4g}",
-                    limit,
-                )
-        return None
+        lows, highs = sensors.get("range_low_rad", ()), sensors.get("range_high_rad", ())
+        return of_types.get(tuple(zip(lows, highs, strict=True)), of_all)(candidate, state)
 
-    return past_range
+    return past_own_range
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
@@ -114,9 +90,9 @@ def speed_limit(arm: Arm, state: GateState) -> float:
     return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
 
 
-def too_fast(arm: Arm, period_s: float) -> GateCheck:
-    """From the last *commanded* target, what a joint turns in one period of the control loop. Servo mode has no speed:
-    it goes to each target at once, however rarely one comes."""
+def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
+    """From the last *commanded* target, what a joint turns in one period of the control loop. Servo mode has no
+    speed: it goes to each target at once, however rarely one comes."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         allowed = speed_limit(arm, state) * period_s
@@ -126,7 +102,7 @@ def too_fast(arm: Arm, period_s: float) -> GateCheck:
                 shown = math.floor(allowed * 1e5) / 1e5
                 return Refused(
                     "too_fast",
-                    f"move: {AXES[at]} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
                     f"step at most {shown:.5g} rad",
                     f"{step:.5g}",
                     f"{shown:.5g}",
@@ -136,7 +112,7 @@ def too_fast(arm: Arm, period_s: float) -> GateCheck:
     return too_fast
 
 
-def runs_ahead(arm: Arm) -> GateCheck:
+def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
     """Small steps in quick succession, or an arm that something holds back: the target may not run away from it."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
@@ -147,7 +123,7 @@ def runs_ahead(arm: Arm) -> GateCheck:
                 shown = math.floor(allowed * 1e4) / 1e4
                 return Refused(
                     "runs_ahead",
-                    f"move: {AXES[at]} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
+                    f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
                     "send targets no quicker than the arm follows them",
                     f"{lead:.4g}",
                     f"{shown:.4g}",

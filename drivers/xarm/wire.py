@@ -47,7 +47,7 @@ ERRORS_EVERY_S = 0.05
 QUIET_S = 0.05
 """No setpoint is written to a controller that has been silent for so long: it would be taken up late."""
 
-HOLD_S, HELD_RAD = 0.4, 0.03
+HOLD_S, HELD_RAD = 0.4, 0.01
 """An arm that is told to hold comes within ``HELD_RAD`` of the target within ``HOLD_S``, or it is stopped."""
 
 _MOVABLE = (State.MOVING, State.READY)
@@ -167,8 +167,10 @@ class XArmWire(Wire):
         session.take_waiting(now_ns)
         self._check_alive(session, now_ns)
         control = session.control
-        due = now_ns - session.asked_ns >= ERRORS_EVERY_S * NS
-        if control.idle and (due or control.error_pending != bool(control.errors[0])):
+        since_s = (now_ns - session.asked_ns) / NS
+        news = control.error_pending != bool(control.errors[0])
+        # rather alone: who answers one request a reading is asked one at a time. But a reply may never come
+        if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
             session.asked_ns = now_ns
         return self._observation(session)
@@ -212,9 +214,7 @@ class XArmWire(Wire):
         name = f"{self._driver.robot} at {self._driver.port}"
         reply = await control.ask(Register.VERSION, within_s=HANDSHAKE_S)
         if reply is None:
-            raise WireDown(
-                f"{name}: connected, but no answer. Check that it is an xArm's controller, and restart it"
-            )
+            raise WireDown(f"{name}: connected, but no answer. Is it an xArm's controller? Restart it")
         try:
             return p.parse_version(reply.data)
         except MalformedFrame as malformed:
@@ -278,8 +278,8 @@ class XArmWire(Wire):
                     return
         report = session.report
         raise WireDown(
-            f"enable: the arm is in state {report.state}, mode {report.mode} after {READY_S:g} s, not ready in servo "
-            "mode. Look at it in the vendor's software"
+            f"enable: the arm is in state {report.state}, mode {report.mode} after {READY_S:g} s, not ready in "
+            "servo mode. Look at it in the vendor's software"
         )
 
     # -- holding
@@ -340,9 +340,9 @@ class XArmWire(Wire):
 
 
 class XArmStopChannel(SecondPath):
-    """The root's way to the controller: a connection of its own, made when it is needed. By then the wire's is gone
-    with its process, so a controller that takes one client takes this one. A name for an address has to be looked up
-    then, too: a number is quicker."""
+    """The root's way to the controller: a connection of its own, made when it is needed. By then the wire's is
+    gone with its process, so a controller that takes one client takes this one. A name for an address has to be
+    looked up then, too: a number is quicker."""
 
     def __init__(self, driver: XArm, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._driver = driver
