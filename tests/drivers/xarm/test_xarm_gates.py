@@ -31,7 +31,10 @@ def seen(**sensors: float) -> Observation:
     values: dict[str, tuple[float, ...]] = {"range_low_rad": low, "range_high_rad": high}
     said = {"state": 2.0, "mode": 1.0, "error": 0.0, "speed_limit_rad_s": 3.14159, **sensors}
     return Observation(
-        NOW_NS, (0.0,) * 7, (NOW_NS - 5 * MS,) * 7, sensors=values | {name: (value,) for name, value in said.items()}
+        NOW_NS,
+        (0.0,) * 7,
+        (NOW_NS - 5 * MS,) * 7,
+        sensors=values | {name: (value,) for name, value in said.items()},
     )
 
 
