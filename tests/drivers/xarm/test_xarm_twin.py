@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import random
+import socket
 from collections.abc import Sequence
 
 import mujoco
@@ -15,7 +17,7 @@ from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of, model_table
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, Mode, Register, State
-from strands_actors.drivers.xarm.twin import controller_of
+from strands_actors.drivers.xarm.twin import controller_of, may_bind
 from strands_actors.drivers.xarm.twin.body import XArmBody
 from strands_actors.drivers.xarm.twin.controller import TICK_HZ, Controller
 
@@ -243,3 +245,15 @@ def test_the_type_decides_how_far_joints_2_and_4_go(text: str, high_rad: tuple[f
 def test_a_type_that_there_is_none_of_is_refused() -> None:
     with pytest.raises(ValueError, match="Use 3, 7, 13"):
         controller_of("xarm7", arm_type=5)
+
+
+# -- its port
+
+
+def test_who_may_not_have_the_vendors_port_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: socket.socket, address: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    assert may_bind(0)
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    assert not may_bind(502)
