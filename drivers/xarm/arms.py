@@ -47,7 +47,7 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def usual(self) -> ArmType:
-        """The type of which most arms are."""
+        """Return the type of which most arms are."""
         return next(kind for kind in self.types if not kind.mirrored and kind.serials == ANY_SERIAL)
 
     def type_at(self, version: Version) -> int | None:
@@ -59,12 +59,12 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` for a robot that is not of this wire."""
     return msgspec.convert(TABLES.table(robot), Arm)
 
 
 def axes_of(arm: Arm) -> tuple[Axis, ...]:
-    """The joints, with the ranges of the usual type."""
+    """Return the joints, with the ranges of the usual type."""
     rows = enumerate(zip(AXES, arm.usual.range_rad, strict=True), 1)
     return tuple(
         Axis(key=key, unit="rad", low=low, high=high, speed=arm.speed_rad_s, id=number)
@@ -73,7 +73,7 @@ def axes_of(arm: Arm) -> tuple[Axis, ...]:
 
 
 def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
-    """The arm as ``drivers/common/model_rows`` takes it, of this type."""
+    """Return the arm as ``drivers/common/model_rows`` takes it, of this type."""
     table, arm = TABLES.table(robot), arm_of(robot)
     rows = []
     for at, row in enumerate(table["model_rows"].strip().splitlines()):
@@ -91,5 +91,5 @@ def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
 
 
 def mirrored(kind: ArmType, rad: Sequence[float]) -> tuple[float, ...]:
-    """The pose of an arm of this type that looks as ``rad`` does on one without mirrored joints."""
+    """Return the pose of an arm of this type that looks as ``rad`` does on one without mirrored joints."""
     return tuple(-value if at + 1 in kind.mirrored else value for at, value in enumerate(rad))

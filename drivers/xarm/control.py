@@ -59,11 +59,11 @@ class Control:
 
     @property
     def idle(self) -> bool:
-        """Whether it owes no reply."""
+        """Return whether it owes no reply."""
         return not self._open
 
     def silent_s(self, now_ns: int) -> float:
-        """How long it has owed a reply and said nothing."""
+        """Return how long it has owed a reply and said nothing."""
         if not self._open:
             return 0.0
         first_ns = next(iter(self._open.values()))[1]
@@ -102,7 +102,7 @@ class Control:
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent is still delivered: a stop that a frozen controller has not read yet."""
+        """Close, and let what was sent be delivered: a stop that a frozen controller has not read yet."""
         self._stream.close_in_order()
 
     def _take(self, data: bytes) -> None:
@@ -131,7 +131,7 @@ class Control:
 
 
 async def open_control(driver: XArm, clock: Clock, open_stream: OpenStream) -> Control:
-    """Connect. Raise ``WireDown``."""
+    """Connect to the control port. Raise ``WireDown``."""
     try:
         host, port = driver.address()
     except ValueError as error:
@@ -147,7 +147,7 @@ class Outcome(NamedTuple):
     detail: str
 
     def reports(self) -> tuple[MotorReport, ...]:
-        """All joints alike: the controller answers for its arm."""
+        """Return all joints alike: the controller answers for its arm."""
         written, acknowledged, detail = self
         return tuple(
             MotorReport(axis, number, written, acknowledged, not detail, detail)
@@ -173,7 +173,7 @@ async def stop(control: Control) -> Outcome:
 
 
 async def stop_anew(driver: XArm, clock: Clock, open_stream: OpenStream) -> Outcome:
-    """As ``stop``, over a connection of its own."""
+    """Do as ``stop``, over a connection of its own."""
     try:
         control = await open_control(driver, clock, open_stream)
     except WireDown as down:
@@ -185,7 +185,7 @@ async def stop_anew(driver: XArm, clock: Clock, open_stream: OpenStream) -> Outc
 
 
 def unsafe_words(data: bytes) -> str:
-    """Why a controller in this state is not stopped; empty when it is."""
+    """Return why a controller in this state is not stopped; empty when it is."""
     if data[:1] == bytes((State.STOPPED,)):
         return ""
     return f"its controller says state {data[0]}" if data else "its controller says no state"

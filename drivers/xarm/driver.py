@@ -78,7 +78,7 @@ class XArm(Driver):
         return {"robot": self.robot, "joints": {axis: target[axis] for axis in self.axes if axis in named}}
 
     def kind_of(self, version: Version) -> ArmType:
-        """Raise ``WireDown`` for an arm that is another than it should be."""
+        """Return an arm's type. Raise ``WireDown`` for an arm that is another than it should be."""
         at = self.arm.type_at(version)
         if at is None:
             known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
@@ -89,7 +89,7 @@ class XArm(Driver):
         return self.arm.types[at]
 
     def address(self) -> tuple[str, int]:
-        """Of its control port. Raise ``ValueError`` for a ``port`` that is no address."""
+        """Return host and control port. Raise ``ValueError`` for a ``port`` that is no address."""
         return parse_address(self.port, CONTROL_PORT)
 
     @property

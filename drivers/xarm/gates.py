@@ -28,7 +28,7 @@ Axes = Sequence[Axis]
 
 
 def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
     return stale(axes, state_ttl_s), past_own_range(arm, axes), too_fast(arm, axes, period_s), runs_ahead(arm, axes)
 
 
@@ -44,7 +44,7 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
-    """Whoever pauses or stops the arm with another client has stopped ours, too: it never goes on by itself."""
+    """Refuse to move an arm that somebody paused or stopped, by whatever client: it never goes on by itself."""
     state = _sensor(observation, "state")
     if state in (State.MOVING, State.READY):
         return None
@@ -66,7 +66,8 @@ CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, runni
 
 
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
-    """The range of the arm's own type, which the wire puts beside its positions; without it, what all allow."""
+    """Refuse what is past the range of the arm's own type, which the wire puts beside its positions; without that,
+    what is past the range of any."""
 
     def within(ranges: Sequence[Range]) -> GateCheck:
         pairs = zip(axes, ranges, strict=True)
@@ -85,14 +86,14 @@ def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
-    """The controller's own joint speed limit, rad/s; the table's when it is not known, and never more than that."""
+    """Return the controller's own joint speed limit in rad/s, at most the table's; that one when it is not known."""
     told = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
     return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
 
 
 def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
-    """From the last *commanded* target, what a joint turns in one period of the control loop. Servo mode has no
-    speed: it goes to each target at once, however rarely one comes."""
+    """Refuse a step from the last *commanded* target that is more than a joint turns in one period of the control
+    loop. Servo mode has no speed: it goes to each target at once, however rarely one comes."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         allowed = speed_limit(arm, state) * period_s
@@ -113,7 +114,7 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
 
 
 def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
-    """Small steps in quick succession, or an arm that something holds back: the target may not run away from it."""
+    """Refuse small steps that come quicker than the arm follows, or while something holds it back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         allowed = speed_limit(arm, state) * LEAD_S

@@ -1,14 +1,11 @@
-"""What goes over an xArm controller's ports: requests and replies (502), and the reports it pushes (30001 to
-30003). Pure: no I/O, no clock.
-
-Both framings are TCP streams without start marks: once a header cannot be, only a new connection helps.
+"""What goes over an xArm controller's control port, 502: requests and replies. Pure: no I/O, no clock.
 
     request  u16 number | u16 protocol | u16 length | u8 register | data
     reply    u16 number | u16 protocol | u16 length | u8 register | u8 state | data
-    report   u32 size | u8 state and mode | ...
 
-Headers and integers are big-endian, floats little-endian. ``length`` counts from the register on. Source: what the
-vendor's Python SDK 1.18.4 sends and reads; what nobody has seen on a controller is marked [assumed].
+Headers and integers are big-endian, floats little-endian; ``length`` counts from the register on. A TCP stream has
+no start marks: once a header cannot be, only a new connection helps. Source: what the vendor's Python SDK 1.18.4
+sends and reads; what nobody has seen on a controller is marked [assumed].
 """
 
 from __future__ import annotations
@@ -23,7 +20,6 @@ from typing import NamedTuple
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 CONTROL_PORT = 502
-NORMAL_PORT, RICH_PORT, REAL_PORT = 30001, 30002, 30003
 
 JOINTS = 7
 
@@ -143,7 +139,7 @@ class Decoder:
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Raise ``MalformedFrame`` at a header that cannot be."""
+        """Return the frames that are whole. Raise ``MalformedFrame`` at a header that cannot be."""
         self._pending += data
         while len(self._pending) >= _HEADER.size:
             number, protocol, length = _HEADER.unpack_from(self._pending)
@@ -166,7 +162,7 @@ def request(number: int, register: int, data: bytes = b"") -> bytes:
 
 
 def reply_of(heard: Frame) -> Reply:
-    """Raise ``MalformedFrame``."""
+    """Read a frame as a reply. Raise ``MalformedFrame``."""
     if len(heard.body) < 2 or heard.protocol == HEARTBEAT_PROTOCOL:
         raise MalformedFrame(f"a reply of {len(heard.body)} bytes, protocol {heard.protocol}")
     return Reply(heard.number, heard.body[0], heard.body[1], heard.body[2:])
@@ -177,7 +173,7 @@ def floats(values: Sequence[float]) -> bytes:
 
 
 def unpack_floats(data: bytes, count: int, at: int = 0) -> tuple[float, ...]:
-    """Raise ``MalformedFrame`` when there are not so many."""
+    """Return ``count`` floats from ``at`` on. Raise ``MalformedFrame`` when there are not so many."""
     if len(data) < at + 4 * count:
         raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {at} on")
     return struct.unpack_from(f"<{count}f", data, at)
@@ -189,20 +185,20 @@ wire, and a firmware that reads the fields does what they say."""
 
 
 def servo_data(target_rad: Sequence[float], *, hold: bool = False) -> bytes:
-    """The data of ``SERVO_JOINT``."""
+    """Return the data of ``SERVO_JOINT``."""
     speed, acc = (0.0, 0.0) if hold else (SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2)
     return floats((*target_rad, speed, acc, 0.0))
 
 
 def errors_of(data: bytes) -> tuple[int, int]:
-    """Error and warning. Raise ``MalformedFrame``."""
+    """Return error and warning. Raise ``MalformedFrame``."""
     if len(data) < 2:
         raise MalformedFrame(f"{len(data)} bytes of error codes")
     return data[0], data[1]
 
 
 def classify(body: bytes) -> tuple[str, str | None]:
-    """A request in the words of the wire log, and the safe state that it brings the whole arm to by itself."""
+    """Return a request in the words of the wire log, and the safe state that it alone brings the arm to."""
     register, data = body[0], body[1:]
     match register:
         case Register.SET_STATE if data[:1] == bytes((State.STOPPED,)):
@@ -242,7 +238,7 @@ TEXT_SIZE = 40
 
 
 def parse_version(data: bytes) -> Version:
-    """``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware. Raise
+    """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware. Raise
     ``MalformedFrame`` for anything else; firmware that says less is older than 1.0 [assumed]."""
     text = data.partition(b"\0")[0].decode("ascii", "replace")
     found = _VERSION.match(text)
@@ -251,100 +247,3 @@ def parse_version(data: bytes) -> Version:
     axes, arm_type, serial, _, *firmware = found.groups()
     major, minor, revision = (int(part) for part in firmware)
     return Version(int(axes), int(arm_type), serial.strip(), (major, minor, revision))
-
-
-# -- reports
-
-
-REAL_SIZE, NORMAL_SIZE, RICH_SIZE = 135, 145, 494
-_SMALLEST, _LARGEST = 87, 2048
-_SPEED_LIMIT_AT = 217
-_CODES_AT = 89
-
-_BASE = struct.Struct("<7f6f7f")
-_BASE_AT = 7
-
-
-class Report(NamedTuple):
-    """What every report begins with."""
-
-    state: int
-    mode: int
-    queue: int
-    position_rad: tuple[float, ...]
-    pose_mm_rad: tuple[float, ...]
-    torque_nm: tuple[float, ...]  # unit [assumed]
-
-
-class ReportDecoder:
-    """A stream of bytes in any pieces to reports, each with its size in front."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-
-    def feed(self, data: bytes) -> Iterator[bytes]:
-        """Raise ``MalformedFrame`` at a size that cannot be."""
-        self._pending += data
-        while len(self._pending) >= 4:
-            (size,) = struct.unpack_from(">I", self._pending)
-            if not _SMALLEST <= size <= _LARGEST:
-                raise MalformedFrame(f"a report of {size} bytes")
-            if len(self._pending) < size:
-                return
-            report = bytes(self._pending[:size])
-            del self._pending[:size]
-            yield report
-
-
-def parse_report(data: bytes) -> Report:
-    """Raise ``MalformedFrame`` for one that is too short, or whose joints are nowhere."""
-    if len(data) < _SMALLEST:
-        raise MalformedFrame(f"a report of {len(data)} bytes")
-    state_and_mode, queue = data[4], int.from_bytes(data[5:7], "big")
-    numbers = _BASE.unpack_from(data, _BASE_AT)
-    position = numbers[:7]
-    if not all(math.isfinite(rad) for rad in position):
-        raise MalformedFrame(f"joints at {position}")
-    return Report(state_and_mode & 0x0F, state_and_mode >> 4, queue, position, numbers[7:13], numbers[13:])
-
-
-def speed_limit_of(rich: bytes) -> float | None:
-    """The controller's joint speed limit in a rich report, rad/s; None when it says none that could be."""
-    if len(rich) < _SPEED_LIMIT_AT + 4:
-        return None
-    (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_AT)
-    return limit if 0.0 < limit < math.inf else None
-
-
-def pack_report(size: int, report: Report) -> bytearray:
-    """A report of ``size`` bytes; what is not in ``Report`` is zero."""
-    data = bytearray(size)
-    struct.pack_into(">IBH", data, 0, size, report.state | report.mode << 4, report.queue)
-    _BASE.pack_into(data, _BASE_AT, *report.position_rad, *report.pose_mm_rad, *report.torque_nm)
-    return data
-
-
-class Details(NamedTuple):
-    """What the normal and the rich report add."""
-
-    enabled: int  # a bit a joint
-    error: int
-    warning: int
-
-
-def pack_details(data: bytearray, details: Details) -> None:
-    """Into a normal or rich report."""
-    data[87:89] = details.enabled, details.enabled  # brakes released, motors on
-    data[_CODES_AT : _CODES_AT + 2] = details.error, details.warning
-    data[131:133] = 3, 3  # collision and teaching sensitivity
-    struct.pack_into("<f", data, 141, -9.81)
-
-
-def pack_rich(data: bytearray, version: Version, text: str, speed_limit_rad_s: float, celsius: int) -> None:
-    """Into a rich report. Limits but the joint speed's are the SDK's defaults."""
-    data[145:151] = version.arm_type, version.axes, 1, 1, 0, 0
-    data[151:181] = text.encode()[:30].ljust(30, b"\0")
-    struct.pack_into("<5f", data, 181, 1000.0, 1.0, 50000.0, 0.1, 1000.0)
-    struct.pack_into("<5f", data, 201, 20.0, 0.01, 20.0, 0.0001, speed_limit_rad_s)
-    struct.pack_into("<2f", data, 221, 2.3, 4.0)
-    data[245 : 245 + JOINTS] = bytes((celsius,)) * JOINTS

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import (
@@ -24,18 +23,12 @@ from strands_actors.runtime.contract import (
 )
 
 from . import protocol as p
-from .arms import ArmType
-from .control import Control, OpenStream, Outcome, Stream, open_control, stop, stop_anew
+from .control import CONFIRM_S, OpenStream, Outcome, stop, stop_anew
 from .protocol import Mode, Register, State
+from .session import Session, open_session
 
 if TYPE_CHECKING:
     from .driver import XArm
-
-HANDSHAKE_S = 0.6
-"""More than a controller may be silent: one that opens and does not speak is told as such."""
-
-LIMIT_S = 0.5
-"""For the first rich report; they come five times a second."""
 
 ENABLE_S = 5.0
 """The vendor's SDK waits so long for motors to be enabled."""
@@ -47,59 +40,10 @@ ERRORS_EVERY_S = 0.05
 QUIET_S = 0.05
 """No setpoint is written to a controller that has been silent for so long: it would be taken up late."""
 
-HOLD_S, HELD_RAD = 0.4, 0.01
-"""An arm that is told to hold comes within ``HELD_RAD`` of the target within ``HOLD_S``, or it is stopped."""
+HOLD_S = 0.25
+"""An arm that is told to hold is there within this time, or it is stopped. A stop may have to wait for that."""
 
-_MOVABLE = (State.MOVING, State.READY)
-
-
-class _Session:
-    """What exists between ``open`` and ``close``."""
-
-    def __init__(self, control: Control, kind: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
-        self.control = control
-        self.kind = kind
-        self.limit_rad_s = limit_rad_s
-        self.target: tuple[float, ...] = ()  # the last that was written, since it was armed
-        self.report: p.Report
-        self.stamp_ns = 0  # when the report came
-        self.asked_ns = 0  # when the errors were asked for
-        self._reports = reports
-        self._name = name
-        self._decoder = p.ReportDecoder()
-
-    def take_waiting(self, now_ns: int) -> None:
-        """Take in what has arrived on both connections. Raise ``WireDown``."""
-        self.control.take_waiting()
-        while (data := self._reports.read_waiting()) is not None:
-            self._take(data, now_ns)
-
-    async def next_report(self, clock: Clock, within_s: float) -> bool:
-        """Wait for one that has not come yet; False: none came in time. Raise ``WireDown``."""
-        before_ns = self.stamp_ns
-        with trio.move_on_after(within_s):
-            while self.stamp_ns == before_ns:
-                self._take(await self._reports.read(), clock.now_ns())
-        return self.stamp_ns != before_ns
-
-    def close(self) -> None:
-        self.control.close()
-        self._reports.close()
-
-    @property
-    def movable(self) -> bool:
-        return self.report.mode == Mode.SERVO and self.report.state in _MOVABLE
-
-    def held_at(self, target: tuple[float, ...]) -> bool:
-        pairs = zip(self.report.position_rad, target, strict=True)
-        return all(abs(rad - wanted) <= HELD_RAD for rad, wanted in pairs)
-
-    def _take(self, data: bytes, now_ns: int) -> None:
-        try:
-            for report in self._decoder.feed(data):
-                self.report, self.stamp_ns = p.parse_report(report), now_ns
-        except MalformedFrame as malformed:
-            raise WireDown(f"{self._name}: its reports cannot be understood ({malformed}). Reconnect") from None
+_REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
 
 class XArmWire(Wire):
@@ -107,31 +51,12 @@ class XArmWire(Wire):
         self._driver = driver
         self._clock = clock
         self._open_stream = open_stream
-        self._session_or_none: _Session | None = None
+        self._session_or_none: Session | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        driver = self._driver
-        control = await open_control(driver, self._clock, self._open_stream)
-        try:
-            version = await self._version(control)
-            kind = driver.kind_of(version)
-            if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
-                raise WireDown(f"{driver.robot} at {driver.port}: does not say its errors. Restart the controller")
-            limit = await self._speed_limit()
-            session = await self._listen(control, kind, limit or driver.arm.speed_rad_s)
-        except BaseException:
-            control.close()
-            raise
-        self._session_or_none = session
-        return {
-            "address": driver.port,
-            "firmware": version.text,
-            "arm_type": version.arm_type,
-            "serial": version.serial,
-            "speed_limit_rad_s": round(session.limit_rad_s, 4),
-            "speed_limit": "the controller's" if limit else "not told by the controller: assumed",
-        }
+        self._session_or_none, facts = await open_session(self._driver, self._clock, self._open_stream)
+        return facts
 
     async def arm(self, permit: Permit) -> Observation:
         session = self._session()
@@ -152,7 +77,7 @@ class XArmWire(Wire):
         here = session.report.position_rad
         permit.check()
         reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(here, hold=True), SETTING_S, permit)
-        if reply.state & (p.ERROR | p.NOT_READY | p.INVALID):
+        if reply.state & _REFUSED:
             raise WireDown(f"enable: the arm does not take its position as target (status 0x{reply.state:02x})")
         session.target = here
         return self._observation(session)
@@ -179,7 +104,7 @@ class XArmWire(Wire):
         session = self._session()
         now_ns = self._clock.now_ns()
         session.take_waiting(now_ns)
-        silent_s = max((now_ns - session.stamp_ns) / NS, session.control.silent_s(now_ns))
+        silent_s = session.silent_s(now_ns)
         if silent_s > QUIET_S:
             raise PermitDenied(f"the controller is silent for {silent_s * 1e3:.0f} ms")
         permit.check()
@@ -208,68 +133,25 @@ class XArmWire(Wire):
             self._session_or_none.close()
         self._session_or_none = None
 
-    # -- opening
-
-    async def _version(self, control: Control) -> p.Version:
-        name = f"{self._driver.robot} at {self._driver.port}"
-        reply = await control.ask(Register.VERSION, within_s=HANDSHAKE_S)
-        if reply is None:
-            raise WireDown(f"{name}: connected, but no answer. Is it an xArm's controller? Restart it")
-        try:
-            return p.parse_version(reply.data)
-        except MalformedFrame as malformed:
-            raise WireDown(f"{name}: {malformed}. Update its firmware") from None
-
-    async def _speed_limit(self) -> float | None:
-        """The controller's own, from its rich report; None when it does not tell."""
-        decoder = p.ReportDecoder()
-        with trio.move_on_after(LIMIT_S):
-            try:
-                stream = await self._open_reports(p.RICH_PORT)
-                try:
-                    while True:
-                        for report in decoder.feed(await stream.read()):
-                            return p.speed_limit_of(report)
-                finally:
-                    stream.close()
-            except (WireDown, MalformedFrame):
-                pass  # then the table's limit counts: see facts
-        return None
-
-    async def _listen(self, control: Control, kind: ArmType, limit_rad_s: float) -> _Session:
-        stream = await self._open_reports(p.REAL_PORT)
-        name = f"{self._driver.robot} at {self._driver.host}:{p.REAL_PORT}"
-        session = _Session(control, kind, limit_rad_s, stream, name)
-        try:
-            if not await session.next_report(self._clock, HANDSHAKE_S):
-                raise WireDown(f"{name}: connected, but no report. Restart the controller")
-        except BaseException:
-            stream.close()
-            raise
-        return session
-
-    async def _open_reports(self, port: int) -> Stream:
-        return await self._open_stream(self._driver.host, port)
-
     # -- arming
 
     async def _ask(
-        self, session: _Session, register: Register, data: bytes, within_s: float, permit: Permit
+        self, session: Session, register: Register, data: bytes, within_s: float, permit: Permit
     ) -> p.Reply:
         reply = await session.control.ask(register, data, within_s=within_s, permit=permit)
         if reply is None:
             raise WireDown(f"enable: no answer to {register.name} within {within_s:g} s. Check the controller")
         return reply
 
-    def _refuse_error(self, session: _Session) -> None:
+    def _refuse_error(self, session: Session) -> None:
         error = session.control.errors[0]
         if error:
             raise WireDown(
                 f"enable: controller holds error {p.error_words(error)}. Clear it at the arm, then resume()"
             )
 
-    async def _until_movable(self, session: _Session, permit: Permit) -> None:
-        """Until a report shows servo mode and a state that moves."""
+    async def _until_movable(self, session: Session, permit: Permit) -> None:
+        """Wait for a report that shows servo mode and a state that moves. Raise ``WireDown``."""
         session.take_waiting(self._clock.now_ns())
         with trio.move_on_after(READY_S):
             while await session.next_report(self._clock, READY_S):
@@ -284,14 +166,14 @@ class XArmWire(Wire):
 
     # -- holding
 
-    async def _hold(self, session: _Session) -> Outcome:
+    async def _hold(self, session: Session) -> Outcome:
         """Tell it its last target once more, and see it there. Never raises."""
         acknowledged = False
         try:
             data = p.servo_data(session.target, hold=True)
-            reply = await session.control.ask(Register.SERVO_JOINT, data, within_s=HOLD_S)
+            reply = await session.control.ask(Register.SERVO_JOINT, data, within_s=CONFIRM_S)
             acknowledged = reply is not None
-            if reply is None or reply.state & (p.ERROR | p.NOT_READY | p.INVALID):
+            if reply is None or reply.state & _REFUSED:
                 return Outcome(True, acknowledged, "not held")
             session.take_waiting(self._clock.now_ns())
             with trio.move_on_after(HOLD_S):
@@ -304,15 +186,15 @@ class XArmWire(Wire):
 
     # -- parts
 
-    def _check_alive(self, session: _Session, now_ns: int) -> None:
-        silent_s = max((now_ns - session.stamp_ns) / NS, session.control.silent_s(now_ns))
+    def _check_alive(self, session: Session, now_ns: int) -> None:
+        silent_s = session.silent_s(now_ns)
         if silent_s > self._driver.silent_s:
             raise WireDown(
                 f"read: {self._driver.robot} is silent for {silent_s * 1e3:.0f} ms. "
                 "Check the controller and its network"
             )
 
-    def _observation(self, session: _Session) -> Observation:
+    def _observation(self, session: Session) -> Observation:
         report, (error, warning) = session.report, session.control.errors
         low, high = zip(*session.kind.range_rad, strict=True)
         return Observation(
@@ -333,7 +215,7 @@ class XArmWire(Wire):
             faults={"controller": f"error {p.error_words(error)}"} if error else {},
         )
 
-    def _session(self) -> _Session:
+    def _session(self) -> Session:
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none

@@ -36,7 +36,7 @@ from .. import protocol as p
 from ..arms import arm_of
 from .body import XArmBody
 from .controller import TICK_HZ, Controller
-from .reports import HZ, Reports
+from .publisher import HZ, Publisher
 
 OPTIONS = {
     "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
@@ -57,7 +57,7 @@ class Machine:
         self.faults = faults
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
+        """Set a fault. ``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
@@ -112,11 +112,11 @@ class XArmServer(TcpServer):
         self.controller = controller
         faults = Faults()
         self._machine = Machine(controller, faults)
-        self._reports = Reports(controller, faults)
+        self._publisher = Publisher(controller, faults)
         self._body = XArmBody(controller)
         handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
         for number in HZ:
-            handlers[number] = functools.partial(self._reports.serve, number)
+            handlers[number] = functools.partial(self._publisher.serve, number)
         super().__init__(self._machine, handlers, log, host)
 
     @property
@@ -134,7 +134,7 @@ class XArmServer(TcpServer):
             self.plug()
 
     def power_cycle(self) -> None:
-        """Every connection ends; the controller comes back with the motors off."""
+        """End every connection; the controller comes back with the motors off."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -163,13 +163,13 @@ class XArmServer(TcpServer):
             await self._frost.thawed()
             await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
             self.controller.tick()
-            self._reports.push(time.monotonic())
+            self._publisher.push(time.monotonic())
             due_s = max(due_s + period_s, trio.current_time() - period_s)
             await trio.sleep_until(due_s)
 
 
 def may_bind(port: int) -> bool:
-    """Whether this user may have the port at all, whoever has it now."""
+    """Return whether this user may have the port at all, whoever has it now."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -16,6 +16,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.physics import Plant
 
 from .. import protocol as p
+from .. import reports as r
 from ..arms import ArmType, arm_of, model_table
 from ..protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
 
@@ -60,7 +61,7 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Switched on; the arm stays where it is, its brakes on."""
+        """Begin as when switched on; the arm stays where it is, its brakes on."""
         self.state: int = State.STOPPED
         self.mode: int = Mode.POSITION
         self.error = self.warning = 0
@@ -78,24 +79,24 @@ class Controller:
 
     @property
     def runs(self) -> bool:
-        """Whether whoever is on the wire has the arm."""
+        """Return whether whoever is on the wire has the arm."""
         return bool(self.enabled) and self.state in (*_RUNNING, State.PAUSED)
 
     @property
     def flags(self) -> int:
-        """Of any reply."""
+        """Return the state byte of any reply."""
         ready = self.enabled and self.state in _RUNNING and not self.error
         return ERROR * bool(self.error) | WARNING * bool(self.warning) | NOT_READY * (not ready)
 
-    def report(self) -> p.Report:
+    def report(self) -> r.Report:
         plant = self.plant
-        return p.Report(
+        return r.Report(
             self.state, self.mode, len(self._queue), plant.position_rad, self._pose(), tuple(plant.effort_nm)
         )
 
     @property
-    def details(self) -> p.Details:
-        return p.Details(self.enabled, self.error, self.warning)
+    def details(self) -> r.Details:
+        return r.Details(self.enabled, self.error, self.warning)
 
     # -- what may happen to it
 
@@ -124,7 +125,7 @@ class Controller:
     # -- registers
 
     def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
-        """Flags and data of the reply."""
+        """Do what a request says; return state byte and data of the reply."""
         try:
             invalid, answer = self._obey(register, data)
         except (MalformedFrame, IndexError):
@@ -132,7 +133,7 @@ class Controller:
         return self.flags | INVALID * invalid, answer
 
     def _obey(self, register: int, data: bytes) -> tuple[bool, bytes]:
-        """Whether the register or its data cannot be, and what it answers."""
+        """Return whether the register or its data cannot be, and what it answers."""
         plant = self.plant
         match register:
             case Register.VERSION:
@@ -184,7 +185,7 @@ class Controller:
         self._set_brakes()
 
     def _move(self, register: int, data: bytes) -> None:
-        """In a mode of its own each; of an arm that is paused it is kept."""
+        """Take a target, each sort in a mode of its own; an arm that is paused keeps it for later."""
         if not self.runs or self.error:
             return
         numbers = p.unpack_floats(data, p.JOINTS)
@@ -224,14 +225,14 @@ class Controller:
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
 
     def aim(self, goal: Sequence[float]) -> None:
-        """Of a simulation."""
+        """Take the target of a simulation."""
         self._target = list(goal)
 
     def hold(self) -> None:
         self._halt()
 
     def lead(self, on: bool) -> None:
-        """Whether a simulation moves the arm."""
+        """Let a simulation move the arm, or take it back."""
         self.led = on
         self._halt()
         self._set_brakes()
@@ -282,7 +283,7 @@ class Controller:
             self._target = [at + rate * elapsed_s for at, rate in zip(self._target, rates, strict=True)]
 
     def _pose(self) -> tuple[float, ...]:
-        """Of the flange in the base: millimetres, then roll, pitch and yaw."""
+        """Return the flange in the base: millimetres, then roll, pitch and yaw."""
         flange = self.plant.data.body("link7")
         m = flange.xmat
         roll, pitch = math.atan2(m[7], m[8]), math.asin(max(-1.0, min(1.0, -m[6])))

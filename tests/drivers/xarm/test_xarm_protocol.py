@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import ClientGone, Faults
 from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.twin import ControlSession, controller_of
 
 DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
@@ -22,8 +23,8 @@ frames = st.tuples(st.integers(0, 0xFFFF), st.binary(min_size=1, max_size=60))
 small = st.floats(-7, 7, width=32)
 sevens = st.tuples(*[small] * 7)
 nibbles, poses = st.integers(0, 15), st.tuples(*[small] * 6)
-reports = st.builds(p.Report, nibbles, nibbles, st.integers(0, 0xFFFF), sevens, poses, sevens)
-sizes = st.sampled_from([87, p.REAL_SIZE, p.NORMAL_SIZE, p.RICH_SIZE])
+reports = st.builds(r.Report, nibbles, nibbles, st.integers(0, 0xFFFF), sevens, poses, sevens)
+sizes = st.sampled_from([87, r.REAL_SIZE, r.NORMAL_SIZE, r.RICH_SIZE])
 
 
 @given(st.lists(frames, max_size=8), st.integers(1, 64))
@@ -63,26 +64,26 @@ def test_a_header_that_cannot_be_is_refused(header: str) -> None:
 
 
 @given(st.lists(reports, max_size=4), st.integers(1, 200), sizes)
-def test_reports_survive_any_cutting(sent: list[p.Report], cut: int, size: int) -> None:
-    stream = b"".join(bytes(p.pack_report(size, report)) for report in sent)
-    decoder = p.ReportDecoder()
+def test_reports_survive_any_cutting(sent: list[r.Report], cut: int, size: int) -> None:
+    stream = b"".join(bytes(r.pack_report(size, report)) for report in sent)
+    decoder = r.ReportDecoder()
     heard = [each for at in range(0, len(stream), cut) for each in decoder.feed(stream[at : at + cut])]
-    assert [p.parse_report(each) for each in heard] == sent
+    assert [r.parse_report(each) for each in heard] == sent
 
 
 @given(st.floats(width=32))
 def test_the_speed_limit_is_one_or_none(limit: float) -> None:
-    data = p.pack_report(p.RICH_SIZE, p.Report(2, 1, 0, (0.0,) * 7, (0.0,) * 6, (0.0,) * 7))
-    p.pack_rich(data, p.Version(7, 7, "", (1, 12, 10)), "7,7", limit, 30)
-    said = p.speed_limit_of(bytes(data))
+    data = r.pack_report(r.RICH_SIZE, r.Report(2, 1, 0, (0.0,) * 7, (0.0,) * 6, (0.0,) * 7))
+    r.pack_rich(data, p.Version(7, 7, "", (1, 12, 10)), "7,7", limit, 30)
+    said = r.speed_limit_of(bytes(data))
     assert said == limit if 0.0 < limit < math.inf else said is None
-    assert p.speed_limit_of(bytes(data[: p.NORMAL_SIZE])) is None
+    assert r.speed_limit_of(bytes(data[: r.NORMAL_SIZE])) is None
 
 
 def test_joints_that_are_nowhere_are_no_report() -> None:
-    data = p.pack_report(p.REAL_SIZE, p.Report(2, 1, 0, (math.nan,) * 7, (0.0,) * 6, (0.0,) * 7))
+    data = r.pack_report(r.REAL_SIZE, r.Report(2, 1, 0, (math.nan,) * 7, (0.0,) * 6, (0.0,) * 7))
     with pytest.raises(MalformedFrame, match="joints at"):
-        p.parse_report(bytes(data))
+        r.parse_report(bytes(data))
 
 
 # -- the version
@@ -151,15 +152,15 @@ def _hear_control(data: bytes) -> None:
 
 
 def _hear_reports(data: bytes) -> None:
-    for each in p.ReportDecoder().feed(data):
-        p.parse_report(each)
-        p.speed_limit_of(each)
+    for each in r.ReportDecoder().feed(data):
+        r.parse_report(each)
+        r.speed_limit_of(each)
 
 
 def test_disturbed_streams_raise_nothing_but_the_codecs_error_and_keep_nothing() -> None:
     """``STRANDS_ACTORS_FUZZ`` says how many."""
     chance = random.Random(24)
-    report = bytes(p.pack_report(p.REAL_SIZE, p.Report(2, 1, 0, (0.1,) * 7, (1.0,) * 6, (0.0,) * 7)))
+    report = bytes(r.pack_report(r.REAL_SIZE, r.Report(2, 1, 0, (0.1,) * 7, (1.0,) * 6, (0.0,) * 7)))
     whole = [
         p.request(1, p.Register.SERVO_JOINT, p.servo_data([0.5] * 7)),
         p.frame(2, bytes((p.Register.ERRORS, 0x40, 31, 0))),
@@ -172,11 +173,11 @@ def test_disturbed_streams_raise_nothing_but_the_codecs_error_and_keep_nothing()
         for _ in range(chance.randint(1, 4)):
             data[chance.randrange(len(data))] = chance.randrange(256)
         del data[chance.randrange(len(data)) :]
-        for decoder in (p.Decoder(), p.ReportDecoder()):
+        for decoder in (p.Decoder(), r.ReportDecoder()):
             try:
                 for each in decoder.feed(bytes(data)):
                     if isinstance(each, bytes):
-                        p.parse_report(each)
+                        r.parse_report(each)
                     else:
                         p.classify(each.body)
                         p.parse_version(p.reply_of(each).data)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import trio
 
 from strands_actors.drivers.common.twin import Faults
-from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.driver import XArm
 from strands_actors.drivers.xarm.twin import ControlSession, controller_of
-from strands_actors.drivers.xarm.twin.reports import Reports
+from strands_actors.drivers.xarm.twin.publisher import Publisher
 from strands_actors.drivers.xarm.wire import XArmStopChannel, XArmWire
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import WireDown
@@ -36,7 +36,7 @@ class World:
     def __init__(self, **options: object) -> None:
         self.controller = controller_of("xarm7", now_s=trio.current_time, **options)  # type: ignore[arg-type]
         self.faults = Faults()
-        self.reports = Reports(self.controller, self.faults)
+        self.reports = Publisher(self.controller, self.faults)
         self.written: list[Written] = []
         self.connections: list[ControlStream] = []
         self.deaf = False  # it answers no request
@@ -54,7 +54,7 @@ class World:
     async def open_stream(self, host: str, port: int) -> ControlStream | ReportStream:
         await trio.lowlevel.checkpoint()
         assert host == "192.0.2.1"
-        if self.gone or (self.no_rich and port == p.RICH_PORT):
+        if self.gone or (self.no_rich and port == r.RICH_PORT):
             raise WireDown(f"{host}:{port}: cannot connect")
         if port == 502:
             self.connections.append(ControlStream(self))
@@ -131,7 +131,7 @@ class ReportStream:
             raise WireDown("the connection is gone")
         if world.mute or trio.current_time() < self._due_s:
             return None
-        self._due_s = trio.current_time() + (0.01 if self._port == p.REAL_PORT else 0.2)
+        self._due_s = trio.current_time() + (0.01 if self._port == r.REAL_PORT else 0.2)
         world.controller.tick()
         return world.reports._packed(self._port)
 

@@ -6,25 +6,25 @@ from collections import deque
 
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 
-from .. import protocol as p
+from .. import reports as r
 from .controller import TICK_HZ, Controller
 
-HZ = {p.NORMAL_PORT: 5.0, p.RICH_PORT: 5.0, p.REAL_PORT: 100.0}
+HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}
 WRONG_BY_RAD = 0.5
 ROOM_C = 30
 
 
-class Reports:
+class Publisher:
     """All who listen to one controller. Reports are not logged: a hundred a second would bury the rest."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self._controller = controller
         self._faults = faults
         self._listeners: list[Listener] = []
-        self._stale: p.Report | None = None
+        self._stale: r.Report | None = None
 
     def push(self, now_s: float) -> None:
-        """After a tick: what is due."""
+        """Send what is due after a tick."""
         for listener in self._listeners:
             if now_s >= listener.due_s:
                 listener.due_s = max(listener.due_s + 1 / HZ[listener.port], now_s - 1 / TICK_HZ)
@@ -45,16 +45,16 @@ class Reports:
 
     def _packed(self, port: int) -> bytes:
         report = self._report()
-        if port == p.REAL_PORT:
-            return bytes(p.pack_report(p.REAL_SIZE, report))
+        if port == r.REAL_PORT:
+            return bytes(r.pack_report(r.REAL_SIZE, report))
         controller = self._controller
-        data = p.pack_report(p.NORMAL_SIZE if port == p.NORMAL_PORT else p.RICH_SIZE, report)
-        p.pack_details(data, controller.details)
-        if port == p.RICH_PORT:
-            p.pack_rich(data, controller.version, controller.version_text, controller.speed_limit_rad_s, ROOM_C)
+        data = r.pack_report(r.NORMAL_SIZE if port == r.NORMAL_PORT else r.RICH_SIZE, report)
+        r.pack_details(data, controller.details)
+        if port == r.RICH_PORT:
+            r.pack_rich(data, controller.version, controller.version_text, controller.speed_limit_rad_s, ROOM_C)
         return bytes(data)
 
-    def _report(self) -> p.Report:
+    def _report(self) -> r.Report:
         fault = self._faults.of(None)
         if fault is Fault.STUCK and self._stale is not None:
             return self._stale
