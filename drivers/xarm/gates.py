@@ -86,7 +86,7 @@ def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
-    """Return the controller's own joint speed limit in rad/s, at most the table's; that one when it is not known."""
+    """Return the controller's own joint speed limit, rad/s, at most the table's; that one when it is unknown."""
     told = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
     return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
 
