@@ -97,6 +97,15 @@ async def test_a_controller_that_opens_and_says_nothing_is_named() -> None:
     world.deaf = True
     with pytest.raises(WireDown, match="connected, but no answer"):
         await world.wire().open()
+    world.deaf = False
+
+    def on_reply(count: int) -> None:
+        world.deaf = True
+
+    world.on_reply = on_reply
+    with pytest.raises(WireDown, match="does not say its errors"):
+        await world.wire().open()
+    world.on_reply = lambda count: None
     world.deaf, world.mute = False, True
     with pytest.raises(WireDown, match="30003: connected, but no report"):
         await world.wire().open()
@@ -165,6 +174,82 @@ async def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
     motors = await wire.make_safe("stop")
     assert all(motor.safe for motor in motors)
     assert world.controller.state == State.STOPPED
+
+
+class Stoppable:
+    """A permit that is gone from some moment on."""
+
+    def __init__(self) -> None:
+        self.gone = False
+
+    def check(self) -> None:
+        if self.gone:
+            raise PermitDenied
+
+
+@pytest.mark.parametrize("replies", range(1, 6))
+@in_virtual_time
+async def test_saf_009_a_stop_that_comes_with_a_reply_wins_before_the_next_frame(replies: int) -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    permit, before = Stoppable(), world.replies
+    written: list[int] = []
+
+    def on_reply(count: int) -> None:
+        if count == before + replies:
+            permit.gone = True
+            written.append(len(world.written))
+
+    world.on_reply = on_reply
+    if replies < 5:
+        with pytest.raises(PermitDenied):
+            await wire.arm(permit)
+        assert len(world.written) == written[0]
+    else:
+        await wire.arm(permit)
+        assert world.kinds()[-1] == "safe", "that was the last one"
+
+
+@in_virtual_time
+async def test_saf_009_a_stop_does_not_wait_for_motors_that_take_long_nor_for_an_arm_that_is_not_ready() -> None:
+    for hang in ("deaf", "stubborn"):
+        world = World()
+        wire = world.wire()
+        await wire.open()
+        permit, before = Stoppable(), world.replies
+
+        def on_reply(count: int, world: World = world, hang: str = hang, before: int = before) -> None:
+            world.deaf = hang == "deaf" and count == before + 1
+
+        world.on_reply = on_reply
+        if hang == "stubborn":
+            world.controller.set_mode = lambda mode: None  # type: ignore[method-assign]
+        async with trio.open_nursery() as nursery:
+
+            async def arm(wire: XArmWire = wire, permit: Stoppable = permit) -> None:
+                with pytest.raises(PermitDenied):
+                    await wire.arm(permit)
+
+            nursery.start_soon(arm)
+            await trio.sleep(0.5)
+            permit.gone, began_s = True, trio.current_time()
+        assert trio.current_time() - began_s < 0.05
+
+
+@in_virtual_time
+async def test_an_arm_that_does_not_take_where_it_is_as_its_target_is_not_armed() -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    obey = world.controller.obey
+
+    def refuse_servo(register: int, data: bytes) -> tuple[int, bytes]:
+        return (p.NOT_READY, b"") if register == Register.SERVO_JOINT else obey(register, data)
+
+    world.controller.obey = refuse_servo  # type: ignore[method-assign]
+    with pytest.raises(WireDown, match="does not take its position as target"):
+        await wire.arm(Permission())
 
 
 @in_virtual_time
@@ -252,6 +337,21 @@ async def test_replies_that_are_late_or_missing_end_nothing(fault: Fault) -> Non
 
 
 @in_virtual_time
+async def test_a_reply_to_nothing_is_late_and_one_to_something_else_is_nonsense() -> None:
+    world = World()
+    wire = await armed(world)
+    stream = world.connections[-1]
+    stream.say(p.frame(60000, bytes((Register.ERRORS, 0, 31, 0))))
+    await cycle(wire)
+    assert (await wire.read()).sensors["error"] == (0.0,), "nor is it believed"
+    world.deaf = True
+    await cycle(wire, 6)
+    stream.say(p.frame(len(world.written), bytes((Register.GET_STATE, 0, 2))))
+    with pytest.raises(WireDown, match="register 13 for 15"):
+        await cycle(wire)
+
+
+@in_virtual_time
 async def test_garbage_ends_the_link() -> None:
     world = World()
     wire = await armed(world)
@@ -336,6 +436,31 @@ async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None
     assert world.controller.state in (State.MOVING, State.READY)
     await wire.write(stepped(world, 0.01), Permission())
     assert math.isclose(world.controller.plant.position_rad[0], 0.03, abs_tol=0.02)
+
+
+@in_virtual_time
+async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> None:
+    world = World()
+    wire = await armed(world)
+    before = world.replies
+
+    def on_reply(count: int) -> None:
+        if count == before + 1:
+            world.controller.set_state(State.STOPPED)
+
+    world.on_reply = on_reply
+    assert (await wire.make_safe("hold"))[0].safe
+    assert world.bodies("safe")[-1] == b"\x0c\x04", "it is stopped by us, too"
+
+
+@in_virtual_time
+async def test_after_a_stop_there_is_no_target_to_hold() -> None:
+    world = World()
+    wire = await armed(world)
+    await wire.make_safe("stop")
+    told = len(world.written)
+    await wire.make_safe("hold")
+    assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
 
 
 @in_virtual_time

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import trio
@@ -43,6 +44,8 @@ class World:
         self.mute = False  # it sends no report
         self.no_rich = False
         self.gone = False
+        self.replies = 0  # that were read
+        self.on_reply: Callable[[int], None] = lambda count: None
         self.driver = XArm("xarm7", PORT, {})
 
     def wire(self) -> XArmWire:
@@ -91,15 +94,25 @@ class ControlStream:
             self._check()
             if self._coming:
                 await trio.sleep_until(self._coming[0][0])
-                return self._coming.popleft()[1]
+                return self._heard(self._coming.popleft()[1])
             self._news = trio.Event()
             await self._news.wait()
 
     def read_waiting(self) -> bytes | None:
         self._check()
         if self._coming and self._coming[0][0] <= trio.current_time():
-            return self._coming.popleft()[1]
+            return self._heard(self._coming.popleft()[1])
         return None
+
+    def say(self, data: bytes) -> None:
+        """Send what nobody asked for."""
+        self._coming.append((trio.current_time(), data))
+        self._news.set()
+
+    def _heard(self, data: bytes) -> bytes:
+        self._world.replies += 1
+        self._world.on_reply(self._world.replies)
+        return data
 
     def close(self) -> None:
         self.closed = self.closed or "reset"
