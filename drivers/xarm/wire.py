@@ -75,7 +75,6 @@ class XArmWire(Wire):
                 self._refuse_error(session)
         await self._until_movable(session, permit)
         here = session.report.position_rad
-        permit.check()
         reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(here, hold=True), SETTING_S, permit)
         if reply.state & _REFUSED:
             raise WireDown(f"enable: the arm does not take its position as target (status 0x{reply.state:02x})")
