@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, Reason, SecondPath, Timing, WireDown
-from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, ArmType, arm_of, axes_of
 from .gates import CONDITIONS, all_gates
@@ -39,7 +39,7 @@ class XArm(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"xyz": "tcp_xyz_m", "rpy": "tcp_rpy_rad"}),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
 
     unit = "radians"

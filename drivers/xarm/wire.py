@@ -202,7 +202,8 @@ class XArmWire(Wire):
             stamp_ns=(session.stamp_ns,) * p.JOINTS,
             sensors={
                 "torque_nm": report.torque_nm,
-                "tcp_pose_mm_rad": report.pose_mm_rad,
+                "tcp_xyz_m": tuple(mm / 1e3 for mm in report.pose_mm_rad[:3]),
+                "tcp_rpy_rad": report.pose_mm_rad[3:],
                 "state": (float(report.state),),
                 "mode": (float(report.mode),),
                 "error": (float(error),),

@@ -152,6 +152,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     assert (told["state"], told["firmware"], told["arm_type"]) == ("armed", "1.12.10", 7)
     assert told["speed_limit"] == "the controller's"
     assert told["firmware_watchdog"].startswith("none")
+    assert told["sensors"]["tcp_xyz_m"] == pytest.approx([0.4, 0.0, 0.4], abs=0.1), "metres"
     seen = arm.get_observation()
     assert list(seen) == JOINTS
     answer = json_of(arm.send_action({"joint1": seen["joint1"] + 0.02}))
