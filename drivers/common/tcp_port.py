@@ -58,12 +58,14 @@ class TcpPort:
             )
 
     async def read(self) -> bytes:
-        while (data := self.read_waiting()) is None:
+        while True:
             try:
-                await trio.lowlevel.wait_readable(self._sock)
+                await trio.lowlevel.wait_readable(self._sock)  # first: a peer that never stops talking yields, too
             except (OSError, ValueError) as error:
                 raise self._gone(error) from None
-        return data
+            data = self.read_waiting()
+            if data is not None:
+                return data
 
     def read_waiting(self) -> bytes | None:
         """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
