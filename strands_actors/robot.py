@@ -29,7 +29,7 @@ from .runtime.messages import Refused
 from .simulation import SimulationError, World
 from .supervisors.messages import Status, TaskStatus
 from .tree import RobotTree
-from .verbs import Verb, answered
+from .verbs import Verb, VerbHere, answered, answered_here
 
 if TYPE_CHECKING:
     import numpy
@@ -133,6 +133,15 @@ class RealRobot(RobotTool):
             return answers.error(f"{name}: {tree}")
         return self._call(answered, name, verb, tree, *args)
 
+    def _verb_here(self, here: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
+        """As ``_verb``, but in this thread, unless the loop has to."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            answer = answered_here(name, here, tree, *args)
+        return self._call(answered, name, verb, tree, *args) if answer is None else answer
+
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
         if self._tree is None and name in self.LAZY and not self._closed:
@@ -153,7 +162,7 @@ class RealRobot(RobotTool):
         if self._tree is None:
             shared = portal()
             self._tree = RobotTree(
-                shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look, by_threads=True
+                shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look
             )
         return await self._tree.connect()
 
@@ -185,12 +194,7 @@ class RealRobot(RobotTool):
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                answer = tree.direct.send_action(action)
-            if answer is not None:
-                return verbs.commanded(tree, action, answer)
-        return self._verb(verbs.send_action, "move", action)
+        return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
     def release(self) -> Answer:
         """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
@@ -208,12 +212,7 @@ class RealRobot(RobotTool):
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
         ``action``: a command that is written first; when it is refused, so is the service."""
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                answer = tree.direct.perform(name, arguments, action)
-            if answer is not None:
-                return verbs.performed(answer)
-        return self._verb(verbs.service, name, name, arguments, action)
+        return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """The driver's own services as methods."""
@@ -222,7 +221,7 @@ class RealRobot(RobotTool):
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
-        return self._now_or_soon(lambda: self._verb(verbs.stop, "stop"), verbs.stop, "stop")
+        return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
@@ -310,12 +309,7 @@ class RealRobot(RobotTool):
     # -- helpers
 
     def _get_observation(self) -> Answer:
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                seen = tree.direct.observe()
-            if seen is not None:
-                return verbs.observed(tree, seen)
-        return self._verb(verbs.get_observation, "observe")
+        return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
 
     def _status(self) -> Status | None:
         tree = self._tree

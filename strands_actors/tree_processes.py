@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Awaitable, Callable, Iterable
-from functools import partial
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import trio
@@ -21,11 +20,9 @@ from .runtime.contract import Reason
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
-from .runtime.thread_line import ThreadLine
 from .runtime.zenoh_mesh import unix_endpoint
 from .supervisors import addresses
 from .supervisors.failsafe import LINKED, Mode
-from .supervisors.lines import keep_line, keep_thread_line
 from .supervisors.loading import describe_driver
 from .supervisors.messages import (
     Describe,
@@ -50,7 +47,7 @@ class NotConnected(Exception):
     """There is no tree, or it does not answer."""
 
 
-def unreachable(verb: str, failure: Unreachable) -> Refused:
+def unreachable(verb: str, failure: Exception) -> Refused:
     return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
 
 
@@ -58,10 +55,8 @@ class TreeProcesses:
     """All methods belong to the trio loop of ``nursery``. ``gate``, ``guardian``, ``root`` and ``tasks`` are the
     actors of the tree, once it was started."""
 
-    def __init__(
-        self, node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, by_threads: bool = False
-    ) -> None:
-        """``endpoint``: where ``node`` listens. ``by_threads``: threads other than the loop's command it, too."""
+    def __init__(self, node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan) -> None:
+        """``endpoint``: where ``node`` listens."""
         self.node = node
         self.nursery = nursery
         self.plan = plan
@@ -72,9 +67,6 @@ class TreeProcesses:
         self.facts: dict[str, Any] = {}
         """What the wire said of itself when it last answered."""
         self.closed = False
-        self.thread_line: ThreadLine | None = None
-        """To the gate, for any thread; None where there is none just now."""
-        self._by_threads = by_threads
         self._endpoint = endpoint
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
@@ -126,7 +118,7 @@ class TreeProcesses:
                 "settings": plan.mesh.robot_settings(),
             },
         }
-        process = self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
+        process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
         name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from .supervisors.gate import Gate
@@ -140,13 +132,8 @@ class TreeProcesses:
         self.root: Ref = node.ref(at.root, Root)
         self.tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
-        besides: list[Callable[[], Awaitable[None]]] = [beside, partial(keep_line, node, self.robot)]
-        if self._by_threads:
-            besides.append(partial(keep_thread_line, node, self.robot, Gate, self._take_line))
-        self.nursery.start_soon(self._attend, process, self._scope, besides)
-
-    def _take_line(self, line: ThreadLine | None) -> None:
-        self.thread_line = line
+        self._root_process = process  # last: other threads look here for whether there is somebody to ask
+        self.nursery.start_soon(self._attend, process, self._scope, beside)
 
     def _drill(self, port: str) -> dict[str, Any]:
         """For the gate: whether a stop drill is required, and was passed."""
@@ -157,13 +144,12 @@ class TreeProcesses:
         return {"drill": clause(plan.driver_class, plan.robot, at, plan.options, plan.drill_age_s)}
 
     async def _attend(
-        self, process: ChildProcess, scope: trio.CancelScope, besides: Iterable[Callable[[], Awaitable[None]]]
+        self, process: ChildProcess, scope: trio.CancelScope, beside: Callable[[], Awaitable[None]]
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(process.link(self.node).run)
-                for each in besides:
-                    nursery.start_soon(each)
+                nursery.start_soon(beside)
                 await process.wait()
                 nursery.cancel_scope.cancel()
 

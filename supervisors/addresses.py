@@ -16,8 +16,6 @@ class Addresses:
         self.commands = self.address("commands")
         self.telemetry = self.address("telemetry")
         self.root = self.address("root")
-        self.switchboard = self.address("switchboard")
-        self.wire_end = self.address("wire_end")
         self.tasks = self.address("tasks")
         self.policy = self.address("policy")
 

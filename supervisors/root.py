@@ -32,7 +32,6 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
-from .lines import Switchboard
 from .loading import load_driver
 from .mesh_place import MeshPlace
 from .messages import (
@@ -152,8 +151,6 @@ class Tree:
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
-            switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
-            nursery.start_soon(switchboard.run)
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
             nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])

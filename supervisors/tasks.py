@@ -21,7 +21,6 @@ from strands_actors.runtime.process import ChildProcess
 from . import addresses
 from .census import CensusTaker
 from .gate import Gate
-from .lines import keep_line
 from .loading import load
 from .messages import GetStatus, GetTask, Happened, Rollout, StartTask, Stop, StopTask, TaskStatus
 from .policy import Policy
@@ -152,7 +151,6 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(node.run)
         link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
         await nursery.start(link.run)
-        nursery.start_soon(keep_line, node, robot)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
         nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)

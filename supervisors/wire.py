@@ -31,7 +31,6 @@ from . import addresses
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
-from .lines import WireEnd
 from .loading import load_driver
 from .messages import RootGone
 from .tap import Attached, TapKeeper, name_of
@@ -183,7 +182,6 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(
             run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root)
         )
-        await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

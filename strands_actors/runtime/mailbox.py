@@ -9,7 +9,7 @@ and type, whose content is replaced: a slow reader sees the newest setpoint, nev
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -101,16 +101,6 @@ class Mailbox:
             if len(self.urgent) >= self.capacity:
                 return False
             self.urgent.append(message if reply is None else (message, reply))
-        if self.idle:
-            self.rouse()
-        return True
-
-    def put_all(self, commands: Sequence[Message]) -> bool:
-        """Queue messages of that lane, which nobody waits for; False when there is no room for all (nothing
-        queued)."""
-        if len(self.queue) + len(commands) > self.capacity:
-            return False
-        self.queue.extend(commands)
         if self.idle:
             self.rouse()
         return True
