@@ -19,6 +19,7 @@ from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Unreachable
 from .supervisors.failsafe import Mode
+from .supervisors.loading import build_driver
 from .supervisors.messages import (
     Accepted,
     Fence,
@@ -51,7 +52,7 @@ class RobotTree:
     ) -> None:
         """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``."""
         self.plan = plan
-        self.driver: Driver = plan.driver_class(plan.robot, plan.port, plan.options)
+        self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
         self._processes = TreeProcesses(node, nursery, endpoint, plan)

@@ -12,7 +12,7 @@ from typing import Any
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.columns import Columns, by_column
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.contract import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
 from .robots import Joint, Model
@@ -176,10 +176,11 @@ def _spellings(key: str) -> tuple[str, ...]:
 def conditions(model: Model, floor_pct: float, state_ttl_s: float) -> tuple[Condition, ...]:
     """In the order in which they are asked: the first that refuses answers."""
     handshake = fsm if model.handshake == "fsm" else sport_mode
-    return (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
+    checks = (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
+    return tuple(Condition(check) for check in checks)
 
 
-def stale(ttl_s: float) -> Condition:
+def stale(ttl_s: float) -> ConditionCheck:
     ttl_ns = round(ttl_s * NS)
 
     def stale(observation: Observation, now_ns: int) -> Refused | None:
@@ -239,20 +240,20 @@ def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def battery_known(observation: Observation, now_ns: int) -> Refused | None:
-    known = observation.sensors.get("battery")
-    if known is None:
+    stamp_s = observation.sensors.get("battery_stamp_s")
+    if stamp_s is None:
         why = "move: the battery's charge is not known"
         return Refused("battery_unknown", why, "check the robot's battery topic", "unknown", "a state of charge")
-    age_s = now_ns / NS - known[1]
+    age_s = now_ns / NS - stamp_s[0]
     if age_s > BATTERY_TTL_S:
         why = f"move: the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
         return Refused("battery_unknown", why, "check the robot's battery topic", f"{age_s:.0f} s")
     return None
 
 
-def battery_above(floor_pct: float) -> Condition:
+def battery_above(floor_pct: float) -> ConditionCheck:
     def battery_above(observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("battery")
+        known = observation.sensors.get("battery_pct")
         if known is None or known[0] >= floor_pct:
             return None
         charge = f"{known[0]:.1f} %"
