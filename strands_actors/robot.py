@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
@@ -87,7 +88,8 @@ class RealRobot(RobotTool):
         self._plan = plan
         self._approval = approval or Approval(plan.driver_class.GUARDED)
         self._liveness = Liveness()
-        self._tree: RobotTree | None = None
+        self._opened: RobotTree | None = None
+        self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
 
@@ -120,6 +122,11 @@ class RealRobot(RobotTool):
 
     def __repr__(self) -> str:
         return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
+
+    @property
+    def _tree(self) -> RobotTree | None:
+        """None in a forked child, too: the tree is its parent's."""
+        return self._opened if self._pid == os.getpid() else None
 
     # -- the loop
 
@@ -162,10 +169,10 @@ class RealRobot(RobotTool):
     async def _connect(self) -> str | None:
         if self._tree is None:
             shared = portal()
-            self._tree = RobotTree(
-                shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look
-            )
-        return await self._tree.connect()
+            self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._pid = os.getpid()
+        assert self._opened is not None
+        return await self._opened.connect()
 
     @property
     def is_connected(self) -> bool:
@@ -175,7 +182,7 @@ class RealRobot(RobotTool):
 
     def cleanup(self) -> Answer:
         """Make the robot safe and end everything that was started for it. Harmless when called again."""
-        tree, self._tree, self._closed = self._tree, None, True
+        tree, self._opened, self._closed = self._tree, None, True
         if tree is None:
             return answers.success({"stopped": True, "reason": "nothing was running"})
         report = self._call(tree.cleanup)

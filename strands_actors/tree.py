@@ -1,7 +1,7 @@
 """The caller's end of one robot's tree, on trio: connects it, writes to it, stops it, resumes it.
 
-``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in ``_here`` is for a thread
-of the program that is not the loop's, and asks the gate from there.
+``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in ``_here`` is for any
+thread of the program but the loop's, and asks the gate from there.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class RobotTree:
 
     async def cleanup(self) -> StopReport | None:
         """Make safe, end the tree. The report, or None when nothing was running."""
-        self._processes.closed = True
+        self._processes.close()
         self.rollouts.end("cleanup")
         report = await self._end()
         if self.plan.engine is not None and self.plan.owns_engine:

@@ -103,7 +103,8 @@ class TreeProcesses:
             self._name = Name(plan.tool_name)
             self.robot = self._name.name
         name = self._name
-        listen, wire_listen, mesh = (unix_endpoint(name.socket(role)) for role in ("root", "wire", "mesh"))
+        roles = ("root", "wire", "policy", "mesh")
+        listen, wire_listen, policy_listen, mesh = (unix_endpoint(name.socket(role)) for role in roles)
         args = {
             "robot": self.robot,
             "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
@@ -111,6 +112,7 @@ class TreeProcesses:
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
             "listen": listen,
             "wire_listen": wire_listen,
+            "policy_listen": policy_listen,
             "connect": [self._endpoint],
             "mesh": {
                 "listen": [mesh, *plan.mesh.listens],
@@ -152,6 +154,12 @@ class TreeProcesses:
                 nursery.start_soon(beside)
                 await process.wait()
                 nursery.cancel_scope.cancel()
+
+    def close(self) -> None:
+        """For good. Threads that wait for the gate are told so."""
+        self.closed = True
+        if self._root_process is not None and self.node.mesh is not None:
+            self.node.mesh.forget(self.gate.address, "this robot was cleaned up")
 
     async def end(self) -> StopReport | None:
         """Make safe and end. The report, or None when nothing was running."""

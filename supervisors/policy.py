@@ -20,7 +20,6 @@ import trio
 from strands_actors.runtime import heap
 from strands_actors.runtime.actor import Actor, describe
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.columns import by_column
 from strands_actors.runtime.contract import Observation
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
@@ -183,11 +182,7 @@ class Policy(Actor):
         assert self._lease is not None
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
-        columns = by_column(action) if tuple(action) == rollout.axes else None
-        lease = self._lease
-        setpoint = Setpoint(
-            lease.id, lease.epoch, deadline_ns, {} if columns else action, rollout.period_s, False, columns or {}
-        )
+        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
         if self._steps % self._ask_every and not last:
             self._gate.tell(setpoint)

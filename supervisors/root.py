@@ -104,7 +104,7 @@ class Tree:
         if self.driver.timing.realtime:
             run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
-        self.tasks = Tasks(self.robot, spawner.start)
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.guardian = Guardian(
             self.driver, on_page(page, ROOT_END), self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
@@ -126,6 +126,7 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
+            "policy_listen": self.args["policy_listen"],
             "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)

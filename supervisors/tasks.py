@@ -17,8 +17,9 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
-from . import addresses
+from . import addresses, policy_access
 from .census import CensusTaker
 from .gate import Gate
 from .loading import load
@@ -36,9 +37,12 @@ class Tasks(Actor):
         self,
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
+        endpoint: str,
     ) -> None:
+        """``endpoint``: where the wire lets policies in."""
         self._robot = robot
         self._start_process = start
+        self._endpoint = endpoint
         self.process: ChildProcess | None = None
         self.starts = 0
         self.status = TaskStatus()
@@ -69,6 +73,7 @@ class Tasks(Actor):
             await self._dismiss(self.process)
         args = {
             "robot": self._robot,
+            "gate": self._endpoint,
             "provider": message.provider,
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
@@ -134,7 +139,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
-    node = Node(f"{robot}.policy.{os.getpid()}", MonotonicClock())
+    node = Node(policy_access.node_name(robot, os.getpid()), MonotonicClock())
     rollout = msgspec.convert(args["rollout"], Rollout)
     tasks = node.ref(at.tasks, Tasks)
     ended = trio.Event()
@@ -151,6 +156,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(node.run)
         link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
         await nursery.start(link.run)
+        mesh = await ZenohMesh.open(connect=[args["gate"]])
+        mesh.attach(node)
+        await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
         nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)

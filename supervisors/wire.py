@@ -27,7 +27,7 @@ from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses
+from . import addresses, policy_access
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
@@ -177,6 +177,11 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.attach(node)
         await mesh.run()
 
+    async def let_policies_in() -> None:
+        mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        mesh.let_in(node, at.gate)
+        await mesh.run()
+
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(
@@ -184,6 +189,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         )
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
+        nursery.start_soon(let_policies_in)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
         tap = node.cell(at.tap("wire"), lambda: tap_keeper(node, driver, args["driver"], robot), "tap")
         nursery.start_soon(tap.run)

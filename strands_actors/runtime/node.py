@@ -104,13 +104,16 @@ class DeadLetter(msgspec.Struct, frozen=True):
 
 
 class _RemoteReply:
-    __slots__ = ("_cid", "_node", "_to")
+    """Over the way by which it was asked: whoever asks names where the answer goes, and could name another."""
 
-    def __init__(self, node: Node, to: str, cid: int) -> None:
-        self._node, self._to, self._cid = node, to, cid
+    __slots__ = ("_cid", "_node", "_to", "_way")
+
+    def __init__(self, node: Node, way: Way, to: str, cid: int) -> None:
+        self._node, self._way, self._to, self._cid = node, way, to, cid
 
     def send(self, answer: Message | None) -> None:
-        self._node.send_frame(self._to, REPLY, self._cid, "", answer)
+        data = frame(self._to, REPLY, self._cid, "", self._node.address, answer)
+        self._way.send(self._to, data, getattr(answer, "descriptors", ()))
 
 
 M = TypeVar("M", bound=Message)
@@ -380,7 +383,7 @@ class Node:
             return False
         kind = head.kind
         if kind in (TELL, ASK):
-            return self._receive_message(head, head.body, len(data), descriptors)
+            return self._receive_message(head, head.body, way, len(data), descriptors)
         if kind == REPLY:
             self._receive_reply(head)
         elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
@@ -390,14 +393,16 @@ class Node:
             if head.to not in self.cells:
                 self._notify_down(head.to, "not hosted here")
         elif kind == DOWN:
-            self._deliver_down(head)
+            self._deliver_down(head, way)
         else:
             self.refused_count += 1
             self.dead(head.to, head, f"unknown frame kind {kind}")
         return False
 
-    def _receive_message(self, head: Frame, body: msgspec.Raw, size: int, descriptors: tuple[int, ...]) -> bool:
-        reply = _RemoteReply(self, head.reply_to, head.cid) if head.kind == ASK else None
+    def _receive_message(
+        self, head: Frame, body: msgspec.Raw, way: Way, size: int, descriptors: tuple[int, ...]
+    ) -> bool:
+        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
             refusal = Refused("unknown_address", f"nobody hosts {head.to} here")
@@ -455,12 +460,12 @@ class Node:
             else:
                 self.send_frame(watcher, DOWN, 0, address, down)
 
-    def _deliver_down(self, head: Frame) -> None:
+    def _deliver_down(self, head: Frame, way: Way) -> None:
         watchers = self._watchers.get(head.sender)
         if watchers is not None and head.to in watchers:
             watchers.discard(head.to)
             tell = Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body)
-            self._receive_message(tell, head.body, len(head.body), ())
+            self._receive_message(tell, head.body, way, len(head.body), ())
 
 
 def _oversized(size: int) -> Refused:

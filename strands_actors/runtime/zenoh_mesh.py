@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -48,9 +48,20 @@ class ZenohMesh:
         opened(self)
 
     @classmethod
-    async def open(cls, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> ZenohMesh:
-        """Open a session (in a worker thread: it blocks for some 10 ms)."""
-        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect)))
+    async def open(
+        cls,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        settings: Mapping[str, Any] | None = None,
+    ) -> ZenohMesh:
+        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own, by path."""
+        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect, settings)))
+
+    def let_in(self, node: Node, address: str) -> None:
+        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is answered. The node
+        itself sends nothing this way."""
+        self.node = node
+        self.announce(address, True)
 
     def attach(self, node: Node) -> None:
         self.node = node
