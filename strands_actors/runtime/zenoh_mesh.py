@@ -126,13 +126,13 @@ class ZenohMesh:
         return publisher
 
     def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
-        """Messages of one sender and lane keep their order; each leaves at once (express). None is dropped when a
-        queue is full: a stop is among them."""
+        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a stop is among
+        them, and shares a batch with nothing (express; of the others three times as many cross a second without)."""
         return self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,
             priority=_URGENT if urgent else zenoh.Priority.INTERACTIVE_HIGH,
-            express=True,
+            express=urgent,
         )
 
     def send_at_once(self, data: bytes) -> bool:
