@@ -127,7 +127,7 @@ class ZenohMesh:
 
     def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
         """Messages of one sender and lane keep their order. None is dropped when a queue is full: a stop is among
-        them, and shares a batch with nothing (express; of the others three times as many cross a second without)."""
+        them, and waits for no batch (express; of the others three times as many cross a second without)."""
         return self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,
