@@ -12,16 +12,18 @@ from typing import Any
 
 import trio
 
+from .descriptors import FOR_ROBOT, require
 from .drill.certificate import TWIN, clause
 from .engine import SIM, EngineDown
 from .factory import Plan
-from .rundir import Name, Note
+from .rundir import Name, Note, locks_dir
 from .runtime.contract import Reason
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.zenoh_mesh import unix_endpoint
-from .supervisors import addresses
+from .strays import label_of
+from .supervisors import addresses, channels
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.loading import describe_driver
 from .supervisors.messages import (
@@ -90,7 +92,9 @@ class TreeProcesses:
     # -- start and end
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start."""
+        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start,
+        ``OSError`` when the system does not let us."""
+        require(FOR_ROBOT)
         plan = self.plan
         port = plan.port
         if plan.engine is not None:
@@ -109,7 +113,10 @@ class TreeProcesses:
             "robot": self.robot,
             "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
             "caller_pid": os.getpid(),
+            "caller": self.node.address,
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
+            "locks": str(locks_dir()),
+            "lock_port": "" if plan.engine is not None else port,
             "listen": listen,
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
@@ -120,7 +127,8 @@ class TreeProcesses:
                 "settings": plan.mesh.robot_settings(),
             },
         }
-        process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
+        entry = "strands_actors.supervisors.root:main"
+        process = start(entry, args, [name.lock_fd], label_of(self.robot))
         name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from .supervisors.gate import Gate
@@ -150,7 +158,7 @@ class TreeProcesses:
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(process.link(self.node).run)
+                nursery.start_soon(process.link(self.node, channels.of_root(self.robot)).run)
                 nursery.start_soon(beside)
                 await process.wait()
                 nursery.cancel_scope.cancel()

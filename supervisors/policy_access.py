@@ -12,6 +12,10 @@ from strands_actors.runtime.node import PREFIX
 
 from . import addresses
 
+WRITER = "a policy process"
+"""What the gate knows it as. There is one at a time: the root ends the last one, and has the gate end its lease,
+before it starts the next."""
+
 
 def node_name(robot: str, pid: int) -> str:
     return f"{robot}.policy.{pid}"

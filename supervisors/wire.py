@@ -27,7 +27,7 @@ from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses, policy_access
+from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
@@ -59,7 +59,9 @@ async def run_group(
     cells = [
         node.cell(
             at.path("transport"),
-            lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
+            lambda: Transport(
+                driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+            ),
         ),
         node.cell(
             at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
@@ -97,7 +99,7 @@ class ProcessPlace:
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
         entry = "strands_actors.supervisors.wire:main"
         self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
-        nursery.start_soon(self.process.link(node).run)
+        nursery.start_soon(self.process.link(node, channels.of_wire(args["robot"])).run)
 
     async def ended(self) -> str:
         code = await self.process.wait()
@@ -164,7 +166,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
-    link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
+    root_channel = channels.of_root(robot)
+    node.linked = root_channel.hosts or frozenset()
+    link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
     root = os.getppid()
     pulse = on_page(args["page"], WIRE_END)
@@ -174,11 +178,13 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])
+        mesh.channel = channels.of_user(robot)
         mesh.attach(node)
         await mesh.run()
 
     async def let_policies_in() -> None:
         mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        mesh.channel = channels.of_policy(robot, policy_access.WRITER)
         mesh.let_in(node, at.gate)
         await mesh.run()
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from .channel import Channel
 from .messages import Message
 from .node import Node, Unreachable
 
@@ -58,6 +59,7 @@ class LocalNetwork:
 
 class LocalMesh:
     def __init__(self, network: LocalNetwork) -> None:
+        self.channel: Channel | None = None
         self._network = network
         self._watched: set[str] = set()
         self.node: Node

@@ -20,6 +20,7 @@ import trio
 
 from .actor import Actor, Cell
 from .asks import Answer, AskTimeout, Deadlines, Unreachable
+from .channel import Channel
 from .clock import Clock
 from .frames import (
     ASK,
@@ -62,6 +63,9 @@ PROMPT = 32
 
 class Way(TypingProtocol):
     """A link or a mesh: carries frames between nodes."""
+
+    channel: Channel | None
+    """What may be said over it; None: everything."""
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
@@ -172,6 +176,7 @@ class Ref:
                 await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
+        answer.way = node.way_to(self.address)
         node.pending[cid] = answer
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
@@ -199,6 +204,7 @@ class Ref:
         if link is None:
             return None
         cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
+        answer.way = link
         sent = Sent(node, cid, answer)
         node.pending[cid] = answer  # before it leaves: the loop may be quicker with the answer than this thread
         if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
@@ -245,6 +251,8 @@ class Node:
         self.refused_count = 0
         self.tap: Tap | None = None
         """Told what the actors of this node do, while somebody records them."""
+        self.linked: frozenset[str] = frozenset()
+        """Addresses that are reached by a link or not at all: on a mesh anybody could claim them."""
         self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
@@ -333,6 +341,11 @@ class Node:
         """The link behind which it lives."""
         return self._routes.get(address)
 
+    def way_to(self, address: str) -> Way | None:
+        """The link behind which it lives, or else the mesh."""
+        link = self._routes.get(address)
+        return link if link is not None or address in self.linked else self.mesh
+
     def attach(self, way: Way) -> None:
         """A link came up: tell its other end what lives here."""
         self._links.add(way)
@@ -358,7 +371,7 @@ class Node:
         return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
-        way = self._routes.get(to) or self.mesh
+        way = self.way_to(to)
         if way is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
@@ -381,11 +394,14 @@ class Node:
             self.refused_count += 1
             self.dead(self.address, data, f"not a frame: {error}")
             return False
-        kind = head.kind
+        kind, channel = head.kind, way.channel
+        if channel is not None and kind != REPLY and not channel.speaks_for(head.sender):
+            self._refuse_sender(head, way)
+            return False
         if kind in (TELL, ASK):
             return self._receive_message(head, head.body, way, len(data), descriptors)
         if kind == REPLY:
-            self._receive_reply(head)
+            self._receive_reply(head, way)
         elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
             self.learn(head.sender, way, head.cid == 1)
         elif kind == WATCH:
@@ -398,6 +414,11 @@ class Node:
             self.refused_count += 1
             self.dead(head.to, head, f"unknown frame kind {kind}")
         return False
+
+    def _refuse_sender(self, head: Frame, way: Way) -> None:
+        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
+        refusal = Refused("channel", f"{head.sender} does not speak over this channel", "speak for yourself alone")
+        self._refuse(head.to or self.address, head, refusal, reply)
 
     def _receive_message(
         self, head: Frame, body: msgspec.Raw, way: Way, size: int, descriptors: tuple[int, ...]
@@ -418,6 +439,14 @@ class Node:
             refusal = Refused("malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
             self._refuse(head.to, head, refusal, reply)
             return False
+        channel = way.channel
+        if channel is not None and (refused := channel.refuse(head.to, message)) is not None:
+            self._refuse(head.to, message, refused, reply)
+            return False
+        if type(message) in cell.protocol.stamped:
+            name = "" if channel is None else channel.name
+            if message.channel != name:  # type: ignore[attr-defined]
+                message = msgspec.structs.replace(message, channel=name)
         if type(message) not in cell.protocol.carriers:
             self.put(cell, message, reply, head.sender)
             return False
@@ -425,11 +454,16 @@ class Node:
         message = msgspec.structs.replace(message, descriptors=descriptors)
         return self.put(cell, message, reply, head.sender)
 
-    def _receive_reply(self, head: Frame) -> None:
-        answer = self.pending.pop(head.cid, None)
+    def _receive_reply(self, head: Frame, way: Way) -> None:
+        answer = self.pending.get(head.cid)
         if answer is None or answer.done:
             self.dead(head.to, head, "the asker no longer waits")
             return
+        if answer.way is not way:
+            self.refused_count += 1
+            self.dead(head.to, head, "an answer from elsewhere than where it was asked")
+            return
+        del self.pending[head.cid]
         answer.send(None if answer.decode is None else read_reply(answer.decode, head.body))
 
     def hosts_frame(self, address: str, hosted: bool) -> bytes:
@@ -442,7 +476,7 @@ class Node:
         self._watchers.setdefault(address, set()).add(watcher)
         if address in self.cells:
             return
-        if (way := self._routes.get(address) or self.mesh) is not None:
+        if (way := self.way_to(address)) is not None:
             way.watch(address)  # first: what ends between the two is then seen by one of them
         if not self.send_frame(address, WATCH, 0, watcher, None):
             self._notify_down(address, "nobody hosts it")

@@ -19,6 +19,7 @@ import msgspec
 import trio
 import zenoh
 
+from .channel import Channel
 from .messages import Message
 from .node import PREFIX, Node
 from .thread_asks import ThreadAsks
@@ -33,6 +34,7 @@ class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
 
     def __init__(self, session: zenoh.Session) -> None:
+        self.channel: Channel | None = None
         self._session = session
         self._pid = os.getpid()
         self._urgent: deque[bytes] = deque()
