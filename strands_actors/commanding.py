@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from .portal import portal
+from .processes import Patience, Processes, unreachable
 from .rollouts import Rollouts
 from .runtime.clock import Clock
 from .runtime.contract import Driver
@@ -18,11 +19,7 @@ from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.actions import plain, refuse_shape
 from .supervisors.messages import Lease, Perform, Setpoint
-from .tree_processes import ASK_S, TreeProcesses, unreachable
 from .writer import STALE, Writer
-
-COMMAND_S = 0.25
-"""A command that has not reached the wire by then never will."""
 
 
 class Order(NamedTuple):
@@ -36,12 +33,15 @@ class Order(NamedTuple):
 class Orders:
     """Commands as messages. Of any thread."""
 
-    def __init__(self, driver: Driver, clock: Clock) -> None:
+    def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
         self._driver = driver
         self._clock = clock
+        self._patience = patience
 
     def move(self, action: Mapping[str, Any]) -> Order | Refused:
-        return refuse_shape(action) or Order("move", lambda lease: self._setpoint(lease, action), ASK_S)
+        return refuse_shape(action) or Order(
+            "move", lambda lease: self._setpoint(lease, action), self._patience.ask_s
+        )
 
     def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
@@ -57,28 +57,19 @@ class Orders:
             first = None if action is None else self._setpoint(lease, action)
             return Perform(lease.id, lease.epoch, service, plain(arguments), first)
 
-        return Order(service, make, self._driver.SERVICES[service].within_s + ASK_S)
+        return Order(service, make, self._driver.SERVICES[service].within_s + self._patience.ask_s)
 
     def _setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
         ttl_s = self._driver.timing.oneshot_ttl_s
-        deadline_ns = self._clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
+        deadline_ns = self._clock.now_ns() + round(1e9 * (self._patience.command_s if ttl_s is None else ttl_s))
         return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
 
 
 class Commanding:
-    """``late`` follows a command that was not answered in time: fence and stop."""
-
-    def __init__(
-        self,
-        processes: TreeProcesses,
-        writer: Writer,
-        rollouts: Rollouts,
-        late: Callable[[str, AskTimeout], Any],
-    ) -> None:
+    def __init__(self, processes: Processes, writer: Writer, rollouts: Rollouts) -> None:
         self._processes = processes
         self._writer = writer
         self._rollouts = rollouts
-        self._late = late
 
     async def ask(self, order: Order) -> Message | None:
         """A lease that is no longer good (the robot was held since, the wire restarted, somebody else has it) may
@@ -101,8 +92,7 @@ class Commanding:
         try:
             return await self._processes.gate.ask(order.make(lease), order.within_s)
         except AskTimeout as timeout:
-            answer: Refused = await self._late(order.verb, timeout)
-            return answer
+            return await self._processes.late(order.verb, timeout)
         except Unreachable as failure:
             return unreachable(order.verb, failure)
 
@@ -114,8 +104,7 @@ class Commanding:
         try:
             answer = self._processes.gate.ask_here(order.make(lease), order.within_s)
         except AskTimeout as timeout:
-            late: Refused = portal().call(self._late, order.verb, timeout)
-            return late
+            return portal().call(self._processes.late, order.verb, timeout)
         except Unreachable as failure:
             self._processes.require()  # cleaned up meanwhile
             return unreachable(order.verb, failure)

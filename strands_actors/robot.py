@@ -61,7 +61,9 @@ def Robot(  # a factory named as on the drivers page
     ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
     of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
     ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
-    have. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
+    have. ``at``: the robot is run by another host, which listens there (``"tls/arm.example:7447"``); ``mesh=``
+    has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
+    rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
     ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
     uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords are the driver's
     own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
@@ -121,7 +123,8 @@ class RealRobot(RobotTool):
         return self._plan.data_config
 
     def __repr__(self) -> str:
-        return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
+        where = self._plan.at or self._plan.transport or self._plan.port
+        return f"<Robot {self.tool_name} ({self._plan.robot}, {where})>"
 
     @property
     def _tree(self) -> RobotTree | None:
@@ -189,6 +192,8 @@ class RealRobot(RobotTool):
         if tree is None:
             return answers.success({"stopped": True, "reason": "nothing was running"})
         report = self._call(tree.cleanup)
+        if isinstance(report, Refused):
+            return answers.refused(report)
         return answers.success({"stopped": True}) if report is None else answers.stopped(report)
 
     def __enter__(self) -> RealRobot:

@@ -14,6 +14,7 @@ import trio
 from .commanding import Commanding, Order, Orders
 from .factory import Plan
 from .portal import portal
+from .processes import NotConnected, Processes, unreachable
 from .rollouts import Rollouts
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
@@ -22,7 +23,6 @@ from .supervisors.failsafe import Mode
 from .supervisors.loading import build_driver
 from .supervisors.messages import (
     Accepted,
-    Fence,
     GetObservation,
     Performed,
     Resume,
@@ -32,7 +32,7 @@ from .supervisors.messages import (
     StopReport,
     TreeReport,
 )
-from .tree_processes import ASK_S, FENCE_S, STOP_S, NotConnected, TreeProcesses, unreachable
+from .tree_processes import TreeProcesses
 from .writer import Writer
 
 RETRY_S = 3.0
@@ -55,11 +55,11 @@ class RobotTree:
         self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
-        self._processes = TreeProcesses(node, nursery, endpoint, plan)
+        self._processes = processes_of(node, nursery, endpoint, plan, self.driver)
         self._writer = Writer(self._processes, liveness)
         self.rollouts = Rollouts(self._processes, self._writer, self.driver)
-        self._orders = Orders(self.driver, node.clock)
-        self._commanding = Commanding(self._processes, self._writer, self.rollouts, self._late)
+        self._orders = Orders(self.driver, node.clock, self._processes.patience)
+        self._commanding = Commanding(self._processes, self._writer, self.rollouts)
         self._stops = 0
         self._starting = trio.Lock()
 
@@ -104,7 +104,7 @@ class RobotTree:
                 raise
         if not arm:
             return None
-        if status.mode not in (Mode.ARMED, Mode.HOLDING):
+        if status.mode != Mode.ARMED and (status.mode != Mode.HOLDING or processes.elsewhere):
             if status.locked_by:
                 since = f", {status.locked_since}" if status.locked_since else ""
                 return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
@@ -115,7 +115,7 @@ class RobotTree:
             refusal = await self._writer.acquire()
         return None if refusal is None else refusal.text
 
-    async def cleanup(self) -> StopReport | None:
+    async def cleanup(self) -> StopReport | Refused | None:
         """Make safe, end the tree. The report, or None when nothing was running."""
         self._processes.close()
         self.rollouts.end("cleanup")
@@ -124,8 +124,8 @@ class RobotTree:
             await self.plan.engine.close()
         return report
 
-    async def _end(self) -> StopReport | None:
-        report = await self._processes.end()
+    async def _end(self) -> StopReport | Refused | None:
+        report = await self._processes.end(self._writer.lease is not None)
         self._writer.lease = None
         return report
 
@@ -173,18 +173,13 @@ class RobotTree:
         self._processes.require()
         return order if isinstance(order, Refused) else self._commanding.ask_here(order)
 
-    async def _late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """What was not answered in time must not be done late: fence and stop."""
-        await self._fence(Reason.WIRE, f"{verb} timed out")
-        return Refused("timeout", f"{verb}: {timeout}; the robot was stopped", "resume()")
-
     # -- stop and resume
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
         stop = self._stopping(reason, lock)
         try:
-            answer = await self._processes.gate.ask(stop, STOP_S)
+            answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
         except (AskTimeout, Unreachable):
             answer = None
         return await self._stopped(stop, answer)
@@ -193,7 +188,7 @@ class RobotTree:
         """The same in the thread that calls: the order leaves in it, whatever the loop does."""
         stop = self._stopping(reason, lock)
         try:
-            answer = self._processes.gate.ask_here(stop, STOP_S)
+            answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
         except (AskTimeout, Unreachable):
             answer = None
         return portal().call(self._stopped, stop, answer)
@@ -206,19 +201,8 @@ class RobotTree:
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopReport | Refused:
         """``answer``: the gate's; None when there was none."""
         if answer is None:
-            answer = await self._fence(stop.reason, stop.by, stop.lock)
+            answer = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
         self.rollouts.end("stop")
-        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
-
-    async def _fence(self, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
-        try:
-            answer = await self._processes.guardian.ask(Fence(reason, by, lock), FENCE_S)
-        except (AskTimeout, Unreachable) as failure:
-            # Neither the wire nor the root answers. Without its root the wire makes itself safe.
-            await self._processes.fence()
-            why = f"neither wire nor root answers ({failure}); the root was ended"
-            named = ", ".join(self.driver.axes)
-            return Refused("unconfirmed", f"stop: {why}. not confirmed by {named}", "look at the robot")
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
@@ -230,14 +214,9 @@ class RobotTree:
 
     async def _resume(self, lift: bool) -> Resumed | Refused:
         stops = self._stops
-        if not await self._processes.answers():
-            if not lift:  # whether it was locked is no longer known
-                remedy = "an operator's resume() starts it again"
-                return Refused("not_connected", "resume: the tree does not answer", remedy)
-            if self._processes.started:
-                await self._processes.discard()
-                self._writer.lease = None
-            await self._processes.start(self._writer.beat)
+        refused = await self._processes.revive(lift, self._writer.beat)
+        if refused is not None:
+            return refused
         await self._processes.wait_linked()
         answer = await self._energise(stops, lift)
         if isinstance(answer, Resumed):
@@ -280,7 +259,7 @@ class RobotTree:
     async def observe(self) -> Observation | Refused:
         self._processes.require()
         try:
-            return _observed(await self._processes.gate.ask(GetObservation(), ASK_S))
+            return _observed(await self._processes.gate.ask(GetObservation(), self._processes.patience.ask_s))
         except (AskTimeout, Unreachable) as failure:
             return unreachable("observe", failure)
 
@@ -288,7 +267,7 @@ class RobotTree:
         """The same in the thread that calls."""
         self._processes.require()
         try:
-            return _observed(self._processes.gate.ask_here(GetObservation(), ASK_S))
+            return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
         except (AskTimeout, Unreachable) as failure:
             return unreachable("observe", failure)
 
@@ -299,6 +278,15 @@ class RobotTree:
     async def describe(self) -> TreeReport | None:
         """Processes and actors of the tree; None when the root does not answer."""
         return await self._processes.describe()
+
+
+def processes_of(node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> Processes:
+    """Those that a plan is about."""
+    if not plan.at:
+        return TreeProcesses(node, nursery, endpoint, plan, driver)
+    from .mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere
+
+    return RemoteProcesses(nursery, plan, driver)
 
 
 def _accepted(answer: Message | None) -> Accepted | Refused:

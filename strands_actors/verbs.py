@@ -13,12 +13,12 @@ from . import answers
 from .answers import Answer
 from .factory import Plan
 from .policies import choose_provider, robot_facts
+from .processes import NotConnected
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Accepted, Performed, Resumed, Status, StopReport, TaskStatus
 from .tree import RobotTree
-from .tree_processes import NotConnected
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
 """On a tree, with what else it takes; in the tree's loop."""

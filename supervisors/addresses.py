@@ -14,6 +14,8 @@ class Addresses:
         self.guardian = self.address("guardian")
         self.safety = self.address("safety")
         self.commands = self.address("commands")
+        self.gateway = self.address("gateway")
+        self.gateway_stop = self.address("gateway/stop")
         self.telemetry = self.address("telemetry")
         self.root = self.address("root")
         self.tasks = self.address("tasks")

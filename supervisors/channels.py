@@ -13,9 +13,11 @@ from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import PREFIX
 
 from . import addresses
+from .gateway_messages import Dated, Sync
 from .messages import (
     Acquire,
     Beat,
+    Describe,
     Fence,
     GetObservation,
     GetStatus,
@@ -46,7 +48,7 @@ def of_wire(robot: str) -> Channel:
 
 def of_root(robot: str) -> Channel:
     """The other end is the root process."""
-    names = ("guardian", "root", "tasks", "safety", "commands", "telemetry")
+    names = ("guardian", "root", "tasks", "safety", "commands", "telemetry", "gateway", "gateway/stop")
     return Channel("", _of(robot, "root", names), f"{PREFIX}/node/{robot}.root.")
 
 
@@ -70,3 +72,10 @@ def of_user(robot: str) -> Channel:
     for process in ("root", "wire"):
         tells |= {f"{PREFIX}/{path(process)}": None for path in (at.census, at.tap)}
     return Channel(tells=tells)
+
+
+def of_elsewhere(robot: str) -> Channel:
+    """Whoever reaches the gateway from another host, under any name."""
+    at = addresses.of(robot)
+    asks: frozenset[type[Message]] = frozenset({Sync, Dated, GetObservation, GetStatus, Describe})
+    return Channel(tells={at.gateway: asks, at.gateway_stop: frozenset({Stop})})

@@ -45,6 +45,7 @@ from .turn import Turn
 __all__ = [
     "PREFIX",
     "PROMPT",
+    "ActorRef",
     "Answer",
     "AskTimeout",
     "DeadLetter",
@@ -121,6 +122,18 @@ class _RemoteReply:
 
 
 M = TypeVar("M", bound=Message)
+
+
+class ActorRef(TypingProtocol):
+    """What can be asked and told. ``Ref`` says what each does."""
+
+    address: str
+
+    def tell(self, message: Message) -> None: ...
+
+    async def ask(self, message: Message, deadline_s: float) -> Message | None: ...
+
+    def ask_here(self, message: Message, deadline_s: float) -> Message | None: ...
 
 
 class Ref:
