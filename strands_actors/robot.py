@@ -64,9 +64,9 @@ def Robot(  # a factory named as on the drivers page
     have. ``at``: the robot is run by another host, which listens there (``"tls/arm.example:7447"``); ``mesh=``
     has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
     rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
-    for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
-    uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords are the driver's
-    own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
+    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
+    are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     other = standalone(name, mode, **keywords)
     if other is not None:
