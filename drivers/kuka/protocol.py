@@ -177,9 +177,7 @@ def encode_monitoring(said: Monitoring, packed: bool = False, checksum: bool = T
     def joints(number: int, values: Sequence[float]) -> bytes:
         return pb.bytes_field(number, pb.double_fields(1, values, packed))
 
-    drives = (
-        pb.bytes_field(5, bytes(said.drives)) if packed else b"".join(whole(5, drive) for drive in said.drives)
-    )
+    drives = pb.bytes_field(5, bytes(said.drives)) if packed else b"".join(whole(5, drive) for drive in said.drives)
     robot = whole(1, JOINTS) + whole(2, said.safety) + drives
     robot += whole(6, said.operation_mode) + whole(7, said.control_mode)
     measured = joints(1, said.position) + joints(2, said.torque) + joints(3, said.commanded)
@@ -216,9 +214,7 @@ def _top(data: bytes, number: int) -> _Found:
     return top
 
 
-def _joints(
-    found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None
-) -> tuple[float, ...]:
+def _joints(found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
     """Return one finite number for each joint; ``missing``, if given, when the field is not there."""
     if missing is not None and number not in found:
         return missing

@@ -40,7 +40,9 @@ SAID = p.Monitoring(
 
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("checksum", [False, True])
-def test_a_monitoring_message_is_read_packed_or_not_with_a_checksum_or_without(packed: bool, checksum: bool) -> None:
+def test_a_monitoring_message_is_read_packed_or_not_with_a_checksum_or_without(
+    packed: bool, checksum: bool
+) -> None:
     data = p.encode_monitoring(SAID, packed, checksum)
     assert p.decode_monitoring(data) == SAID
     assert len(data) < p.LARGEST
