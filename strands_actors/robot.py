@@ -27,6 +27,7 @@ from .portal import portal
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .simulation import SimulationError, World
+from .supervisors.loading import build_driver
 from .supervisors.messages import Status, TaskStatus
 from .tree import RobotTree
 from .verbs import Verb, answered
@@ -87,7 +88,7 @@ class RealRobot(RobotTool):
         self._approval = approval or Approval(plan.driver_class.GUARDED)
         self._liveness = Liveness()
         self._tree: RobotTree | None = None
-        self._driver = plan.driver_class(plan.robot, plan.port, plan.options)
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
 
     @property

@@ -18,6 +18,7 @@ from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Unreachable
 from .supervisors.actions import plain, refuse_shape
 from .supervisors.failsafe import Mode
+from .supervisors.loading import build_driver
 from .supervisors.messages import (
     Accepted,
     Fence,
@@ -56,7 +57,7 @@ class RobotTree:
     ) -> None:
         """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``. ``by_threads``: for ``Direct``."""
         self.plan = plan
-        self.driver: Driver = plan.driver_class(plan.robot, plan.port, plan.options)
+        self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
         self._node = node

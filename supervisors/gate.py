@@ -114,6 +114,8 @@ class Gate(Actor):
             case Probe():
                 if self._live_until_ns:
                     self._look(message.now_ns)
+                elif self._state.mode in failsafe.WRITABLE:
+                    self._look_at_conditions(message.now_ns, live=False)
                 self._tell_alive(message.number)
             case Observed():
                 self._observed(message)
@@ -232,7 +234,7 @@ class Gate(Actor):
 
     def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
         for condition in self._driver.conditions:
-            refusal = condition(observation, now_ns)
+            refusal = condition.check(observation, now_ns)
             if refusal is not None:
                 return refusal
         return None
@@ -309,10 +311,20 @@ class Gate(Actor):
             self._trip(Reason.EXPIRED, "the setpoint expired")
         elif silent := self._leases.lapsed(now_ns, live_until < 0):
             self._trip(Reason.LEASE, f"{silent} stopped answering")
-        elif not admitted and self._driver.conditions and self._observation is not None:
-            refusal = self._refuse_by_condition(self._observation, now_ns)
-            if refusal is not None:
-                self._trip(Reason.FAULT, refusal.reason.removeprefix("move: "))
+        elif not admitted:
+            self._look_at_conditions(now_ns, live=True)
+
+    def _look_at_conditions(self, now_ns: int, live: bool) -> None:
+        """End what is live, or with the conditions that are always looked at a hold, when one is not true."""
+        if self._observation is None:
+            return
+        for condition in self._driver.conditions:
+            if live or condition.always:
+                refusal = condition.check(self._observation, now_ns)
+                if refusal is not None:
+                    cause = refusal.reason.removeprefix("move: ")
+                    self._trip(condition.reason, cause, safe_state=condition.safe_state)
+                    return
 
     def _tell_alive(self, number: int) -> None:
         live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
@@ -332,9 +344,9 @@ class Gate(Actor):
         rung = self._driver.ladder[message.reason]
         return StopReport(message.reason, rung, self._state.epoch, True, ())
 
-    def _trip(self, reason: Reason, cause: str, lock: str = "") -> bool:
-        """Order the rung of ``reason``; False when the machine has nothing to do for it."""
-        rung = self._driver.ladder[reason]
+    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
+        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
+        rung = safe_state or self._driver.ladder[reason]
         holds = reason in HOLDING_REASONS and self._driver.energised(rung)
         event = Event.HOLD if holds else Event.STOP
         return self._step(event, rung, reason, cause, lock)
@@ -411,7 +423,7 @@ class Gate(Actor):
     def _aim_at_measured(self, observation: Observation) -> None:
         """The present position is the first target: no jump."""
         self._observation = observation
-        self._target = observation.position
+        self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
         self._live_until_ns = 0
 

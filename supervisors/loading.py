@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.runtime.contract import Candidate, Driver, GateCheck, GateState
 from strands_actors.runtime.messages import Refused
 
@@ -27,10 +29,17 @@ def load(where: str) -> Any:
     return found
 
 
+def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
+    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or misspelt."""
+    driver = driver_class(robot, port, options)
+    check_fallbacks(driver.robot, driver.ladder)
+    return driver
+
+
 def load_driver(description: dict[str, Any]) -> Driver:
     """For a process that is going to use it: with what it needs imported."""
     driver_class = load(description["class"])
-    driver: Driver = driver_class(description["robot"], description["port"], description["options"])
+    driver = build_driver(driver_class, description["robot"], description["port"], description["options"])
     if "drill" in description:
         driver.gates = (requires_drill(**description["drill"]), *driver.gates)
     driver.preload()

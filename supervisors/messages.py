@@ -202,12 +202,13 @@ class Write(Message, frozen=True):
 
 
 class Cycle(Message, frozen=True):
-    """One turn of the wire: re-send the last setpoint if told so, then read."""
+    """One period of the wire: re-send the last setpoint and feed the firmware's watchdog if told so, then read."""
 
     lane = "latest"
 
     number: int
     resend_epoch: int = 0  # 0: read only
+    feed: bool = False
 
 
 class Cycled(Message, frozen=True):

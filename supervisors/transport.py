@@ -48,11 +48,7 @@ from .messages import (
     Write,
 )
 
-OPEN_DEADLINE_S = 5.0
-HANDOVER_S = 3.0
-"""Of these five: what the root may take to have its own path ready."""
 ROOT_AGAIN_S = 0.01
-SAFE_DEADLINE_S = 1.5
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 _PROMPT = (Write, Cycle)
@@ -79,12 +75,41 @@ class _Permit:
             raise PermitDenied("a stop is waiting")
 
 
+class _Serving:
+    """What a wire keeps up beside its calls (``Wire.serve``), and how that ended."""
+
+    def __init__(self) -> None:
+        self.scope = trio.CancelScope()
+        self.ready = trio.Event()
+        self.failure: WireDown | ProcessSpent | None = None
+
+    async def run(self, wire: Wire) -> None:
+        with self.scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(wire.serve)
+                    self.ready.set()
+            except* (WireDown, ProcessSpent) as failures:
+                failure: BaseException = failures
+                while isinstance(failure, BaseExceptionGroup):
+                    failure = failure.exceptions[0]
+                assert isinstance(failure, WireDown | ProcessSpent)
+                self.failure = failure
+        self.ready.set()
+
+    def check(self) -> None:
+        """Raise what ended it."""
+        if self.failure is not None:
+            raise self.failure
+
+
 class Transport(Actor):
     def __init__(self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int) -> None:
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
+        self._serving = _Serving()
         self._lost: Wire | None = None  # closed; the last that was open, until another one is
         self._performing: trio.CancelScope | None = None
         self._opening: trio.CancelScope | None = None
@@ -134,13 +159,21 @@ class Transport(Actor):
     async def _write(self, write: Write, deadline_ns: int) -> None:
         if self._wire is None:
             return
+        wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
+        written = False
         try:
-            await self._wire.write(write.values, _Permit(self, write.epoch, deadline_ns))
+            if wire.prompt:
+                await wire.write(write.values, permit)
+                written = True
+            else:
+                with self.context.until_urgent():
+                    await wire.write(write.values, permit)
+                    written = True
         except PermitDenied:
             self._denied += 1
         except WireDown as down:
             self._lose(down)
-        else:
+        if written:
             self._writes += 1
             self._written_ns = self.context.clock.now_ns()
 
@@ -152,17 +185,29 @@ class Transport(Actor):
             due_ns = self._written_ns + self._keepalive_ns
             if last is not None and cycle.resend_epoch == last.epoch and self.context.clock.now_ns() >= due_ns:
                 await self._write(last, last.expires_ns)
-            await self._read()
+            try:
+                self._serving.check()
+                if cycle.feed:
+                    await self._feed()
+                await self._read()
+            except WireDown as down:
+                self._lose(down)
         self._watchdog.tell(Cycled(cycle.number))
 
+    async def _feed(self) -> None:
+        if self._wire is not None:
+            await self._wire.feed()
+
     async def _read(self) -> None:
-        if self._wire is None:
+        wire, observation = self._wire, None
+        if wire is None:
             return
-        try:
-            observation = await self._wire.read()
-        except WireDown as down:
-            self._lose(down)
+        if wire.prompt:
+            observation = await wire.read()
         else:
+            with self.context.until_urgent():
+                observation = await wire.read()
+        if observation is not None:
             self._reads += 1
             self._gate.tell(Observed(observation, self._writes, self._reads))
 
@@ -174,7 +219,7 @@ class Transport(Actor):
         if self._performing is not None:
             self._performing.cancel()
         began_ns = self.context.clock.now_ns()
-        with self._busy(SAFE_DEADLINE_S):
+        with self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
                 motors = await self._wire.make_safe(message.rung)
             else:
@@ -243,20 +288,22 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
-        wire = self._driver.open_wire(self.context.clock)
+        wire, open_s = self._driver.open_wire(self.context.clock), self._driver.timing.open_s
         self._opening = opening = trio.CancelScope()
         if self._lost is not None and type(self._lost).reach is not Wire.reach:
             self.context.start_soon(self._give_way, opening)
         try:
-            with opening, self._busy(OPEN_DEADLINE_S, number), self._silent(), trio.fail_after(OPEN_DEADLINE_S):
+            with opening, self._busy(open_s, number), self._silent(), trio.fail_after(open_s):
                 facts = await wire.open()
+                await self._serve(wire)
                 observation = await wire.read()
                 await self._hand_over(wire)
             if opening.cancelled_caught:
                 raise WireDown("a stop came before the robot had answered")
         except (WireDown, trio.TooSlowError) as failure:
+            self._serving.scope.cancel()
             wire.close()
-            why = str(failure) or f"the robot did not answer within {OPEN_DEADLINE_S:g} s"
+            why = str(failure) or f"the robot did not answer within {open_s:g} s"
             self._back_off(why)
         else:
             self._wire, self._lost = wire, None
@@ -267,6 +314,12 @@ class Transport(Actor):
         finally:
             self._opening = None
 
+    async def _serve(self, wire: Wire) -> None:
+        self._serving = serving = _Serving()
+        self.context.start_soon(serving.run, wire)
+        await serving.ready.wait()
+        serving.check()
+
     async def _give_way(self, opening: trio.CancelScope) -> None:
         """A stop that can be written although the robot is not understood does not wait for its hello."""
         while self._opening is opening:
@@ -276,11 +329,11 @@ class Transport(Actor):
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
-        handover = Handover(tuple(wire.handover()))
-        until_s = trio.current_time() + HANDOVER_S
+        handover, handover_s = Handover(tuple(wire.handover())), self._driver.timing.handover_s
+        until_s = trio.current_time() + handover_s
         while True:
             try:
-                answer = await self._guardian.ask(handover, HANDOVER_S)
+                answer = await self._guardian.ask(handover, handover_s)
                 break
             except (AskTimeout, Unreachable) as failure:
                 # Unreachable: a root that waits for a processor has not yet said what lives there.
@@ -294,6 +347,7 @@ class Transport(Actor):
         if self._wire is not None:
             if self._performing is not None:
                 self._performing.cancel()
+            self._serving.scope.cancel()
             self._wire.close()
             self._wire, self._lost = None, self._wire
             self._back_off(str(down))

@@ -153,11 +153,11 @@ class Watchdog(Actor):
             self._pulse.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
-        earned = self._alive.live and self._transport_answered == self._cycle
-        resend = self._alive.epoch if earned else 0
+        answered = self._transport_answered == self._cycle
+        resend = self._alive.epoch if self._alive.live and answered else 0
         self._cycle += 1
         self._cycle_at_ns = max(self._cycle_at_ns + self._cycle_ns, now_ns)
-        self._transport.tell(Cycle(self._cycle, resend))
+        self._transport.tell(Cycle(self._cycle, resend, answered))
 
     def _chain_answered(self, now_ns: int) -> bool:
         """Gate and transport have both been heard within the beat's lifetime, or the transport said until

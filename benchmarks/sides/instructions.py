@@ -58,7 +58,7 @@ def our_setpoints(times: int) -> None:
     state = GateState(now_ns, seen, target, now_ns, True, 0.002)
     for _ in range(times):
         setpoint = decode(decode_frame(sent).body)
-        assert not any(condition(seen, now_ns) for condition in driver.conditions)
+        assert not any(condition.check(seen, now_ns) for condition in driver.conditions)
         candidate = driver.parse_columns(setpoint.columns, state)
         assert isinstance(candidate, Candidate)
         assert not any(gate(candidate, state) for gate in driver.gates)

@@ -12,7 +12,7 @@ from typing import Any
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.columns import Columns, by_column
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.contract import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
 from .robots import Joint, Model
@@ -176,10 +176,11 @@ def _spellings(key: str) -> tuple[str, ...]:
 def conditions(model: Model, floor_pct: float, state_ttl_s: float) -> tuple[Condition, ...]:
     """In the order in which they are asked: the first that refuses answers."""
     handshake = fsm if model.handshake == "fsm" else sport_mode
-    return (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
+    checks = (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
+    return tuple(Condition(check) for check in checks)
 
 
-def stale(ttl_s: float) -> Condition:
+def stale(ttl_s: float) -> ConditionCheck:
     ttl_ns = round(ttl_s * NS)
 
     def stale(observation: Observation, now_ns: int) -> Refused | None:
@@ -250,7 +251,7 @@ def battery_known(observation: Observation, now_ns: int) -> Refused | None:
     return None
 
 
-def battery_above(floor_pct: float) -> Condition:
+def battery_above(floor_pct: float) -> ConditionCheck:
     def battery_above(observation: Observation, now_ns: int) -> Refused | None:
         known = observation.sensors.get("battery")
         if known is None or known[0] >= floor_pct:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState, Observation
+from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
 from .arms import JOINTS, Arm
@@ -94,7 +94,7 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
     return None
 
 
-CONDITIONS = (modes, program)
+CONDITIONS = (Condition(modes), Condition(program))
 
 
 # -- of one setpoint

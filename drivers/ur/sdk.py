@@ -1,4 +1,4 @@
-"""ur-rtde in the wire process: each call that can wait in a worker thread with a deadline.
+"""ur-rtde in the wire process.
 
 What it does that nobody would expect, seen with 1.6.5:
 
@@ -12,20 +12,16 @@ What it does that nobody would expect, seen with 1.6.5:
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
-from typing import Any, TypeVar, TypeVarTuple
+from typing import Any
 
 import msgspec
 import trio
 
+from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
 from strands_actors.runtime.contract import ProcessSpent, WireDown
-from strands_actors.runtime.threads import call_in_thread
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
-
-Args = TypeVarTuple("Args")
-Result = TypeVar("Result")
 
 OPEN_S = 3.0
 FIRST_S = 0.5
@@ -58,19 +54,13 @@ VARIABLES = [
     "speed_scaling",
 ]
 
-_ITS_OWN = (RuntimeError, ValueError, IndexError)
+_ERRORS = (RuntimeError, ValueError, IndexError)
 """What exceptions of the SDK become in Python."""
+
+_INSTALL = "pip install ur-rtde: Python 3.12 at most"
 
 _kept: list[Any] = []
 """Every interface this process has opened: see above."""
-
-
-def _interface(module: str, name: str) -> Any:
-    """Imported here, so that only the wire process of a UR ever loads it. Raise ``WireDown``."""
-    try:
-        return getattr(importlib.import_module(module), name)
-    except ImportError as error:
-        raise WireDown(f"ur-rtde cannot be used ({error}). pip install ur-rtde: Python 3.12 at most") from None
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -98,11 +88,16 @@ class Sdk:
         self._host = host
         self._receive: Any = None
         self._control: Any = None
-        self.spent = ""  # what went wrong, once something did
+        self._calls = SdkCalls("ur-rtde", _ERRORS)
+
+    @property
+    def spent(self) -> str:
+        """What went wrong, once something did."""
+        return self._calls.spent
 
     async def open_receive(self) -> None:
         """Raise ``WireDown`` where it is not installed, and when no sample comes."""
-        interface = _interface("rtde_receive", "RTDEReceiveInterface")
+        interface = load_sdk("rtde_receive", _INSTALL).RTDEReceiveInterface
         self._receive = await self._open("receive", interface, self._host, CONTROL_HZ, VARIABLES)
         with trio.move_on_after(FIRST_S):
             while not self.sample().time_s:  # noqa: ASYNC110  # until then everything is zero
@@ -113,7 +108,7 @@ class Sdk:
     async def open_control(self) -> None:
         """Connect to the registers; no program is started."""
         if self._control is None:
-            interface = _interface("rtde_control", "RTDEControlInterface")
+            interface = load_sdk("rtde_control", _INSTALL).RTDEControlInterface
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
             self._control = await self._open("control", interface, self._host, REGISTERS_HZ, flags)
@@ -121,7 +116,7 @@ class Sdk:
     async def _open(self, what: str, interface: Any, *args: Any) -> Any:
         opened = None
         try:
-            opened = await self._call(what, OPEN_S, interface, *args)
+            opened = await self._calls.open(what, OPEN_S, interface, *args)
         finally:
             _kept.append(opened)  # half of one that failed may be there, too
         return opened
@@ -148,16 +143,16 @@ class Sdk:
 
     async def upload(self) -> bool:
         """Send the control script; it starts some time later."""
-        return await self._call("reuploadScript", OPEN_S, self._control.reuploadScript)
+        return await self._calls.call("reuploadScript", OPEN_S, self._control.reuploadScript)
 
     def script_runs(self) -> bool:
         return bool(self._control.isProgramRunning())
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        return await self._call("setWatchdog", STOP_S, self._control.setWatchdog, min_hz)
+        return await self._calls.call("setWatchdog", STOP_S, self._control.setWatchdog, min_hz)
 
     async def kick(self) -> bool:
-        return await self._call("kickWatchdog", CALL_S, self._control.kickWatchdog)
+        return await self._calls.call("kickWatchdog", CALL_S, self._control.kickWatchdog)
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
         """``check`` is called last, in the worker; what it raises is raised here."""
@@ -167,29 +162,10 @@ class Sdk:
             check()
             return bool(servo_j(target, UNUSED, UNUSED, CONTROL_S, LOOKAHEAD_S, GAIN))
 
-        return await self._call("servoJ", CALL_S, send)
+        return await self._calls.call("servoJ", CALL_S, send)
 
     async def servo_stop(self) -> bool:
-        return await self._call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2)
+        return await self._calls.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2)
 
     async def stop_script(self) -> None:
-        await self._call("stopScript", STOP_S, self._control.stopScript)
-
-    async def _call(
-        self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
-    ) -> Result:
-        """Raise ``ProcessSpent`` when it fails or does not return in time: it may still do what it was told."""
-        if self.spent:
-            raise ProcessSpent(self.spent)
-        try:
-            with trio.fail_after(deadline_s):
-                return await call_in_thread(function, *args)
-        except trio.TooSlowError:
-            self.spent = f"ur-rtde: {name} did not return within {deadline_s * 1e3:g} ms"
-            raise ProcessSpent(self.spent) from None
-        except _ITS_OWN as error:
-            self.spent = f"ur-rtde: {name} failed ({error})"
-            raise ProcessSpent(self.spent) from None
-        except trio.Cancelled:
-            self.spent = f"ur-rtde: {name} was given up"  # by whoever waited for it: it goes on all the same
-            raise
+        await self._calls.call("stopScript", STOP_S, self._control.stopScript)

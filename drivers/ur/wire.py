@@ -143,10 +143,12 @@ class URWire(Wire):
         if session.sdk.spent:
             raise ProcessSpent(session.sdk.spent)
         await trio.lowlevel.checkpoint()
-        await self._feed(session)
         self._look(session)
         self._check_alive(session)
         return session.observation(self._clock.now_ns())
+
+    async def feed(self) -> None:
+        await self._feed(self._session())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self._session()

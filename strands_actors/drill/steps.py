@@ -21,7 +21,7 @@ from ..runtime.messages import Refused
 from ..runtime.process import wait_for_end_of
 from ..supervisors.failsafe import Mode
 from ..supervisors.messages import Resumed, StopReport
-from ..supervisors.transport import BACKOFF_S, SAFE_DEADLINE_S
+from ..supervisors.transport import BACKOFF_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
 from ..tree import RobotTree
@@ -225,7 +225,7 @@ class Drill:
         if not report.confirmed:
             named = ", ".join(report.unconfirmed) or "a motor"
             return self._failed(step, reason, bound_s, f"not confirmed by {named}", confirmed_ms)
-        if confirmed_ms > (limit_ms := (bound_s + SAFE_DEADLINE_S) * 1e3):
+        if confirmed_ms > (limit_ms := (bound_s + self._driver.timing.safe_s) * 1e3):
             problem = f"confirmed after {confirmed_ms:.0f} ms, later than {limit_ms:.0f} ms"
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
         rung = self._driver.ladder[reason]

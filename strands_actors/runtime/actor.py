@@ -12,7 +12,8 @@ is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Coroutine
+import contextlib
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -116,6 +117,20 @@ class Context:
     @property
     def urgent_waiting(self) -> bool:
         return self._cell.mailbox.urgent_waiting
+
+    @contextlib.contextmanager
+    def until_urgent(self) -> Iterator[None]:
+        """Leave the block, wherever it waits, when an urgent message comes for this actor: a handler that waits for
+        a slow robot does not keep a stop waiting. What the block assigns may then be missing."""
+        mailbox = self._cell.mailbox
+        with trio.CancelScope() as scope:
+            mailbox.on_urgent = scope.cancel
+            try:
+                if mailbox.urgent_waiting:
+                    scope.cancel()
+                yield
+            finally:
+                mailbox.on_urgent = None
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Pace:
         """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is given back."""

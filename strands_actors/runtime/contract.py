@@ -21,6 +21,8 @@ from typing import Any, ClassVar, Literal, Protocol
 import msgspec
 import trio
 
+from strands_actors.contract.axis import Axis, Part, axes_of, first_target, parse_action
+
 from .clock import Clock
 from .columns import Columns, by_axis
 from .messages import Message, Refused
@@ -63,6 +65,9 @@ class Timing(msgspec.Struct, frozen=True):
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
+    open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
+    handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
+    safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
 
 
 class Service(msgspec.Struct, frozen=True):
@@ -120,7 +125,10 @@ class ProcessSpent(Exception):
 
 
 class Wire(ABC):
-    """All I/O of one robot's wire. Calls never overlap, but for ``perform``."""
+    """All I/O of one robot's wire. Calls never overlap, but for ``serve`` and ``perform``.
+
+    A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's bound. A call
+    that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -137,6 +145,18 @@ class Wire(ABC):
     async def read(self) -> Observation:
         """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise ``WireDown``
         only when the link itself is gone."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest sample for ``read``.
+
+        Started after ``open``; ``started`` once the first ``read`` may come. Cancelled before ``close``; may return
+        when there is nothing to keep up. It writes no setpoint that ``write`` was not given, and none after
+        ``make_safe``. Raise ``WireDown`` when the link is gone, ``ProcessSpent`` as elsewhere."""
+        task_status.started()
+
+    async def feed(self) -> None:  # noqa: B027  # most firmware has no watchdog to feed
+        """Feed the firmware's own watchdog, where it has one that setpoints alone do not feed. Called once per
+        control period, only when the gate and the transport have answered in this period. Raise ``WireDown``."""
 
     @property
     def prompt(self) -> bool:
@@ -212,8 +232,19 @@ class Candidate(msgspec.Struct, frozen=True, gc=False):
 
 GateCheck = Callable[[Candidate, GateState], Refused | None]
 
-Condition = Callable[[Observation, int], Refused | None]
-"""What must be true of the robot, whatever it is told: from the newest observation and now_ns."""
+ConditionCheck = Callable[[Observation, int], Refused | None]
+"""Refuses when something is not true of the robot: from the newest observation and now_ns. Pure."""
+
+
+class Condition(msgspec.Struct, frozen=True):
+    """What must be true of the robot, whatever it is told, and what is done when it no longer is.
+
+    Each has a fallback of its own: a drone with a low battery lands, one whose link is weak hovers."""
+
+    check: ConditionCheck
+    reason: Reason = Reason.FAULT
+    safe_state: str = ""  # empty: what the driver's table has for ``reason``
+    always: bool = False  # looked at while the robot is energised, not only while a setpoint is live
 
 
 class Driver(ABC):
@@ -245,8 +276,11 @@ class Driver(ABC):
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
     robot: str
+    parts: tuple[Part, ...] = ()
+    """The axes as data. ``declare`` takes them; a driver of another kind sets ``axes`` and ``ids`` itself."""
     axes: tuple[str, ...]
     ids: tuple[int, ...]  # motor id per axis
+    table: tuple[Axis, ...] = ()
     unit: str  # for people: "degrees (gripper: percent open)"
     timing: Timing
     ladder: Mapping[Reason, str]
@@ -254,7 +288,8 @@ class Driver(ABC):
     bound_s: float = 0.05  # published: from a death to the safe frame
     gates: tuple[GateCheck, ...]
     conditions: tuple[Condition, ...] = ()
-    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses."""
+    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses. Those
+    that are ``always`` looked at also end a hold."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -265,9 +300,23 @@ class Driver(ABC):
     @abstractmethod
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
 
-    @abstractmethod
+    def declare(self, *parts: Part) -> None:
+        """Take the axes of the parts: names, ids, parsing and the first target follow from them."""
+        self.parts = parts
+        self.table = axes_of(parts)
+        self.axes = tuple(axis.key for axis in self.table)
+        self.ids = tuple(axis.id for axis in self.table)
+        self._index = {key: at for at, key in enumerate(self.axes)}
+
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Names and numbers to a whole target; joints not named keep ``state.target``."""
+        """Return the whole target: position axes that are not named keep ``state.target``, velocity axes rest."""
+        parsed = parse_action(action, self.robot, self.table, self._index, state.target)
+        return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
+        jumps, and rest for velocity axes, so that nothing drives off."""
+        return first_target(self.table, observation.position) if self.parts else observation.position
 
     def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
         """As ``parse``, of an action by column. Default: it is turned, and parsed."""

@@ -57,7 +57,7 @@ class Mailbox:
     ``offer``: called when a message comes while the reader waits; True: it will be read without waking the reader,
     or the reader woken after all."""
 
-    __slots__ = ("_offer", "_slots", "_waiter", "capacity", "conflated", "idle", "queue", "urgent")
+    __slots__ = ("_offer", "_slots", "_waiter", "capacity", "conflated", "idle", "on_urgent", "queue", "urgent")
 
     def __init__(self, capacity: int = CAPACITY, offer: Callable[[], bool] | None = None) -> None:
         self.capacity = capacity
@@ -69,6 +69,8 @@ class Mailbox:
         self.queue: deque[Item | Slot] = deque()
         self._slots: dict[tuple[str, type], Slot] = {}
         self._waiter: trio.lowlevel.Task | None = None
+        self.on_urgent: Callable[[], object] | None = None
+        """Called when an urgent message comes while a handler runs: ``Context.until_urgent`` sets it."""
 
     def __len__(self) -> int:
         return len(self.urgent) + len(self.queue)
@@ -101,6 +103,8 @@ class Mailbox:
             if len(self.urgent) >= self.capacity:
                 return False
             self.urgent.append(message if reply is None else (message, reply))
+            if self.on_urgent is not None:
+                self.on_urgent()
         if self.idle:
             self.rouse()
         return True

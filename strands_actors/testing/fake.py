@@ -64,6 +64,11 @@ class FakeHardware:
     def of(self, kind: str, since_ns: int = 0) -> list[Written]:
         return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
 
+    def after(self, kind: str, earlier: Written) -> list[Written]:
+        """Return what came after ``earlier``, in the order of the wire: of one instant, too."""
+        at = self.written.index(earlier)
+        return [entry for entry in self.written[at + 1 :] if entry.kind == kind]
+
     def make_safe(self, clock: Clock, rung: str, path: str) -> tuple[MotorReport, ...]:
         if not self.plugged:
             return tuple(MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES))

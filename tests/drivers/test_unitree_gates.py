@@ -53,7 +53,7 @@ def state(driver: Driver, target: tuple[float, ...] = (), period_s: float = 0.00
 def verdict(driver: Driver, action: Any, at: GateState) -> Candidate | Refused:
     """As the gate asks: the conditions, the parser, the gates."""
     for condition in driver.conditions:
-        refusal = condition(at.observation, at.now_ns)
+        refusal = condition.check(at.observation, at.now_ns)
         if refusal is not None:
             return refusal
     candidate = driver.parse(action, at)

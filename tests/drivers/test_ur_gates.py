@@ -41,7 +41,7 @@ def judge(action: Mapping[str, Any], at: GateState, robot: str = "ur5e") -> Cand
     """As the gate asks: conditions, parse, gates."""
     ur = driver(robot)
     for condition in ur.conditions:
-        refusal = condition(at.observation, at.now_ns)
+        refusal = condition.check(at.observation, at.now_ns)
         if refusal is not None:
             return refusal
     candidate = ur.parse(action, at)

@@ -80,16 +80,21 @@ def allowed(name: str) -> tuple[str, ...] | None:
     """The parts of the package that a module may import; None for the surfaces."""
     parts = name.split(".")[1:]
     match parts:
-        case ["runtime", *_]:
-            return (f"{PACKAGE}.runtime",)
+        case ["contract" | "runtime", *_]:
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract")
         case ["supervisors", *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.supervisors")
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract", f"{PACKAGE}.supervisors")
         case ["drivers"]:
-            return (f"{PACKAGE}.runtime",)
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract")
         case ["drivers", "common", *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.drivers.common")
+            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract", f"{PACKAGE}.drivers.common")
         case ["drivers", wire, *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.drivers.common", f"{PACKAGE}.drivers.{wire}")
+            return (
+                f"{PACKAGE}.runtime",
+                f"{PACKAGE}.contract",
+                f"{PACKAGE}.drivers.common",
+                f"{PACKAGE}.drivers.{wire}",
+            )
     return None
 
 

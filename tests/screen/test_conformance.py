@@ -60,7 +60,7 @@ class OneIdTooMany(Blinky):
 @pytest.mark.parametrize(
     ("cls", "failing"),
     [
-        (NoRung, {"the ladder has a rung for every reason"}),
+        (NoRung, {"every reason leads to a safe state", "travels between processes"}),
         (Hasty, {"timing is sane"}),
         (TakesNan, {"refuses what is no finite number"}),
         (TakesBoth, {"refuses one axis under two spellings"}),

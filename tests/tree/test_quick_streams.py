@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.runtime.contract import Observation
+from strands_actors.runtime.contract import Condition, Observation
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.pulse import Pulse
 from strands_actors.supervisors.lease import LEASE_TTL_NS
@@ -88,7 +88,7 @@ def test_saf_001_when_a_quick_stream_ends_its_last_setpoint_expires_as_any_other
             await trio.sleep(0.5)
             safe = tree.hardware.of("safe")[0]
             assert 70 <= (safe.t_ns - last_ns) / 1e6 <= 111
-            assert setpoints(tree, safe.t_ns) == []
+            assert tree.hardware.after("setpoint", safe) == []
 
     run_virtual(run)
 
@@ -106,7 +106,7 @@ def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> 
             safe = tree.hardware.of("safe")[0]
             assert safe.t_ns - began_ns <= LEASE_TTL_NS + 11_000_000
             assert setpoints(tree, began_ns + 50_000_000)
-            assert setpoints(tree, safe.t_ns) == []
+            assert tree.hardware.after("setpoint", safe) == []
 
     run_virtual(run)
 
@@ -119,7 +119,7 @@ def test_a_condition_that_no_longer_holds_ends_a_quick_stream_before_its_next_bu
     def condition(observation: Observation, now_ns: int) -> Refused | None:
         return Refused("fault", "move: it broke") if broken else None
 
-    monkeypatch.setattr(FakeDriver, "conditions", (condition,))
+    monkeypatch.setattr(FakeDriver, "conditions", (Condition(condition),))
 
     async def run() -> None:
         nonlocal broken
@@ -145,6 +145,6 @@ def test_saf_003_a_root_that_falls_silent_is_noticed_beside_a_quick_stream(monke
             safe = tree.hardware.of("safe")[0]
             limit_ns = round((FakeDriver.timing.beat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)
             assert safe.t_ns - silent_ns <= limit_ns
-            assert setpoints(tree, safe.t_ns) == []
+            assert tree.hardware.after("setpoint", safe) == []
 
     run_virtual(run)

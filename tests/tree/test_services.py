@@ -10,7 +10,7 @@ import pytest
 import trio
 
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Observation, Permit, Reason, Service, Timing, WireDown
+from strands_actors.runtime.contract import Condition, Observation, Permit, Reason, Service, Timing, WireDown
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.supervisors.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
 from strands_actors.testing import open_inline_tree, run_virtual
@@ -215,10 +215,33 @@ class Weather:
         return Refused("storm", "move: it storms", "wait") if self.storm else None
 
 
+def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One lets the robot down where the driver's table would hold it, and is looked at in a hold, too."""
+    weather = Weather()
+    grounded = Condition(weather, Reason.LINK, "limp", always=True)
+    monkeypatch.setattr(FakeDriver, "conditions", (grounded,))
+    monkeypatch.setattr(FakeDriver, "ladder", dict.fromkeys(Reason, "hold"))
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(ttl_s=0.1, a=1.0), Accepted)
+            await trio.sleep(0.3)
+            assert (await tree.status()).mode == "holding"
+            weather.storm = True
+            await trio.sleep(0.05)
+            last = tree.hardware.of("safe")[-1]
+            status = await tree.status()
+            assert (last.rung, status.mode, status.cause) == ("limp", "disarmed", "it storms")
+            assert not any(tree.hardware.energised)
+
+    run_virtual(run)
+
+
 def test_a_condition_refuses_and_ends_what_is_live(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody has to send anything for it: the gate looks at every tick."""
     weather = Weather()
-    monkeypatch.setattr(FakeDriver, "conditions", (weather,))
+    monkeypatch.setattr(FakeDriver, "conditions", (Condition(weather),))
 
     async def run() -> None:
         async with open_inline_tree() as tree:

@@ -12,7 +12,6 @@ from strands_actors.supervisors.failsafe import Mode, State
 from strands_actors.supervisors.gate import Gate
 from strands_actors.supervisors.guardian import Guardian
 from strands_actors.supervisors.messages import GetStatus, Status
-from strands_actors.supervisors.transport import HANDOVER_S
 from strands_actors.supervisors.wire import InlinePlace
 from strands_actors.testing import FakeHardware, run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver
@@ -53,7 +52,7 @@ def test_it_waits_for_a_root_that_is_late() -> None:
 
 def test_it_does_not_wait_for_ever() -> None:
     async def run() -> None:
-        status = await status_with_a_root_after(HANDOVER_S + 0.05)
+        status = await status_with_a_root_after(FakeDriver.timing.handover_s + 0.05)
         assert "the root did not take its path" in status.connect_error
 
     run_virtual(run)

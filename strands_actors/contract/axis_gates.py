@@ -1,0 +1,154 @@
+"""Gates that follow from the table of axes: freshness, range and speed. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Candidate, GateCheck, GateState
+from strands_actors.runtime.messages import Refused
+
+from .axis import AxisMode
+
+_ROUNDING = 1e-9
+_DECIMALS = {"deg": 1, "percent": 1, "%": 1}
+_OTHER_DECIMALS = 4
+"""Radians, metres, fractions: enough digits that what a refusal names as the limit is accepted."""
+
+
+class Limited(Protocol):
+    """What a gate needs to know of an axis. ``contract.axis.Axis`` is one."""
+
+    @property
+    def key(self) -> str: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def limits(self) -> tuple[float, float]: ...
+    @property
+    def speed(self) -> float: ...
+
+
+Axes = Sequence[Limited]
+
+
+def axis_gates(
+    axes: Axes, state_ttl_s: float, *, oneshot_s: float | None = None, longest_s: float = 0.1
+) -> tuple[GateCheck, ...]:
+    """Return the gates of a robot of axes, in the order in which they are asked: the first that refuses answers."""
+    return (
+        stale(axes, state_ttl_s),
+        past_range(axes),
+        too_fast(axes, oneshot_s=oneshot_s, longest_s=longest_s),
+    )
+
+
+def stale(axes: Axes, ttl_s: float) -> GateCheck:
+    """Refuse to move an axis whose position was not read within ``ttl_s``."""
+    ttl_ns = round(ttl_s * NS)
+    limit = f"{ttl_s * 1e3:.0f} ms"
+    remedy = "check its cable and power: it is back by itself as soon as it answers"
+
+    def stale(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            stamp = state.observation.stamp_ns[at]
+            age_ns = state.now_ns - stamp
+            if stamp == 0 or age_ns > ttl_ns:
+                age = "yet" if stamp == 0 else f"for {age_ns / 1e6:.0f} ms"
+                return Refused("stale", f"move: no position from {axes[at].label} {age}", remedy, age, limit)
+        for at, value in enumerate(candidate.values[: len(axes)]):
+            if not math.isfinite(value):  # an axis that was never read has no target to keep
+                return Refused("stale", f"move: no position from {axes[at].label} yet", remedy, "yet", limit)
+        return None
+
+    return stale
+
+
+def past_range(axes: Axes) -> GateCheck:
+    """Refuse a target outside the range of its axis."""
+    limits = tuple(axis.limits for axis in axes)
+
+    def past_range(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            value, (low, high), axis = candidate.values[at], limits[at], axes[at]
+            # not (a <= b) rather than b < a: a NaN is refused too
+            if not low - _ROUNDING <= value <= high + _ROUNDING:
+                # rounded inwards: what the text allows is allowed
+                bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
+                end = bottom if value < low else top
+                unit = unit_of(axis)
+                return Refused(
+                    "past_travel",
+                    f"move: {axis.key} {show(value, axis.unit)}{unit} is past {end}",
+                    f"stay within {bottom}..{top}",
+                    offered=show(value, axis.unit),
+                    limit=f"{bottom}..{top}",
+                )
+        return None
+
+    return past_range
+
+
+def too_fast(
+    axes: Axes, *, tolerance: float = 1.2, oneshot_s: float | None = None, longest_s: float = math.inf
+) -> GateCheck:
+    """Refuse a step that the axis cannot follow.
+
+    A stream may step as far as the axis moves in its period, or since the last target that was accepted, times
+    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts. A command on its own may
+    step as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
+    """
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        if state.stream:
+            period_s = min(max(state.period_s, (state.now_ns - state.target_ns) / NS), longest_s) * tolerance
+        elif oneshot_s is not None:
+            period_s = oneshot_s
+        else:
+            return None
+        for at in candidate.named:
+            axis = axes[at]
+            step = abs(candidate.values[at] - state.target[at])
+            allowed = axis.speed * period_s
+            if not step <= allowed + _ROUNDING:
+                most = show(allowed, axis.unit, inwards=math.floor)
+                unit = unit_of(axis)
+                return Refused(
+                    "too_fast",
+                    f"move: {axis.key} steps {show(step, axis.unit)}{unit} in {period_s * 1e3:.3g} ms",
+                    f"step at most {most}{unit}",
+                    offered=show(step, axis.unit),
+                    limit=most,
+                )
+        return None
+
+    return too_fast
+
+
+def show(value: float, unit: str, inwards: object = None) -> str:
+    """Return ``value`` with the digits of its unit; ``inwards`` (``math.floor`` or ``math.ceil``) rounds so."""
+    digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
+    if not math.isfinite(value):
+        return str(value)
+    if abs(value) >= 1e6:
+        return f"{value:.3g}"
+    if inwards is math.floor:
+        value = math.floor(value * 10**digits + _ROUNDING) / 10**digits
+    elif inwards is math.ceil:
+        value = math.ceil(value * 10**digits - _ROUNDING) / 10**digits
+    elif abs(value - round(value, digits)) >= _ROUNDING:
+        return f"{value:.{digits + 2}f}"
+    return f"{value:.{digits}f}"
+
+
+def unit_of(axis: Limited) -> str:
+    """Return the unit as it follows a number, with its space; nothing for a plain fraction."""
+    unit = "%" if axis.unit == "percent" else axis.unit
+    return f" {unit}" if unit else ""
+
+
+__all__ = ["Axes", "AxisMode", "Limited", "axis_gates", "past_range", "show", "stale", "too_fast", "unit_of"]

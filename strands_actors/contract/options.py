@@ -1,0 +1,84 @@
+"""Constructor keywords of a driver as a msgspec struct: types, ranges and meanings stand once, in the annotation.
+
+::
+
+    class Options(DriverOptions, frozen=True):
+        baud: Annotated[Literal[1_000_000, 500_000], option("speed of the bus")] = 1_000_000
+        timeout_s: Annotated[float, option("longest wait for an answer", gt=0, le=60)] = 10.0
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+
+ALWAYS = ("tool_name",)
+"""Keywords that every driver is given."""
+
+
+class DriverOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of the options of a driver. Every field has a default."""
+
+
+Options = TypeVar("Options", bound=DriverOptions)
+
+
+def option(about: str, **constraints: Any) -> msgspec.Meta:
+    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length`` ..."""
+    return msgspec.Meta(description=about, **constraints)
+
+
+def meanings(options: type[DriverOptions]) -> dict[str, str]:
+    """Return each keyword with what it means and its default, for ``list`` and ``--help``."""
+    told: dict[str, str] = {}
+    hints = get_type_hints(options, include_extras=True)
+    for field in msgspec.structs.fields(options):
+        found = [meta.description for meta in getattr(hints[field.name], "__metadata__", ()) if meta.description]
+        told[field.encode_name] = f"{'; '.join(found)}; default {field.default!r}"
+    return told
+
+
+def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
+    """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the nearest, and
+    ``ValueError`` for a value that is not accepted, with what would be."""
+    known = [field.encode_name for field in msgspec.structs.fields(options)]
+    wanted = {name: value for name, value in given.items() if name in known or name not in ALWAYS}
+    if unknown := [name for name in wanted if name not in known]:
+        close = difflib.get_close_matches(unknown[0], known, n=1)
+        hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""
+        use = f"Use {', '.join(known)}" if known else "There is none"
+        raise TypeError(f"{robot}: unknown option {', '.join(unknown)}{hint}. {use}")
+    for name, value in wanted.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"{robot}: {name} is {value!r}. {_wanted(options, name)}")
+    try:
+        return msgspec.convert(wanted, options)
+    except msgspec.ValidationError as error:
+        why, _, where = str(error).rpartition(" - at `$.")
+        name = where.removesuffix("`").partition("[")[0]
+        value = wanted.get(name)
+        raise ValueError(f"{robot}: {name} is {value!r}. {_wanted(options, name)} ({why or error})") from None
+
+
+def plain(options: DriverOptions) -> dict[str, Any]:
+    """Return the options as plain data, to travel between processes and into a recording."""
+    told: dict[str, Any] = msgspec.to_builtins(options)
+    return told
+
+
+def _wanted(options: type[DriverOptions], name: str) -> str:
+    """Return what an option accepts, for a refusal."""
+    if name not in (field.encode_name for field in msgspec.structs.fields(options)):
+        return "Leave it out"
+    choices = _choices(get_type_hints(options)[name])
+    one_of = f", one of {', '.join(map(repr, choices))}" if choices else ""
+    return f"It is: {meanings(options)[name]}{one_of}"
+
+
+def _choices(hint: Any) -> tuple[Any, ...]:
+    """Return the values of a ``Literal``, else nothing."""
+    return get_args(hint) if get_origin(hint) is Literal else ()

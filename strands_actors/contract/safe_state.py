@@ -1,0 +1,46 @@
+"""The safe states a robot can be brought to, in order of severity, and which reason leads to which.
+
+A later member gives up more than an earlier one. An order to be safe is never answered by an earlier state than
+the one that was asked for.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+
+from strands_actors.runtime.contract import Reason
+
+
+class SafeState(enum.StrEnum):
+    """From the mildest to the most severe."""
+
+    HOLD = "hold"  # energised, at the present position; a drone hovers
+    ZERO = "zero"  # a base or a pair of wheels: velocity zero, energised
+    STOP = "stop"  # motion ended by the robot's own controller, which keeps it up
+    SETTLE = "settle"  # sit or lie down, then without power (Spot: settle, then cut)
+    LAND = "land"  # a drone: down, then motors off
+    DAMP = "damp"  # motors brake the joints, then let go
+    LIMP = "limp"  # no torque on any motor
+    ZERO_TORQUE = "zero_torque"  # frames that ask for no torque, at once
+    OFF = "off"  # motors off or power cut, whatever that means for what they carried
+
+    @property
+    def severity(self) -> int:
+        return _ORDER[self]
+
+    def at_least(self, other: SafeState) -> bool:
+        """Return whether this state gives up no less than ``other``."""
+        return self.severity >= other.severity
+
+
+_ORDER = {state: at for at, state in enumerate(SafeState)}
+
+
+def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> None:
+    """Check that each reason leads to a safe state. Raise ``ValueError`` that names what is missing or misspelt."""
+    if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
+        raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
+    known = [str(state) for state in SafeState]
+    if wrong := sorted({str(state) for state in fallbacks.values() if str(state) not in known}):
+        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(known)}")

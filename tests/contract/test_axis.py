@@ -1,0 +1,115 @@
+"""Axes as data: parsing, the first target, and the gates that follow from the table."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind, axes_of, first_target, parse_action
+from strands_actors.contract.axis_gates import axis_gates, past_range, stale, too_fast
+from strands_actors.runtime.contract import Candidate, GateState, Observation
+from strands_actors.runtime.messages import Refused
+
+ARM = tuple(Axis(key=f"joint{at}", unit="rad", low=-2.0, high=2.0, speed=1.0, id=at) for at in (1, 2))
+WHEELS = tuple(Axis(key=key, unit="m/s", low=-0.5, high=0.5, mode=AxisMode.VELOCITY) for key in ("vx", "vy"))
+TABLE = axes_of((Part(PartKind.ARM, ARM), Part(PartKind.BASE, WHEELS)))
+INDEX = {axis.key: at for at, axis in enumerate(TABLE)}
+
+
+def parse(action: dict[str, object], target: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4)) -> object:
+    return parse_action(action, "rover", TABLE, INDEX, target)
+
+
+def state(*, stream: bool = False, period_s: float = 0.0, age_ns: int = 0, since_ns: int = 0) -> GateState:
+    now_ns = 10**9
+    seen = Observation(now_ns, (0.0,) * 4, (now_ns - age_ns,) * 4)
+    return GateState(now_ns, seen, (0.1, 0.2, 0.0, 0.0), now_ns - since_ns, stream, period_s)
+
+
+def test_a_position_that_is_not_named_keeps_its_target_and_a_velocity_rests() -> None:
+    assert parse({"joint2": 1}) == ((0.1, 1.0, 0.0, 0.0), (1,))
+    assert parse({"vx": 0.25}) == ((0.1, 0.2, 0.25, 0.0), (2,))
+    assert parse({"joint1.pos": 0.5}) == ((0.5, 0.2, 0.0, 0.0), (0,))
+
+
+def test_a_base_that_was_just_armed_does_not_drive_to_its_odometry() -> None:
+    assert first_target(TABLE, (0.7, 0.8, 3.0, 1.5)) == (0.7, 0.8, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("action", "code"),
+    [
+        ({}, "empty"),
+        ({"joint9": 1.0}, "unknown_joint"),
+        ({1: 1.0}, "unknown_joint"),
+        ({"joint1": math.nan}, "not_finite"),
+        ({"joint1": True}, "not_finite"),
+        ({"joint1": "1"}, "not_finite"),
+        ({"joint1": 10**400}, "not_finite"),
+        ({"joint1": 1.0, "joint1.pos": 1.0}, "both_spellings"),
+    ],
+)
+def test_saf_014_bad_actions_are_refused_by_name(action: dict[str, object], code: str) -> None:
+    refused = parse(action)
+    assert isinstance(refused, Refused) and refused.code == code and refused.remedy
+
+
+def test_two_axes_of_one_name_are_no_table() -> None:
+    with pytest.raises(ValueError, match="joint1"):
+        axes_of((Part(PartKind.ARM, ARM), Part(PartKind.ARM, ARM, "left")))
+
+
+def test_saf_014_past_its_range() -> None:
+    gate = past_range(TABLE)
+    refused = gate(Candidate((2.5, 0.0, 0.0, 0.0), (0,)), state())
+    assert isinstance(refused, Refused)
+    assert refused.text == "move: joint1 2.5000 rad is past 2.0000. stay within -2.0000..2.0000"
+    assert gate(Candidate((2.5, 0.0, 0.0, 0.0), (1,)), state()) is None  # only what the action names
+    assert gate(Candidate((math.nan, 0.0, 0.0, 0.0), (0,)), state()) is not None
+
+
+@given(st.floats(-10, 10), st.floats(-3, 3), st.floats(0.001, 3))
+def test_what_the_text_allows_is_allowed(value: float, low: float, span: float) -> None:
+    axis = Axis(key="a", unit="rad", low=low, high=low + span)
+    refused = past_range((axis,))(Candidate((value,), (0,)), state())
+    if refused is not None:
+        bottom, _, top = refused.limit.partition("..")
+        for end in (float(bottom), float(top)):
+            if float(bottom) <= float(top):
+                assert past_range((axis,))(Candidate((end,), (0,)), state()) is None
+
+
+def test_saf_012_an_old_position_is_no_position() -> None:
+    gate = stale(TABLE, 0.3)
+    assert gate(Candidate((0.1,) * 4, (0,)), state(age_ns=200_000_000)) is None
+    refused = gate(Candidate((0.1,) * 4, (0,)), state(age_ns=400_000_000))
+    assert isinstance(refused, Refused) and "no position from joint1 (id 1) for 400 ms" in refused.text
+    assert gate(Candidate((0.1, math.nan, 0.0, 0.0), (0,)), state()) is not None
+
+
+def test_saf_014_a_stream_steps_as_far_as_the_axis_moves() -> None:
+    gate = too_fast(TABLE, longest_s=0.1)
+    at_30_hz = state(stream=True, period_s=1 / 30)
+    assert gate(Candidate((0.1 + 1.2 / 30, 0.2, 0.0, 0.0), (0,)), at_30_hz) is None
+    refused = gate(Candidate((0.1 + 1.3 / 30, 0.2, 0.0, 0.0), (0,)), at_30_hz)
+    assert isinstance(refused, Refused) and refused.code == "too_fast"
+    assert "joint1 steps 0.043333 rad in 40 ms" in refused.text and refused.limit == "0.0400"
+    after_a_pause = state(stream=True, period_s=1 / 30, since_ns=5 * 10**9)
+    assert gate(Candidate((0.1 + 0.13, 0.2, 0.0, 0.0), (0,)), after_a_pause) is not None
+    assert gate(Candidate((5.0, 0.2, 0.0, 0.0), (0,)), state()) is None  # a command on its own may go anywhere
+    assert gate(Candidate((0.1, 0.2, 99.0, 0.0), (2,)), at_30_hz) is None  # no acceleration limit declared
+
+
+def test_saf_014_a_command_on_its_own_steps_no_further_than_one_period() -> None:
+    gate = too_fast(TABLE, oneshot_s=0.008)
+    assert gate(Candidate((0.108, 0.2, 0.0, 0.0), (0,)), state()) is None
+    assert gate(Candidate((0.11, 0.2, 0.0, 0.0), (0,)), state()) is not None
+
+
+def test_the_gates_of_a_table_ask_for_freshness_first() -> None:
+    gates = axis_gates(TABLE, 0.3, oneshot_s=0.008)
+    first = next(refused for gate in gates if (refused := gate(Candidate((9.0,) * 4, (0,)), state(age_ns=10**9))))
+    assert first.code == "stale"

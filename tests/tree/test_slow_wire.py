@@ -1,0 +1,127 @@
+"""A wire that takes its time: stops do not wait for it, and what it keeps up beside the calls ends with it."""
+
+from __future__ import annotations
+
+import pytest
+import trio
+
+from strands_actors.runtime.contract import Reason, WireDown
+from strands_actors.supervisors.failsafe import Mode
+from strands_actors.supervisors.messages import GetStatus, Status, Stop, StopReport
+from strands_actors.testing import run_virtual
+from strands_actors.testing.fake import FakeWire
+from strands_actors.testing.inline import InlineTree, open_inline_tree
+
+from .writer import armed, setpoints
+
+
+async def mode_of(tree: InlineTree) -> str:
+    status = await tree.gate.ask(GetStatus(), 1.0)
+    assert isinstance(status, Status)
+    return status.mode
+
+
+@pytest.mark.parametrize("read_s", [0.03, 0.15, 0.5])
+def test_saf_006_a_stop_does_not_wait_for_a_reading(read_s: float) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.read_s = read_s
+            for late_s in (0.001, 0.004, 0.011):
+                await trio.sleep(0.1 + late_s)
+                began_ns = tree.node.clock.now_ns()
+                report = await tree.gate.ask(Stop(Reason.STOP, "a test"), 2.0)
+                assert isinstance(report, StopReport) and report.confirmed
+                assert tree.hardware.of("safe", began_ns)[0].t_ns - began_ns <= 1_000_000
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("write_s", [0.03, 0.3])
+def test_saf_002_a_stop_does_not_wait_for_a_write_and_the_write_does_not_follow_it(write_s: float) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.hardware.write_s = write_s
+            writer.ref.tell(writer.setpoint(latched=True, a=1.0))
+            await trio.sleep(0.005)
+            began_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(Reason.STOP, "a test"), 2.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            safe = tree.hardware.of("safe", began_ns)[0]
+            assert safe.t_ns - began_ns <= 1_000_000
+            await trio.sleep(1.0)
+            assert tree.hardware.after("setpoint", safe) == []
+
+    run_virtual(run)
+
+
+def test_what_a_wire_keeps_up_begins_with_it_and_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+
+    async def serve(self: FakeWire, task_status: trio.TaskStatus[None]) -> None:
+        told.append("begun")
+        await trio.sleep(0.2)
+        told.append("ready")
+        task_status.started()
+        try:
+            await trio.sleep_forever()
+        finally:
+            told.append("ended")
+
+    monkeypatch.setattr(FakeWire, "serve", serve)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            assert told == ["begun", "ready"]
+            tree.hardware.plugged = False
+            await trio.sleep(0.1)
+            assert told[:3] == ["begun", "ready", "ended"]
+            tree.hardware.plugged = True
+            await trio.sleep(1.0)
+            assert told.count("begun") == told.count("ended") + 1 and tree.hardware.opens == 2
+
+    run_virtual(run)
+
+
+def test_saf_012_a_background_that_loses_the_link_loses_it_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def serve(self: FakeWire, task_status: trio.TaskStatus[None]) -> None:
+        task_status.started()
+        await trio.sleep(0.5)
+        raise WireDown("the peer hung up")
+
+    monkeypatch.setattr(FakeWire, "serve", serve)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            writer.ref.tell(writer.setpoint(latched=True, a=1.0))
+            await trio.sleep(0.9)
+            safe = tree.hardware.of("safe")[0]  # when it is open again: safe first
+            assert tree.hardware.after("setpoint", safe) == [] and setpoints(tree)
+            assert await mode_of(tree) in (Mode.LOST, Mode.DISARMED, Mode.STOPPING)
+
+    run_virtual(run)
+
+
+def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    fed: list[float] = []
+
+    async def feed(self: FakeWire) -> None:
+        fed.append(trio.current_time())
+
+    monkeypatch.setattr(FakeWire, "feed", feed)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            await trio.sleep(0.5)
+            assert len(fed) >= 20
+            tree.hardware.read_hangs = True  # the transport answers no more
+            await trio.sleep(0.1)
+            count = len(fed)
+            await trio.sleep(0.05)
+            assert len(fed) == count
+
+    run_virtual(run)
