@@ -8,6 +8,7 @@ before its silence is.
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -101,3 +102,54 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
     except OSError as error:
         sock.close()
         raise WireDown(f"{name}: cannot be opened ({error.strerror}). Check port=, and who else has it") from None
+
+
+async def await_udp(port: int, host: str, is_peer: Callable[[bytes], bool]) -> UdpPort:
+    """Wait at UDP ``port`` for a peer that speaks first, then talk to it alone.
+
+    ``host``: its address, anybody's when empty; ``is_peer`` tells by a datagram whether it is one. What has come so
+    far is dropped. Raise ``WireDown``.
+    """
+    peer, here = await _both_ends(host)
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.bind((here, port))
+        while True:
+            await trio.lowlevel.wait_readable(sock)
+            try:
+                data, address = sock.recvfrom(LARGEST)
+            except BlockingIOError:
+                continue
+            if peer in ("", address[0]) and is_peer(data):
+                sock.connect(address)
+                found = UdpPort(sock, f"{address[0]}:{address[1]}")
+                while found.read_waiting() is not None:
+                    pass  # who spoke before the kernel knew the peer may be anybody
+                return found
+    except OSError as error:
+        sock.close()
+        raise WireDown(f"UDP port {port} cannot be used ({error.strerror}). Check who else has it") from None
+    except BaseException:
+        sock.close()
+        raise
+
+
+async def _both_ends(host: str) -> tuple[str, str]:
+    """Return the numeric address of ``host`` and our own on the way to it; both empty when ``host`` is. Nothing is
+    sent. Raise ``WireDown``."""
+    if not host:
+        return "", ""
+    try:
+        found = await trio.socket.getaddrinfo(host, 1, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+        address = found[0][4]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.connect(address)
+            return str(address[0]), str(sock.getsockname()[0])
+    except (OSError, UnicodeError) as error:
+        raise WireDown(f"{host}: no such address ({error}). Check port=") from None
+
+
+def adopt_udp(fd: int, name: str) -> UdpPort:
+    """Take over an open descriptor of a connected socket."""
+    return UdpPort(socket.socket(fileno=fd), name)

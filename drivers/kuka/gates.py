@@ -1,54 +1,34 @@
 """What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever clipped.
 
-A target is one position for each joint, radians, and behind them over how many seconds the wire spreads it. A target
+A target is one position for each joint, radians, and behind them over how many seconds the wire spreads it. One
 without that is a measured position: nothing was accepted since the robot was armed or held.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.contract import (
+    Candidate,
+    Condition,
+    ConditionCheck,
+    GateCheck,
+    GateState,
+    Observation,
+)
 from strands_actors.runtime.messages import Refused
 
 from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
-from .robots import Arm
 
 LONGEST_STEP_S = 0.1
 """A slower stream may not step further than a joint turns meanwhile."""
 
 _ROUNDING = 1e-9
 _ON_THE_PENDANT = "clear it on the pendant"
-
-
-def parse(action: Mapping[str, object], arm: Arm, oneshot_s: float, state: GateState) -> Candidate | Refused:
-    """Return the whole target of names and radians. ``x`` and ``x.pos`` name the same joint: not both at once.
-    ``oneshot_s``: over how long a command on its own is spread."""
-    keys = ", ".join(arm.axes)
-    if not action:
-        return Refused("empty", "move: the action names no joint", f"use {keys}", "{}", keys)
-    target = list(last_target(state))
-    named: list[int] = []
-    for key, value in action.items():
-        name = key.removesuffix(".pos") if isinstance(key, str) else ""
-        if name not in arm.axes:
-            shown = str(key)[:40] or "''"
-            why = f"move: {shown} is not a joint of {arm.name}"
-            return Refused("unknown_joint", why, f"use {keys}", shown, keys)
-        at = arm.axes.index(name)
-        if at in named:
-            both = f"{name} and {name}.pos"
-            return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, name)
-        number = finite(value)
-        if number is None:
-            shown = str(value)[:40]
-            return Refused("not_finite", f"move: {name} is {shown}", "send a finite number", shown, "radians")
-        target[at] = number
-        named.append(at)
-    return Candidate((*target, span_s(state, oneshot_s)), tuple(named))
 
 
 def span_s(state: GateState, oneshot_s: float) -> float:
@@ -67,12 +47,14 @@ def last_target(state: GateState) -> tuple[float, ...]:
 # -- what must be true for a motion to begin, and to go on
 
 
-def conditions(arm: Arm, state_ttl_s: float) -> tuple[Condition, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
-    return (stale(state_ttl_s), safety, drives(arm), session, client_mode, control_mode, overlay, quality)
+def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked: the first that refuses answers."""
+    of_the_session = (session, client_mode, control_mode, overlay, quality)
+    return tuple(map(Condition, (stale(state_ttl_s), safety, drives(axes), *of_the_session)))
 
 
-def stale(ttl_s: float) -> Condition:
+def stale(ttl_s: float) -> ConditionCheck:
+    ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
 
     def stale(observation: Observation, now_ns: int) -> Refused | None:
@@ -83,7 +65,6 @@ def stale(ttl_s: float) -> Condition:
         why = f"move: no FRI message for {age}"
         return Refused("stale", why, "check the controller, its FRI session and the network", age, limit)
 
-    ttl_ns = round(ttl_s * NS)
     return stale
 
 
@@ -94,16 +75,16 @@ def safety(observation: Observation, now_ns: int) -> Refused | None:
     return Refused("safety", f"move: safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
 
 
-def drives(arm: Arm) -> Condition:
+def drives(axes: Sequence[Axis]) -> ConditionCheck:
     def drives(observation: Observation, now_ns: int) -> Refused | None:
         row = observation.sensors.get("drive_state", ())
         if not row:
             return Refused("drives", "move: the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
         # One number may stand for all joints.
-        for key, number in zip(arm.axes, row, strict=False):
+        for axis, number in zip(axes, row, strict=False):
             if number != Drive.ACTIVE:
                 name = name_of(Drive, round(number))
-                return Refused("drives", f"move: drive of {key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
+                return Refused("drives", f"move: drive of {axis.key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
         return None
 
     return drives
@@ -145,45 +126,25 @@ def quality(observation: Observation, now_ns: int) -> Refused | None:
 # -- of one setpoint
 
 
-def gates(arm: Arm, oneshot_s: float) -> tuple[GateCheck, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
-    return (past_range(arm), too_fast(arm, oneshot_s))
+def gates(axes: Sequence[Axis], oneshot_s: float) -> tuple[GateCheck, ...]:
+    """Return them in the order in which they are asked: the first that refuses answers."""
+    return (past_range(axes), too_fast(axes, oneshot_s))
 
 
-def past_range(arm: Arm) -> GateCheck:
-    def past_range(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            joint, rad = arm.joints[at], candidate.values[at]
-            # not (a <= b) rather than b < a: a NaN is refused too
-            if not abs(rad) <= joint.reach_rad + _ROUNDING:
-                inner = math.floor(joint.reach_rad * 1e4) / 1e4  # what the text allows is allowed
-                return Refused(
-                    "past_travel",
-                    f"move: {joint.key} {rad:.4g} rad is past {math.copysign(inner, rad):.4f}",
-                    f"stay within -{inner:.4f}..{inner:.4f} rad",
-                    f"{rad:.4g}",
-                    f"-{inner:.4f}..{inner:.4f}",
-                )
-        return None
-
-    return past_range
-
-
-def too_fast(arm: Arm, oneshot_s: float) -> GateCheck:
-    """From the last target, as far as a joint turns in one period of the stream; a command on its own is one period
-    of the control loop."""
-    speed = arm.speed_rad_s
+def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
+    """Refuse a step further than a joint turns in one period of the stream, counted from the last target. A command
+    on its own is one period of the control loop."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         period_s, before = span_s(state, oneshot_s), last_target(state)
         for at in candidate.named:
             step = abs(candidate.values[at] - before[at])
-            allowed = speed[at] * period_s
+            allowed = axes[at].speed * period_s
             if not step <= allowed + _ROUNDING:
                 shown = math.floor(allowed * 1e5) / 1e5
                 return Refused(
                     "too_fast",
-                    f"move: {arm.axes[at]} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
                     f"step at most {shown:.5g} rad",
                     f"{step:.5g}",
                     f"{shown:.5g}",

@@ -7,6 +7,7 @@ from functools import cache
 
 import msgspec
 
+from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "KUKA")
@@ -35,6 +36,22 @@ class Arm(msgspec.Struct, frozen=True):
 
     name: str
     joints: tuple[Joint, ...]
+
+    @property
+    def part(self) -> Part:
+        """Return the joints as axes, numbered from 1."""
+        axes = (
+            Axis(
+                key=joint.key,
+                unit="rad",
+                low=-joint.reach_rad,
+                high=joint.reach_rad,
+                speed=joint.speed_rad_s,
+                id=number,
+            )
+            for number, joint in enumerate(self.joints, 1)
+        )
+        return Part(PartKind.ARM, tuple(axes))
 
     @property
     def axes(self) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
 """What a client of FRI answers, cycle by cycle. Pure: no clock, no socket.
 
-In every cycle one answer: without positions while the controller only monitors, its own interpolated position while
-it waits for that, and from then on the last commanded position, or a step from it towards the goal. Holding is
-repeating the answer. While a setpoint lives no two answers are alike, by ``LIVE_RAD`` at least: so a hold can be told
-from a setpoint on the wire.
+In every cycle one answer: without positions while the controller only monitors, its own interpolated position
+while it waits for that, and from then on the last commanded position, or a step from it towards the goal. Holding
+is repeating the answer. While a setpoint lives no two answers are alike, by ``LIVE_RAD`` at least: so a hold can be
+told from a setpoint on the wire.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .protocol import COUNTER, Command, Monitoring, State
 LIVE_RAD = 1e-12
 """A millionth of what an encoder can tell."""
 LATE = 10
-"""A message that is so few sequence numbers behind was overtaken on the way; a larger step back is a new session."""
+"""A message that is so few numbers behind was overtaken on the way; a larger step back is a new session."""
 
 Row = tuple[float, ...]
 

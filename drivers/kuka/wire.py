@@ -1,0 +1,208 @@
+"""The client's end of FRI in the wire process: it answers every cycle, and moves the arm while a setpoint lives."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.udp_port import await_udp
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    Wire,
+    WireDown,
+)
+
+from .link import Link, cycle_s
+from .protocol import JOINTS, Drive, Monitoring, State, decode_monitoring
+
+if TYPE_CHECKING:
+    from .driver import Kuka
+
+SHORTEST_MS, LONGEST_MS = 2, 20
+"""Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the published bound."""
+LOST_S = 0.5
+"""Without a message for so long the link counts as lost."""
+ACTIVE_S = 3.0
+"""So long arming waits for a session that is on its way to being commanded."""
+
+
+class KukaWire(Wire):
+    def __init__(self, driver: Kuka, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._link_or_none: Link | None = None
+        self._permit: Permit | None = None  # of the setpoint that the arm moves by
+        self._written_ns = 0  # when that was written, or re-sent
+        self._seen: Monitoring | None = None
+        self._observation = Observation(0, (math.nan,) * JOINTS, (0,) * JOINTS)
+
+    async def open(self) -> dict[str, Any]:
+        """Wait for the controller, which speaks first. Nothing is sent."""
+        self.close()
+        driver = self._driver
+        try:
+            host, number = driver.place()
+        except ValueError as error:
+            raise WireDown(f"open: {error}") from None
+        heard: list[Monitoring] = []
+
+        def is_controller(data: bytes) -> bool:
+            try:
+                heard.append(decode_monitoring(data))
+            except MalformedFrame:
+                return False
+            return True
+
+        port = None
+        with trio.move_on_after(driver.connect_timeout_s):
+            port = await await_udp(number, host, is_controller)
+        if port is None:
+            raise WireDown(
+                f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
+                f"{driver.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
+                "address that it speaks to"
+            )
+        self._link_or_none = link = Link(port, driver.arm, self._clock)
+        link.said = said = heard[-1]
+        refuse_cycle(said)
+        return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
+        link = self._link()
+        task_status.started()
+        while True:
+            said = await link.hear()
+            if link.session.has_goal and not self._is_live():
+                link.session.hold()
+            link.answer(said)
+
+    def _is_live(self) -> bool:
+        """Whether the arm may still move: the setpoint stands, and was written or re-sent of late."""
+        lifetime_ns = self._driver.timing.stream_ttl_s * NS
+        if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
+            return False
+        try:
+            self._permit.check()
+        except PermitDenied:
+            return False
+        return True
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Energise nothing, which is the pendant's: hold, and wait a while for a session that may be commanded
+        soon. One that is not is armed all the same, and moves are refused until it is."""
+        link = self._link()
+        self._rest(link)
+        permit.check()
+        with trio.move_on_after(ACTIVE_S):
+            while link.said is not None and link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
+                await link.news.wait()
+                permit.check()
+        permit.check()
+        return self._read(link)
+
+    async def read(self) -> Observation:
+        return self._read(self._link())
+
+    @property
+    def prompt(self) -> bool:
+        return self._link_or_none is not None
+
+    def _read(self, link: Link) -> Observation:
+        silent_s = link.silent_s()
+        if silent_s > LOST_S:
+            raise WireDown(f"read: no FRI message for {silent_s:.1f} s. Check the controller and the network")
+        said = link.said
+        if said is not None and said is not self._seen:
+            self._seen = said
+            self._observation = observation_of(said, link.session.commanded, link.heard_ns)
+        return self._observation
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Take a target: the answers of the next cycles lead there, as long as the permit lasts."""
+        link = self._link()
+        if link.said is None or link.said.state != State.COMMANDING_ACTIVE:
+            raise PermitDenied(f"FRI session is {link.state}")
+        permit.check()
+        self._permit, self._written_ns = permit, self._clock.now_ns()
+        link.session.aim(values[:JOINTS], values[JOINTS])
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        link = self._link_or_none
+        if link is None:
+            axes = enumerate(self._driver.axes, 1)
+            return tuple(MotorReport(axis, number, False, False, False, "not connected") for number, axis in axes)
+        self._rest(link)
+
+        async def cycle() -> None:
+            await link.news.wait()  # ``serve`` answers it
+
+        return await link.bring_to_stand(cycle, "")
+
+    def _rest(self, link: Link) -> None:
+        self._permit = None
+        link.session.hold()
+
+    def handover(self) -> tuple[int, ...]:
+        return (self._link().port.fileno(),)
+
+    def close(self) -> None:
+        """Release the port. The session ends by our silence: the controller drops it and holds the arm."""
+        if self._link_or_none is not None:
+            self._link_or_none.port.close()
+            self._link_or_none = None
+        self._permit = None
+
+    def _link(self) -> Link:
+        if self._link_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._link_or_none
+
+
+def refuse_cycle(said: Monitoring) -> None:
+    """Raise ``WireDown`` for a cycle that cannot be kept."""
+    cycle_ms = said.sample_ms * said.multiplier
+    if said.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
+        raise WireDown(
+            f"open: FRI sample time {said.sample_ms} ms, receive multiplier {said.multiplier}. Set a sample time "
+            f"of {SHORTEST_MS} ms or more in the robot program, and both together {LONGEST_MS} ms or less"
+        )
+
+
+def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int) -> Observation:
+    """``commanded``: what the arm is told by us; empty: nothing."""
+    return Observation(
+        t_ns=heard_ns,
+        position=said.position,
+        stamp_ns=(heard_ns,) * JOINTS,
+        sensors={
+            "torque_nm": said.torque,
+            "external_torque_nm": said.external_torque,
+            "commanded_rad": commanded or said.commanded,
+            "fri_state": (said.state,),
+            "fri_quality": (said.quality,),
+            "sample_time_s": (said.sample_ms / 1e3,),
+            "safety_state": (said.safety,),
+            "drive_state": said.drives,
+            "operation_mode": (said.operation_mode,),
+            "control_mode": (said.control_mode,),
+            "client_mode": (said.client_mode,),
+            "overlay": (said.overlay,),
+            "tracking": (said.tracking,),
+        },
+    )
+
+
+def _is_ready(said: Monitoring) -> bool:
+    """Whether nothing but time stands between a session and its being commanded, as far as it tells."""
+    return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)
+
+
+__all__ = ["KukaWire", "cycle_s", "observation_of", "refuse_cycle"]
