@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from ipaddress import IPv4Address
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from msgspec.structs import replace
@@ -64,6 +65,7 @@ class Kuka(Driver):
         self.fri_port = chosen.fri_port
         self.connect_timeout_s = chosen.connect_timeout
         self.period_s = 1.0 / chosen.control_frequency
+        self._wire: KukaWire | None = None
         self.declare(self.arm.part)
         self.timing = Timing(
             control_hz=chosen.control_frequency,
@@ -82,6 +84,13 @@ class Kuka(Driver):
         """Return the controller's address, empty for any, and the UDP port of both ends: the one that ``port``
         names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no address."""
         return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
+
+    def numeric_host(self) -> str:
+        """Return the controller's address if it is given as a number; empty: not known without asking."""
+        try:
+            return str(IPv4Address(self.place()[0]))
+        except ValueError:
+            return ""
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the whole target, with the time that the wire may spread it over. Joints that are not named keep
@@ -110,9 +119,12 @@ class Kuka(Driver):
             importlib.import_module(f"{__package__}.{module}")
 
     def open_wire(self, clock: Clock) -> KukaWire:
+        """Return the one wire of this process."""
         from .wire import KukaWire
 
-        return KukaWire(self, clock)
+        if self._wire is None:
+            self._wire = KukaWire(self, clock)
+        return self._wire
 
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .stop_channel import KukaStopChannel

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 import trio
 
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.udp_port import UdpPort
+from strands_actors.drivers.common.udp_port import UdpListener
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, WireDown
 
@@ -31,12 +31,12 @@ QUIET_CYCLES = 2.5
 
 
 class Link:
-    """``port``: of a controller that was heard."""
+    """``port``: it has met the controller, who said ``said``."""
 
-    def __init__(self, port: UdpPort, arm: Arm, clock: Clock) -> None:
+    def __init__(self, port: UdpListener, arm: Arm, clock: Clock, said: Monitoring) -> None:
         self.port = port
         self.session = Session(arm.speed_rad_s)
-        self.said: Monitoring | None = None
+        self.said = said
         self.heard_ns = clock.now_ns()
         self.answers = 0
         self.malformed = 0
@@ -47,18 +47,10 @@ class Link:
 
     async def hear(self) -> Monitoring:
         """Return the newest message, once there is one that is understood. Raise ``WireDown``."""
-        while True:
-            waiting = [await self.port.read()]
-            while len(waiting) < MOST_WAITING and (data := self.port.read_waiting()) is not None:
-                waiting.append(data)
-            for data in reversed(waiting):
-                try:
-                    said = decode_monitoring(data)
-                except MalformedFrame:
-                    self.malformed += 1
-                    continue
-                self._take(said)
-                return said
+        while (said := newest(self.port, await self.port.read())) is None:
+            self.malformed += 1
+        self._take(said)
+        return said
 
     def _take(self, said: Monitoring) -> None:
         self.said, self.heard_ns = said, self._clock.now_ns()
@@ -77,7 +69,7 @@ class Link:
     @property
     def state(self) -> str:
         """Return the name of the session's state."""
-        return "unknown" if self.said is None else name_of(State, self.said.state)
+        return name_of(State, self.said.state)
 
     def silent_s(self) -> float:
         """Return for how long no message was understood."""
@@ -104,15 +96,14 @@ class Link:
     def _hold_unasked(self) -> bool:
         """Hold in answer to an old message, when no new one comes: who is not heard may hear.
         Raise ``WireDown``."""
-        said = self.said
-        if said is None or self.silent_s() <= QUIET_CYCLES * cycle_s(said):
+        if self.silent_s() <= QUIET_CYCLES * cycle_s(self.said):
             return False
-        self.port.write(encode_command(self.session.again(said)))
+        self.port.write(encode_command(self.session.again(self.said)))
         return True
 
     def _is_held(self, first: int) -> bool:
         """Whether two answers have left since, and the arm stands, or is none of ours to stop."""
-        if self.said is None or self.answers - first < 2:
+        if self.answers - first < 2:
             return False
         return self.said.state < State.COMMANDING_WAIT or self._stands()
 
@@ -126,7 +117,7 @@ class Link:
 
     def reports(self, written: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
         """Report the same of every joint: one answer is for all."""
-        if held and self.said is not None and self.said.state < State.COMMANDING_WAIT:
+        if held and self.said.state < State.COMMANDING_WAIT:
             detail = f"FRI session is {self.state}: the robot's own program holds it"
         elif not held and not detail:
             silent = self.silent_s() > STAND_S
@@ -139,3 +130,32 @@ class Link:
 def cycle_s(said: Monitoring) -> float:
     """Return the time from one answer to the next."""
     return said.sample_ms * said.multiplier / 1e3
+
+
+async def first_message(port: UdpListener) -> Monitoring:
+    """Return the newest that the first controller which speaks has said. Raise ``WireDown``."""
+    heard: list[bytes] = []
+
+    def is_controller(data: bytes) -> bool:
+        heard.append(data)
+        return understood(data) is not None
+
+    await port.meet(is_controller)
+    said = newest(port, heard[-1])
+    assert said is not None  # the one that it was met by
+    return said
+
+
+def newest(port: UdpListener, first: bytes) -> Monitoring | None:
+    """Return the newest message that is understood, of ``first`` and what waits behind it."""
+    waiting = [first]
+    while len(waiting) < MOST_WAITING and (data := port.read_waiting()) is not None:
+        waiting.append(data)
+    return next(filter(None, map(understood, reversed(waiting))), None)
+
+
+def understood(data: bytes) -> Monitoring | None:
+    try:
+        return decode_monitoring(data)
+    except MalformedFrame:
+        return None

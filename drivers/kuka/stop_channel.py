@@ -7,15 +7,17 @@ wire lives nothing is read here: a message that one of us takes the other does n
 
 from __future__ import annotations
 
+import socket
 from typing import TYPE_CHECKING
 
 import trio
 
-from strands_actors.drivers.common.udp_port import adopt_udp
+from strands_actors.drivers.common.udp_port import UdpListener
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
 
-from .link import Link
+from .link import Link, first_message
+from .protocol import Monitoring
 
 if TYPE_CHECKING:
     from .driver import Kuka
@@ -31,29 +33,38 @@ class KukaStopChannel(SecondPath):
     def __init__(self, driver: Kuka, fd: int, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
-        self._link = Link(adopt_udp(fd, driver.robot), driver.arm, clock)
+        self._port = UdpListener(socket.socket(fileno=fd), driver.numeric_host())
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         """Answer in the wire's place with the last commanded position, as the controller has it, until the arm
         stands. Sequence numbers go on from what the controller says."""
-        link = self._link
+        said: Monitoring | None = None
+        try:
+            with trio.move_on_after(HEAR_S):
+                said = await first_message(self._port)
+            if said is None:
+                return self._failed("the controller says nothing")
+            return await self._answer(Link(self._port, self._driver.arm, self._clock, said))
+        except WireDown as down:
+            return self._failed(str(down))
+
+    async def _answer(self, link: Link) -> tuple[MotorReport, ...]:
+        """Raise ``WireDown``."""
         began_ns = self._clock.now_ns()
 
         async def cycle() -> None:
             link.answer(await link.hear())
 
-        try:
+        link.answer(link.said)
+        reports = await link.bring_to_stand(cycle, "held by the root; its FRI session ends with this")
+        while self._clock.now_ns() - began_ns < ANSWER_S * NS:
             with trio.move_on_after(HEAR_S):
                 await cycle()
-            if not link.answers:
-                return link.reports(False, False, "the controller says nothing")
-            reports = await link.bring_to_stand(cycle, "held by the root; its FRI session ends with this")
-            while self._clock.now_ns() - began_ns < ANSWER_S * NS:
-                with trio.move_on_after(HEAR_S):
-                    await cycle()
-        except WireDown as down:
-            return link.reports(link.answers > 0, False, str(down))
         return reports
 
+    def _failed(self, why: str) -> tuple[MotorReport, ...]:
+        axes = enumerate(self._driver.axes, 1)
+        return tuple(MotorReport(axis, number, False, False, False, why) for number, axis in axes)
+
     def close(self) -> None:
-        self._link.port.close()
+        self._port.close()

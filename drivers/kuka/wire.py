@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.udp_port import await_udp
+from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import (
     MotorReport,
@@ -19,8 +18,8 @@ from strands_actors.runtime.contract import (
     WireDown,
 )
 
-from .link import Link, cycle_s
-from .protocol import JOINTS, Drive, Monitoring, State, decode_monitoring
+from .link import Link, first_message
+from .protocol import JOINTS, Drive, Monitoring, State
 
 if TYPE_CHECKING:
     from .driver import Kuka
@@ -34,9 +33,13 @@ ACTIVE_S = 3.0
 
 
 class KukaWire(Wire):
+    """The one wire of its process. It keeps the UDP port from one connection to the next: the root has a duplicate,
+    and another socket could not be bound beside that."""
+
     def __init__(self, driver: Kuka, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
+        self._port: UdpListener | None = None
         self._link_or_none: Link | None = None
         self._permit: Permit | None = None  # of the setpoint that the arm moves by
         self._written_ns = 0  # when that was written, or re-sent
@@ -51,28 +54,24 @@ class KukaWire(Wire):
             host, number = driver.place()
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        heard: list[Monitoring] = []
-
-        def is_controller(data: bytes) -> bool:
-            try:
-                heard.append(decode_monitoring(data))
-            except MalformedFrame:
-                return False
-            return True
-
-        port = None
+        if self._port is None:
+            self._port = await listen_udp(number, host)
+        said: Monitoring | None = None
         with trio.move_on_after(driver.connect_timeout_s):
-            port = await await_udp(number, host, is_controller)
-        if port is None:
+            said = await first_message(self._port)
+        if said is None:
             raise WireDown(
                 f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
                 f"{driver.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
                 "address that it speaks to"
             )
-        self._link_or_none = link = Link(port, driver.arm, self._clock)
-        link.said = said = heard[-1]
         refuse_cycle(said)
-        return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
+        self._link_or_none = Link(self._port, driver.arm, self._clock, said)
+        return {
+            "address": self._port.name,
+            "sample_ms": said.sample_ms,
+            "receive_multiplier": said.multiplier,
+        }
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
@@ -102,7 +101,7 @@ class KukaWire(Wire):
         self._rest(link)
         permit.check()
         with trio.move_on_after(ACTIVE_S):
-            while link.said is not None and link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
+            while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
                 await link.news.wait()
                 permit.check()
         permit.check()
@@ -120,7 +119,7 @@ class KukaWire(Wire):
         if silent_s > LOST_S:
             raise WireDown(f"read: no FRI message for {silent_s:.1f} s. Check the controller and the network")
         said = link.said
-        if said is not None and said is not self._seen:
+        if said is not self._seen:
             self._seen = said
             self._observation = observation_of(said, link.session.commanded, link.heard_ns)
         return self._observation
@@ -128,7 +127,7 @@ class KukaWire(Wire):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """Take a target: the answers of the next cycles lead there, as long as the permit lasts."""
         link = self._link()
-        if link.said is None or link.said.state != State.COMMANDING_ACTIVE:
+        if link.said.state != State.COMMANDING_ACTIVE:
             raise PermitDenied(f"FRI session is {link.state}")
         permit.check()
         self._permit, self._written_ns = permit, self._clock.now_ns()
@@ -154,11 +153,15 @@ class KukaWire(Wire):
         return (self._link().port.fileno(),)
 
     def close(self) -> None:
-        """Release the port. The session ends by our silence: the controller drops it and holds the arm."""
-        if self._link_or_none is not None:
-            self._link_or_none.port.close()
-            self._link_or_none = None
-        self._permit = None
+        """Answer no more: the controller drops the session and holds the arm."""
+        self._link_or_none = self._permit = None
+
+    def release(self) -> None:
+        """Give the UDP port back, which otherwise ends with the process."""
+        self.close()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
 
     def _link(self) -> Link:
         if self._link_or_none is None:
@@ -203,6 +206,3 @@ def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int
 def _is_ready(said: Monitoring) -> bool:
     """Whether nothing but time stands between a session and its being commanded, as far as it tells."""
     return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)
-
-
-__all__ = ["KukaWire", "cycle_s", "observation_of", "refuse_cycle"]
