@@ -180,8 +180,10 @@ class UdpListener:
 
 
 async def listen_udp(port: int, host: str = "") -> UdpListener:
-    """Bind a socket for a peer that speaks first: for ``host`` alone, at our own address on the way to it; empty: for
-    anybody, at all of our addresses. Nothing is sent. Raise ``WireDown``."""
+    """Bind a socket for a peer that speaks first. Nothing is sent. Raise ``WireDown``.
+
+    ``host``: only it is heard, at our own address on the way to it; empty: anybody is, at all our addresses.
+    """
     peer = here = ""
     try:
         if host:

@@ -30,6 +30,8 @@ LOST_S = 0.5
 """Without a message for so long the link counts as lost."""
 ACTIVE_S = 3.0
 """So long arming waits for a session that is on its way to being commanded."""
+LOOK_S = 0.02
+"""A stop ends that wait when the controller says nothing, too."""
 
 
 class KukaWire(Wire):
@@ -79,6 +81,7 @@ class KukaWire(Wire):
         task_status.started()
         while True:
             said = await link.hear()
+            refuse_cycle(said)
             if link.session.has_goal and not self._is_live():
                 link.session.hold()
             link.answer(said)
@@ -102,7 +105,8 @@ class KukaWire(Wire):
         permit.check()
         with trio.move_on_after(ACTIVE_S):
             while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
-                await link.news.wait()
+                with trio.move_on_after(LOOK_S):
+                    await link.news.wait()
                 permit.check()
         permit.check()
         return self._read(link)
@@ -174,7 +178,7 @@ def refuse_cycle(said: Monitoring) -> None:
     cycle_ms = said.sample_ms * said.multiplier
     if said.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
         raise WireDown(
-            f"open: FRI sample time {said.sample_ms} ms, receive multiplier {said.multiplier}. Set a sample time "
+            f"FRI sample time {said.sample_ms} ms, receive multiplier {said.multiplier}. Set a sample time "
             f"of {SHORTEST_MS} ms or more in the robot program, and both together {LONGEST_MS} ms or less"
         )
 

@@ -40,6 +40,7 @@ SIMULATED = {
     "koch": ("shoulder_pan", 20.0, 1.0),
     "ur5e": ("shoulder_pan_joint", 1.0, 0.01),  # far more than a real one may be sent in one go
     "robotiq_2f85": ("gripper", 0.5, 0.01),
+    "kuka_iiwa": ("joint1", 1.0, 0.01),
 }
 
 

@@ -46,6 +46,7 @@ from .controller import Controller
 OPTIONS = {
     "host": "address to speak from (default: one of its own in 127.0.0.0/8)",
     "port": "UDP port of both ends (default: a free one, so that twins do not meet at the client's end)",
+    "from_port": "UDP port of its own end, when it is another one",
     "client": "address of the client (default 127.0.0.1)",
     "sample_ms": "sample time (default 10)",
     "multiplier": "receive multiplier: an answer is due every so many cycles (default 1)",
@@ -80,7 +81,9 @@ class KukaServer:
         self._client = str(options.get("client", "127.0.0.1"))
         self._sock: socket.socket | None = None
         self._plugged = trio.Event()
-        self._place = self._find_place(options)
+        host, port = self._find_place(options)
+        self._place = host, int(options.get("from_port", port))
+        self._peer = self._client, port
         self._last: tuple[float, ...] = ()  # positions of the answer before
         self._readings: Mapping[str, tuple[float, ...]] = {}  # of one that is stuck
         self._late: deque[tuple[int, bytes]] = deque()
@@ -181,7 +184,7 @@ class KukaServer:
             data = self._late.popleft()[1]
             if self._sock is not None:
                 with suppress(BlockingIOError, ConnectionRefusedError):
-                    self._sock.sendto(data, (self._client, self._place[1]))
+                    self._sock.sendto(data, self._peer)
 
     def _note(self, text: str) -> None:
         self._log.write(time.monotonic_ns(), "robot", [("session", text.encode())])
