@@ -43,19 +43,17 @@ class Goal:
     beside: str
     at_most: float | None = None
     at_least: float | None = None
-    gross: float = 3.0
-    """By what factor it must be missed for CI to fail."""
 
     def __post_init__(self) -> None:
         if (self.at_most is None) == (self.at_least is None):
             raise ValueError(f"a goal for {self.figure} needs exactly one of at_most and at_least")
 
-    def met(self, value: float, slack: float = 1.0) -> bool:
-        """Whether ``value`` is within the bound widened by the factor ``slack``."""
+    def met(self, value: float) -> bool:
+        """Return whether ``value`` is within the bound."""
         if self.at_most is not None:
-            return value <= self.at_most * slack
+            return value <= self.at_most
         assert self.at_least is not None
-        return value >= self.at_least / slack
+        return value >= self.at_least
 
 
 @dataclass(frozen=True)
@@ -110,10 +108,6 @@ class Verdict:
     @property
     def met(self) -> bool:
         return self.goal.met(self.value)
-
-    @property
-    def grossly_missed(self) -> bool:
-        return not self.goal.met(self.value, self.goal.gross)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ QUESTION = Question(
         "an empty tick": lambda short: beside("benchmarks.sides.legs_bare", "short" if short else "long"),
     },
     goals=(
-        Goal("above_4_ms_pct", "", at_most=1.0, gross=20.0),
+        Goal("above_4_ms_pct", "", at_most=1.0),
         Goal("process_pct", "", at_most=15.0),
         Goal("process_pct", "cyclonedds 0.10.2", at_most=0.5),
     ),

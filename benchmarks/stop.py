@@ -48,7 +48,7 @@ QUESTION = Question(
         "strands-robots": side("strands", "strands"),
         "plain zenoh and the SDK": at_twins({"ur5e": "ur"}, "mesh_stop", "bare", timeout_s=300),
     },
-    goals=tuple(Goal(figure, "", at_most=2.0, gross=25.0) for figure in FIGURES),
+    goals=tuple(Goal(figure, "", at_most=2.0) for figure in FIGURES),
     limit="""The call crosses from the caller's thread to its loop and from there to the wire process: 0.6 to
 1.8 ms, whatever the policy does, half of it waking up (two fifths of all samples are in epoll; see `setpoint`).
 On a UR the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of

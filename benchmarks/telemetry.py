@@ -25,7 +25,7 @@ QUESTION = Question(
         ),
     },
     goals=(
-        Goal("robots_per_core", "strands-robots", at_least=5.0, gross=10.0),  # the short form starts two
+        Goal("robots_per_core", "strands-robots", at_least=5.0),  # the short form starts two
         Goal("threads_per_robot", "", at_most=0.0),
     ),
     limit="""The processor: each of our robots is two processes that look at deadlines, and beat, 100 times a

@@ -12,7 +12,7 @@ QUESTION = Question(
         "trio": side_of("urgent", "trio"),
         "pykka": side_of("urgent", "pykka"),
     },
-    goals=(Goal("urgent_p50_us", "", at_most=70.0, gross=10.0),),
+    goals=(Goal("urgent_p50_us", "", at_most=70.0),),
     limit=(
         "The handler that runs (20 µs), and at most a turn of 200 µs when the sender is a task of the same loop."
     ),

@@ -166,7 +166,7 @@ class Transport(Actor):
                 await wire.write(write.values, permit)
                 written = True
             else:
-                with self.context.until_urgent():
+                with self._waiting():
                     await wire.write(write.values, permit)
                     written = True
         except PermitDenied:
@@ -196,7 +196,8 @@ class Transport(Actor):
 
     async def _feed(self) -> None:
         if self._wire is not None:
-            await self._wire.feed()
+            with self._waiting():
+                await self._wire.feed()
 
     async def _read(self) -> None:
         wire, observation = self._wire, None
@@ -205,7 +206,7 @@ class Transport(Actor):
         if wire.prompt:
             observation = await wire.read()
         else:
-            with self.context.until_urgent():
+            with self._waiting():
                 observation = await wire.read()
         if observation is not None:
             self._reads += 1
@@ -357,6 +358,15 @@ class Transport(Actor):
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
         self._gate.tell(LinkLost(why))
+
+    @contextlib.contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
+        with contextlib.ExitStack() as stack:
+            if self._driver.timing.call_s:
+                stack.enter_context(self._busy(self._driver.timing.call_s))
+            stack.enter_context(self.context.until_urgent())
+            yield
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
+from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.runtime.clock import NS, Clock
 from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
 from strands_actors.runtime.messages import Refused
@@ -80,15 +81,17 @@ class _Session:
             "torque_nm": state.tau,
             "temperature_c": state.temperature,
             "orientation_wxyz": state.quaternion,
+            "rpy_rad": roll_pitch_yaw(state.quaternion),
             "gyro_rad_s": state.gyroscope,
             "acceleration_m_s2": state.accelerometer,
             "mode_machine": (state.machine,),
         }
         faults: dict[str, str] = {}
         if state.soc is not None:
-            sensors["battery"] = (float(state.soc), link.state_ns / NS)
+            sensors["battery_pct"] = (float(state.soc),)
+            sensors["battery_stamp_s"] = (link.state_ns / NS,)
         elif self.battery is not None:
-            sensors["battery"] = self.battery
+            sensors["battery_pct"], sensors["battery_stamp_s"] = self.battery[:1], self.battery[1:]
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id
         if self.mode is not None and self.fsm is None:
@@ -148,7 +151,7 @@ class UnitreeWire(Wire):
         session.ask_mode()
         await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
         # What gates ask for as well. A robot that does not say it can be connected to, and refuses to move.
-        await self._look(lambda: "battery" in session.observation().sensors, BATTERY_S)
+        await self._look(lambda: "battery_pct" in session.observation().sensors, BATTERY_S)
         await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
         return {

@@ -22,6 +22,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.axis import Axis, Part, axes_of, first_target, parse_action
+from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
 from .columns import Columns, by_axis
@@ -65,6 +66,9 @@ class Timing(msgspec.Struct, frozen=True):
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a beat: it is
+    # announced to the watchdog, and who takes longer counts as frozen. 0: they wait less than a beat.
+    call_s: float = 0.0
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
@@ -274,6 +278,8 @@ class Driver(ABC):
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
+    SENSORS: ClassVar[tuple[Sensor, ...]] = ()
+    """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
@@ -383,8 +389,9 @@ class Driver(ABC):
         return {}
 
     def energised(self, rung: str) -> bool:
-        """Whether motors keep torque on this rung."""
-        return rung == "hold"
+        """Return whether the robot stays ready in this state, so that the next setpoint moves it again: motors keep
+        torque, or a base stands at velocity zero."""
+        return rung in ("hold", "zero")
 
 
 def _is_count(value: object, most: int) -> bool:

@@ -97,10 +97,10 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
         assert code == "fsm" and "FSM 1 (damp) does not accept low-level commands" in words
         g1.order("fsm 801", lambda: g1.sensor("fsm") == 801)
 
-        g1.order("battery 12", lambda: g1.sensor("battery") == 12)
+        g1.order("battery 12", lambda: g1.sensor("battery_pct") == 12)
         code, words = g1.refused(fine)
         assert code == "battery_low" and "battery 12.0 % is under the floor of 15.0 %" in words
-        g1.order("battery 80", lambda: g1.sensor("battery") == 80)
+        g1.order("battery 80", lambda: g1.sensor("battery_pct") == 80)
 
         for action, expected in (
             ({"left_knee": 3.1}, "past_travel"),

@@ -1,5 +1,5 @@
-"""The benchmarks' short form: fast questions, beside peers that the tests install; only what misses a goal by far
-fails. Figures for people are in docs/benchmarks.md."""
+"""The benchmarks' short form runs, beside the peers that the tests install. No test asserts a speed: figures are in
+docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -16,17 +16,13 @@ FAST = ("tell", "ask", "urgent", "virtual")
 
 
 @pytest.mark.parametrize("name", FAST)
-def test_no_goal_is_missed_by_far(name: str) -> None:
+def test_a_short_form_gives_the_figures_that_its_goals_judge(name: str) -> None:
+    """How fast is for docs/benchmarks.md to say, and for a quiet machine: here the question has to run."""
     question = house.questions()[name].among(*INSTALLED)
     assert question.goals and question.short
-    missed = [verdict for verdict in _verdicts(question) if verdict.grossly_missed]
-    if missed:  # a machine that did something else meanwhile gets another chance
-        missed = [verdict for verdict in _verdicts(question) if verdict.grossly_missed]
-    assert not missed
-
-
-def _verdicts(question: Question) -> list[house.Verdict]:
-    return house.run(question, rounds=1, short=True).verdicts(question.goals)
+    verdicts = house.run(question, rounds=1, short=True).verdicts(question.goals)
+    assert len(verdicts) == len(question.goals) and all(verdict.value > 0 for verdict in verdicts)
+    assert all(verdict.met for verdict in verdicts if verdict.goal.figure == "same_trace")
 
 
 def test_every_result_that_is_kept_has_its_question_and_stands_on_the_page() -> None:
@@ -52,14 +48,14 @@ def test_rounds_are_interleaved_and_ratios_are_taken_within_a_round() -> None:
         "q",
         "?",
         {"ours": side("ours", 1.0, 10.0, 3.0), "theirs": side("theirs", 2.0, 100.0, 6.0)},
-        (Goal("took_us", "theirs", at_most=0.5), Goal("took_us", "", at_most=2.0, gross=2.0)),
+        (Goal("took_us", "theirs", at_most=0.5), Goal("took_us", "", at_most=2.0)),
         "",
     )
     result = house.run(question, rounds=3, short=True)
     assert [sorted(calls[at : at + 2]) for at in (0, 2, 4)] == [["ours", "theirs"]] * 3
     beside, alone = result.verdicts(question.goals)
     assert (beside.value, beside.met) == (0.5, True)
-    assert (alone.value, alone.met, alone.grossly_missed) == (3.0, False, False)
+    assert (alone.value, alone.met) == (3.0, False)
     assert result.spread("theirs", "took_us") == house.Spread(6.0, 2.0, 100.0)
 
 

@@ -1,4 +1,4 @@
-"""What the benchmarks of robots make of a wire log, of a train of setpoints, and of a peer that is missing."""
+"""What the benchmarks of robots make of a wire log, and of a peer that is missing."""
 
 from __future__ import annotations
 
@@ -9,27 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import peers
-from benchmarks.sides.steady import NS, SETTLE_S, steadiness
 from benchmarks.sides.wire import Log, delays_us, percentile
-
-HZ = 125
-SECONDS = 4.0
-
-
-def train(hz: int, seconds: float, every: int = 1) -> list[int]:
-    """Setpoints exactly on time, of which only each ``every``-th came."""
-    return [round(at * NS / hz) for at in range(0, round(hz * seconds), every)]
-
-
-def test_an_even_train_is_on_time_and_a_thinned_one_is_late() -> None:
-    even = steadiness(train(HZ, SECONDS), HZ, SECONDS)
-    assert even["p99_us"] < 1.0 and even["late_pct"] < 1.0
-    assert steadiness(train(HZ, SECONDS, every=2), HZ, SECONDS)["late_pct"] == 100.0
-
-
-def test_a_train_that_ends_early_is_late_for_the_rest() -> None:
-    half = steadiness(train(HZ, SECONDS / 2 + SETTLE_S / 2), HZ, SECONDS)
-    assert 45.0 < half["late_pct"] < 55.0
 
 
 def test_a_setpoint_is_timed_to_the_first_frame_that_says_something_new(tmp_path: Path) -> None:

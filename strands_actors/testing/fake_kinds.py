@@ -1,0 +1,283 @@
+"""Robots in memory of the kinds that a position arm is not: a base, a drone, and a robot behind slow HTTP.
+
+They are drivers as an author writes them, on the contract alone, and stand for their kind where the tree itself is
+tested, in virtual time too. The robot behind each is a ``Peer``: what it was sent, and what it does with that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import trio
+
+from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
+from strands_actors.contract.axis_gates import axis_gates
+from strands_actors.contract.options import DriverOptions, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Condition,
+    Driver,
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    Reason,
+    SecondPath,
+    Timing,
+    Wire,
+    WireDown,
+)
+from strands_actors.runtime.messages import Refused
+
+
+class Sent(NamedTuple):
+    """One frame that the robot took. ``kind``: setpoint or safe; ``path``: wire or stop channel."""
+
+    t_ns: int
+    kind: str
+    values: tuple[float, ...]
+    safe_state: str
+    path: str
+
+
+@dataclass
+class Peer:
+    """The robot: moves as it was last told, whatever becomes of who told it."""
+
+    axes: int
+    sent: list[Sent] = field(default_factory=list)
+    answer_s: float = 0.001  # how long it takes to answer
+    motors_on: bool = False
+    height_m: float = 0.0  # of a drone
+    battery_pct: float = 100.0
+    reachable: bool = True
+
+    def take(self, t_ns: int, kind: str, values: Sequence[float], safe_state: str = "", path: str = "wire") -> None:
+        self.sent.append(Sent(t_ns, kind, tuple(values), safe_state, path))
+        if safe_state in (SafeState.OFF, SafeState.LAND):
+            self.motors_on = safe_state == SafeState.LAND and self.height_m > 0
+
+    @property
+    def told(self) -> tuple[float, ...]:
+        return self.sent[-1].values if self.sent else (0.0,) * self.axes
+
+    def of(self, kind: str, since_ns: int = 0) -> list[Sent]:
+        return [sent for sent in self.sent if sent.kind == kind and sent.t_ns >= since_ns]
+
+    def after(self, kind: str, earlier: Sent) -> list[Sent]:
+        """Return what came after ``earlier``, in the order of the wire."""
+        at = next(at for at, sent in enumerate(self.sent) if sent is earlier)
+        return [sent for sent in self.sent[at + 1 :] if sent.kind == kind]
+
+
+PEERS: dict[str, Peer] = {}
+"""By port: the robot that a driver finds there."""
+
+FLOOR_PCT = 20.0
+LANDING_S = 2.0
+
+
+class NoOptions(DriverOptions, frozen=True):
+    """Nothing can be set."""
+
+
+class _Kind(Driver):
+    """What the three share."""
+
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = ""
+    PARTS: ClassVar[tuple[Part, ...]]
+    firmware_watchdog = "none: it goes on as it was last told"
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, NoOptions, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        self.robot, self.port = robot, port
+        self.declare(*self.PARTS)
+        self.unit = ", ".join(dict.fromkeys(axis.unit for axis in self.table))
+        self.gates = axis_gates(self.table, self.timing.state_ttl_s)
+
+    @property
+    def peer(self) -> Peer:
+        return PEERS.setdefault(self.port, Peer(len(self.axes)))
+
+    def open_wire(self, clock: Clock) -> Wire:
+        return KindWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        return KindStopChannel(self, clock)
+
+
+def _velocity(key: str, unit: str, limit: float) -> Axis:
+    return Axis(key=key, unit=unit, low=-limit, high=limit, mode=AxisMode.VELOCITY)
+
+
+class FakeBase(_Kind):
+    """Rolls on as it was last told: a command's lifetime is what stops it."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_base",)
+    PARTS = (Part(PartKind.BASE, (_velocity("vx", "m/s", 0.5), _velocity("wz", "rad/s", 1.0))),)
+    timing = Timing(
+        control_hz=10.0, keepalive_s=0.1, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5, call_s=0.4
+    )
+    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.ZERO)
+
+
+class FakeDrone(_Kind):
+    """Hovers when a writer is late, lands for every other reason, motors off for an e-stop. Arming does not take
+    off. Its battery lands it, whoever flies."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_drone",)
+    PARTS = (
+        Part(
+            PartKind.DRONE,
+            (_velocity("vx", "m/s", 1.0), _velocity("vy", "m/s", 1.0), _velocity("vz", "m/s", 0.5)),
+        ),
+    )
+    timing = Timing(
+        control_hz=20.0,
+        keepalive_s=0.05,
+        stream_ttl_s=0.3,
+        oneshot_ttl_s=0.3,
+        state_ttl_s=0.5,
+        safe_s=2 * LANDING_S,
+    )
+    ladder: Mapping[Reason, str] = {
+        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
+        Reason.ESTOP: SafeState.OFF,
+    }
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        super().__init__(robot, port, options)
+        self.conditions = (Condition(_battery, Reason.FAULT, SafeState.LAND, always=True),)
+
+
+def _battery(observation: Observation, now_ns: int) -> Refused | None:
+    (pct,) = observation.sensors.get("battery_pct", (100.0,))
+    if pct >= FLOOR_PCT:
+        return None
+    return Refused("battery", f"move: battery at {pct:.0f} %", "charge it", f"{pct:.0f}", f"{FLOOR_PCT:.0f}")
+
+
+class FakeHttp(_Kind):
+    """An arm behind a service that takes 300 ms for every answer."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_http",)
+    PARTS = (
+        Part(
+            PartKind.ARM,
+            tuple(Axis(key=f"joint{at}", unit="rad", low=-2.0, high=2.0, speed=1.0, id=at) for at in (1, 2)),
+        ),
+    )
+    timing = Timing(control_hz=10.0, keepalive_s=0.5, stream_ttl_s=0.5, state_ttl_s=1.0)
+    ladder: Mapping[Reason, str] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
+    }
+    ANSWER_S: ClassVar[float] = 0.3
+
+    @property
+    def peer(self) -> Peer:
+        return PEERS.setdefault(self.port, Peer(len(self.axes), answer_s=self.ANSWER_S))
+
+
+class KindWire(Wire):
+    """Keeps the newest sample in the background, so that a reading is given at once, however slow the answers."""
+
+    def __init__(self, driver: _Kind, clock: Clock) -> None:
+        self._driver = driver
+        self._peer = driver.peer
+        self._clock = clock
+        self._sample: Observation | None = None
+
+    async def open(self) -> dict[str, Any]:
+        self._sample = await self._ask()
+        return {"answer_s": self._peer.answer_s}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        async with trio.open_nursery() as nursery:
+            async for _ in self._clock.ticks(1 / self._driver.timing.control_hz):
+                nursery.start_soon(self._refresh)
+
+    async def arm(self, permit: Permit) -> Observation:
+        sample = await self._ask()
+        permit.check()
+        self._peer.motors_on = True
+        self._sample = sample
+        return sample
+
+    async def read(self) -> Observation:
+        await trio.lowlevel.checkpoint()
+        sample = self._sample
+        silent_ns = round(self._driver.timing.state_ttl_s * NS)
+        if sample is None or self._clock.now_ns() - sample.t_ns > silent_ns:
+            raise WireDown("the service does not answer. Check its network")
+        return sample
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        if not self._peer.motors_on:
+            raise PermitDenied("the motors are off")
+        permit.check()
+        self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        return await _make_safe(self._driver, self._clock, rung, "wire")
+
+    def close(self) -> None:
+        self._sample = None
+
+    async def _ask(self) -> Observation:
+        await trio.sleep(self._peer.answer_s)
+        if not self._peer.reachable:
+            raise WireDown("the service is not reachable")
+        now_ns = self._clock.now_ns()
+        return Observation(
+            now_ns,
+            self._peer.told,
+            (now_ns,) * len(self._driver.axes),
+            sensors={"battery_pct": (self._peer.battery_pct,)},
+        )
+
+    async def _refresh(self) -> None:
+        sample = await self._ask()
+        if self._sample is None or sample.t_ns > self._sample.t_ns:
+            self._sample = sample
+
+
+class KindStopChannel(SecondPath):
+    """A connection made when it is needed."""
+
+    def __init__(self, driver: _Kind, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        return await _make_safe(self._driver, self._clock, rung, "second")
+
+    def close(self) -> None:
+        pass
+
+
+async def _make_safe(driver: _Kind, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
+    """Send the frame before the first wait; a landing is confirmed when it is over."""
+    peer = driver.peer
+    written = peer.reachable
+    if written:
+        rest = tuple(axis.rest if axis.mode is AxisMode.VELOCITY else now for axis, now in _pairs(driver, peer))
+        peer.take(clock.now_ns(), "safe", rest, safe_state, path)
+    await trio.sleep(peer.answer_s)
+    if written and safe_state == SafeState.LAND and peer.height_m > 0:
+        await trio.sleep(LANDING_S)
+        peer.height_m, peer.motors_on = 0.0, False
+    detail = "" if written else "the service is not reachable"
+    return tuple(MotorReport(axis.key, axis.id, written, written, written, detail) for axis in driver.table)
+
+
+def _pairs(driver: _Kind, peer: Peer) -> zip[tuple[Axis, float]]:
+    return zip(driver.table, peer.told, strict=True)
