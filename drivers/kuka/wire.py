@@ -185,6 +185,18 @@ def refuse_cycle(said: Monitoring) -> None:
 
 def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int) -> Observation:
     """``commanded``: what the arm is told by us; empty: nothing."""
+    numbers = {
+        "fri_state": said.state,
+        "fri_quality": said.quality,
+        "sample_time_s": said.sample_ms / 1e3,
+        "safety_state": said.safety,
+        "operation_mode": said.operation_mode,
+        "control_mode": said.control_mode,
+        "client_mode": said.client_mode,
+        "overlay": said.overlay,
+        "tracking": said.tracking,
+    }
+    sensors = {name: (float(number),) for name, number in numbers.items()}
     return Observation(
         t_ns=heard_ns,
         position=said.position,
@@ -193,16 +205,8 @@ def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int
             "torque_nm": said.torque,
             "external_torque_nm": said.external_torque,
             "commanded_rad": commanded or said.commanded,
-            "fri_state": (said.state,),
-            "fri_quality": (said.quality,),
-            "sample_time_s": (said.sample_ms / 1e3,),
-            "safety_state": (said.safety,),
-            "drive_state": said.drives,
-            "operation_mode": (said.operation_mode,),
-            "control_mode": (said.control_mode,),
-            "client_mode": (said.client_mode,),
-            "overlay": (said.overlay,),
-            "tracking": (said.tracking,),
+            "drive_state": tuple(map(float, said.drives)),
+            **sensors,
         },
     )
 
