@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+import msgspec
 import trio
 
 from strands_actors.runtime.actor import Actor, Deferred, describe
@@ -22,11 +23,13 @@ from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Silence
 
 from .failsafe import Mode, State
+from .lock_keeper import Kept, LockKeeper
 from .messages import (
     Fence,
     HandedOver,
     Handover,
     Happened,
+    LockKept,
     Renew,
     SilentUntil,
     StateIs,
@@ -62,7 +65,8 @@ class Place(Protocol):
 
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
-    its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped."""
+    its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped, and when the
+    lock of an e-stop is kept by the ``keeper``."""
 
     def __init__(
         self,
@@ -72,6 +76,7 @@ class Guardian(Actor):
         on_state: Callable[[StateIs], None] | None = None,
         gate: str = "",
         writers: Callable[[], Iterable[int]] = tuple,
+        keeper: LockKeeper | None = None,
     ) -> None:
         self._driver = driver
         self._pulse = pulse
@@ -82,7 +87,8 @@ class Guardian(Actor):
         self._stoppage = Stoppage(is_stopped)
         self._second: SecondPath | None = None
         self._second_scope = trio.CancelScope()
-        self.state = StateIs(Mode.DOWN, 0, "", "")
+        self._keeper = keeper
+        self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
         self._orderly = self._leaving = False
@@ -116,6 +122,7 @@ class Guardian(Actor):
             case StateIs():
                 self.state = message
                 self._confirmed = message.mode in (Mode.DOWN, Mode.DISARMED)
+                self._keep_lock()
                 if self._on_state is not None:
                     self._on_state(message)
             case Handover():
@@ -177,13 +184,35 @@ class Guardian(Actor):
             self._second.close()
             self._second = None
 
-    def _fence(self, message: Fence) -> StopReport | Deferred:
+    def _keep_lock(self) -> None:
+        """On the disk, and tell the gate when it is."""
+        state = self.state
+        if self._keeper is not None:
+            self._keeper.want(state.locked_by)
+        if state.locked_by:
+            self.context.start_soon(self._tell_kept, state)
+
+    async def _tell_kept(self, state: StateIs) -> None:
+        kept = await self._kept(state.locked_by)
+        self._gate.tell(LockKept(state.epoch, kept.since, kept.problem))
+
+    async def _kept(self, by: str) -> Kept:
+        return Kept("") if self._keeper is None else await self._keeper.kept(by)
+
+    async def _answer_fence(self, waiting: Deferred, report: StopReport) -> None:
+        """When its lock is on the disk, too."""
+        kept = await self._kept(self.state.locked_by)
+        waiting.send(msgspec.structs.replace(report, note=kept.problem) if self.state.locked_by else report)
+
+    def _fence(self, message: Fence) -> Deferred:
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
-        if self.idle.is_set() and self.last_report is not None:
-            return self.last_report
-        self._break(message.reason, f"{message.reason}: no answer from the wire")
         deferred = self.context.defer()
+        if self.idle.is_set() and self.last_report is not None:
+            self._keep_lock()
+            self.context.start_soon(self._answer_fence, deferred, self.last_report)
+            return deferred
+        self._break(message.reason, f"{message.reason}: no answer from the wire")
         self._waiting.append(deferred)
         return deferred
 
@@ -267,6 +296,7 @@ class Guardian(Actor):
         self.context.note(self.state)
         if self._on_state is not None:
             self._on_state(self.state)
+        self._keep_lock()
         for waiting in self._waiting:
-            waiting.send(self.last_report)
+            self.context.start_soon(self._answer_fence, waiting, self.last_report)
         self._waiting.clear()

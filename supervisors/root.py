@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
+from pathlib import Path
 from typing import Any
 
 import trio
@@ -27,13 +28,15 @@ from strands_actors.runtime.supervisor import Budget, BudgetSpent, ChildSpec, Su
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses
+from . import addresses, channels
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
 from .lines import Switchboard
 from .loading import load_driver
+from .lock_keeper import LockKeeper
+from .locks import Locks
 from .mesh_place import MeshPlace
 from .messages import (
     ActorInfo,
@@ -45,6 +48,7 @@ from .messages import (
     OnMesh,
     ProcessInfo,
     Shutdown,
+    StateIs,
     Stop,
     StopReport,
     TaskStatus,
@@ -105,10 +109,19 @@ class Tree:
         if self.driver.timing.realtime:
             run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
+        # What the wire reports counts over its own link alone, and is not looked for elsewhere.
+        self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self.tasks = Tasks(self.robot, spawner.start)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(
-            self.driver, on_page(page, ROOT_END), self.start_wire, self.mesh.tell_state, self.at.gate, self.writers
+            self.driver,
+            on_page(page, ROOT_END),
+            self.start_wire,
+            self._on_state,
+            self.at.gate,
+            self.writers,
+            self.keeper,
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -127,11 +140,17 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
+            "caller": self.args["caller"],
             "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
+
+    def _on_state(self, state: StateIs) -> None:
+        if state.locked_by:
+            self.tasks.end(f"e-stopped by {state.locked_by}")
+        self.mesh.tell_state(state)
 
     def writers(self) -> list[int]:
         """Processes whose setpoints may be on their way to the wire."""
@@ -150,6 +169,7 @@ class Tree:
             await nursery.start(self.node.run)
             await nursery.start(self.spawner.run)
             await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
+            nursery.start_soon(self.keeper.run)
             nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
             nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
             switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
@@ -157,7 +177,12 @@ class Tree:
             nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
             nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
             nursery.start_soon(self._watch_caller, self.args["caller_pid"])
-            link = Link(self.node, sock, on_closed=lambda: self.shut_down(Reason.CALLER, "the caller ended"))
+            link = Link(
+                self.node,
+                sock,
+                lambda: self.shut_down(Reason.CALLER, "the caller ended"),
+                channels.of_caller(self.robot, self.args["caller"]),
+            )
             nursery.start_soon(link.run)
             nursery.start_soon(self._supervise)
             nursery.start_soon(self._join_mesh)
@@ -175,6 +200,7 @@ class Tree:
 
     async def _join_mesh(self) -> None:
         mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
+        mesh.channel = channels.of_user(self.robot)
         mesh.attach(self.node)
         await mesh.run()
 
@@ -212,6 +238,7 @@ class Tree:
         report = report or self.guardian.last_report
         for waiting in self._waiting:
             waiting.send(report)
+        await self.keeper.settle()
         await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 

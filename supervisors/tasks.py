@@ -18,7 +18,7 @@ from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess
 
-from . import addresses
+from . import addresses, channels
 from .census import CensusTaker
 from .gate import Gate
 from .lines import keep_line
@@ -44,6 +44,7 @@ class Tasks(Actor):
         self.starts = 0
         self.status = TaskStatus()
         self._stopping = False
+        self._ended_by = ""
         self._gone = trio.Event()
 
     async def started(self) -> None:
@@ -81,10 +82,17 @@ class Tasks(Actor):
         self.starts += 1
         self.context.note(Happened("the policy process was started", message.provider, self.process.pid))
         self._stopping = False
+        self._ended_by = ""
         self._gone = trio.Event()
         self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
         self.context.start_soon(self._attend, self.process)
         return self.status
+
+    def end(self, why: str) -> None:
+        """Kill the policy process: an e-stop leaves nothing behind that could go on."""
+        if self.process is not None and not self._ended_by:
+            self._ended_by = why
+            self.process.kill()
 
     async def _dismiss(self, process: ChildProcess) -> None:
         """Its task has ended, and itself not quite."""
@@ -93,7 +101,8 @@ class Tasks(Actor):
 
     async def _attend(self, process: ChildProcess) -> None:
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(process.link(self.context.node).run)
+            channel = channels.of_policy(self._robot, f"policy process {process.pid}")
+            nursery.start_soon(process.link(self.context.node, channel).run)
             code = await process.wait()
             nursery.cancel_scope.cancel()
         self.process = None
@@ -101,6 +110,8 @@ class Tasks(Actor):
         self.context.note(Happened("the policy process has ended", how, process.pid))
         if self.status.running:
             reason, detail = ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
+            if self._ended_by:
+                reason, detail = "stop", self._ended_by
             self.status = msgspec.structs.replace(
                 self.status, running=False, exit_reason=reason, exit_detail=detail
             )

@@ -14,6 +14,7 @@ from typing import Any
 import trio
 
 from strands_actors.runtime.actor import describe
+from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.clock import Clock, MonotonicClock
 from strands_actors.runtime.contract import Driver
 from strands_actors.runtime.forked import Standby
@@ -27,7 +28,7 @@ from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses
+from . import addresses, channels
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
@@ -60,7 +61,9 @@ async def run_group(
     cells = [
         node.cell(
             at.path("transport"),
-            lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
+            lambda: Transport(
+                driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+            ),
         ),
         node.cell(
             at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
@@ -98,7 +101,7 @@ class ProcessPlace:
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
         entry = "strands_actors.supervisors.wire:main"
         self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
-        nursery.start_soon(self.process.link(node).run)
+        nursery.start_soon(self.process.link(node, channels.of_wire(args["robot"])).run)
 
     async def ended(self) -> str:
         code = await self.process.wait()
@@ -165,7 +168,13 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
-    link = Link(node, sock, on_closed=lambda: node.ref(at.watchdog).tell(RootGone()))
+    root_channel = channels.of_root(robot)
+    node.linked = root_channel.hosts or frozenset()
+    link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
+
+    def channel_of(writer: str) -> Channel:
+        """Of a line: a policy's has a name."""
+        return channels.of_policy(robot, writer) if writer else channels.of_caller(robot, args["caller"])
 
     root = os.getppid()
     pulse = on_page(args["page"], WIRE_END)
@@ -175,6 +184,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])
+        mesh.channel = channels.of_user(robot)
         mesh.attach(node)
         await mesh.run()
 
@@ -183,7 +193,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(
             run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root)
         )
-        await nursery.start(node.cell(at.path("wire_end"), WireEnd).run)
+        await nursery.start(node.cell(at.path("wire_end"), lambda: WireEnd(channel_of)).run)
         nursery.start_soon(link.run)
         nursery.start_soon(join_mesh)
         nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)

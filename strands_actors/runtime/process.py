@@ -6,6 +6,7 @@ the script's end means is then decided by the tree, not by who else got the sign
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -19,6 +20,7 @@ from typing import Any, Protocol
 import msgspec
 import trio
 
+from .channel import Channel
 from .link import Link
 from .node import Node
 from .realtime import run_like_others, runs_first
@@ -56,10 +58,10 @@ class ChildProcess(ABC):
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
 
-    def link(self, node: Node) -> Link:
-        """The parent's end; run its ``run``."""
+    def link(self, node: Node, channel: Channel | None = None) -> Link:
+        """The parent's end; run its ``run``. ``channel``: what the child may say."""
         self._linked = True
-        return Link(node, self.socket)
+        return Link(node, self.socket, channel=channel)
 
     async def fence(self) -> None:
         """Make sure it never writes again: SIGKILL, wait for it, close the link."""
@@ -104,7 +106,8 @@ class OwnChild(ChildProcess):
 
     async def wait(self) -> int:
         if self._ended() is None and hasattr(os, "pidfd_open"):
-            await wait_for_end_of(self.pid)
+            with contextlib.suppress(OSError):  # no descriptor is free: it is looked at instead
+                await wait_for_end_of(self.pid)
         while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or nothing tells
             await trio.sleep(NOTICED_S)
         return code
@@ -145,13 +148,13 @@ def _bury(child: Started) -> None:
     child.wait()
 
 
-def execute(link_fd: int, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subprocess.Popen[bytes]:
     """Exec a child that reads its specification from ``link_fd``. Stops this process until the child has begun:
-    a few milliseconds, more on a busy machine. Raise ``OSError``."""
+    a few milliseconds, more on a busy machine. ``label``: what a list of processes shows. Raise ``OSError``."""
     # The child imports what its parent could: a user's own modules included.
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.Popen(
-        [sys.executable, "-c", _BOOT, str(link_fd)],
+        [sys.executable, "-c", _BOOT, str(link_fd), *([label] if label else [])],
         pass_fds=(link_fd, *pass_fds),
         stdin=subprocess.DEVNULL,
         process_group=0,
@@ -165,11 +168,11 @@ def specify(link_socket: socket.socket, entry: str, args: Mapping[str, Any]) -> 
     link_socket.sendall(len(specification).to_bytes(4, "little") + specification)
 
 
-def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> ChildProcess:
+def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:
     """Start a child by exec, as ``execute``."""
     ours, theirs = socket.socketpair()
     with theirs:
-        popen = execute(theirs.fileno(), pass_fds)
+        popen = execute(theirs.fileno(), pass_fds, label)
     specify(ours, entry, args)
     return OwnChild(popen, ours)
 
