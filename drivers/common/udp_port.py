@@ -123,20 +123,21 @@ class UdpListener:
         return f"{host}:{port}"
 
     async def meet(self, is_peer: Callable[[bytes], bool]) -> None:
-        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether it is one. Raise
-        ``WireDown``."""
-        self._peer = None
-        while self._peer is None:
+        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether it is one. Until
+        then the one before is written to. Raise ``WireDown``."""
+        while True:
             received = self._receive()
             if received is None:
                 await self._wait()
             elif self._host in ("", received[1][0]) and is_peer(received[0]):
                 self._peer = received[1]
+                return
 
     def write(self, data: bytes) -> None:
+        if self._peer is None:
+            raise WireDown(f"{self.name}: nobody has spoken yet")
         try:
-            if self._peer is not None:
-                self._sock.sendto(data, self._peer)
+            self._sock.sendto(data, self._peer)
         except BlockingIOError:
             raise WireDown(f"{self.name}: output is blocked. Check the network, then reconnect") from None
         except OSError as error:

@@ -17,7 +17,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState, check_fallbacks
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason, SecondPath, Timing
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
@@ -26,7 +26,7 @@ from .protocol import FRI_PORT
 from .robots import TABLES, arm_of
 
 if TYPE_CHECKING:
-    from .wire import KukaWire
+    from .wire import KeptPort, KukaWire
 
 
 class Options(DriverOptions, frozen=True):
@@ -65,7 +65,7 @@ class Kuka(Driver):
         self.fri_port = chosen.fri_port
         self.connect_timeout_s = chosen.connect_timeout
         self.period_s = 1.0 / chosen.control_frequency
-        self._wire: KukaWire | None = None
+        self.kept: KeptPort | None = None
         self.declare(self.arm.part)
         self.timing = Timing(
             control_hz=chosen.control_frequency,
@@ -91,6 +91,10 @@ class Kuka(Driver):
             return str(IPv4Address(self.place()[0]))
         except ValueError:
             return ""
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Return what the arm is told to hold: its measured position lags behind that."""
+        return observation.sensors.get("commanded_rad", observation.position)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the whole target, with the time that the wire may spread it over. Joints that are not named keep
@@ -119,14 +123,12 @@ class Kuka(Driver):
             importlib.import_module(f"{__package__}.{module}")
 
     def open_wire(self, clock: Clock) -> KukaWire:
-        """Return the one wire of this process."""
-        from .wire import KukaWire
+        from .wire import KeptPort, KukaWire
 
-        if self._wire is None:
-            self._wire = KukaWire(self, clock)
-        return self._wire
+        self.kept = self.kept or KeptPort(self)
+        return KukaWire(self, self.kept, clock)
 
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .stop_channel import KukaStopChannel
 
-        return KukaStopChannel(self, descriptors[0], clock)
+        return KukaStopChannel(self, descriptors[0] if descriptors else None, clock)

@@ -1,7 +1,7 @@
 """What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever clipped.
 
 A target is one position for each joint, radians, and behind them over how many seconds the wire spreads it. One
-without that is a measured position: nothing was accepted since the robot was armed or held.
+without that is where the arm was held: nothing was accepted since then.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def span_s(state: GateState, oneshot_s: float) -> float:
 
 
 def last_target(state: GateState) -> tuple[float, ...]:
-    """Return the position from which a step is counted: the last target, or what the arm is told to hold. Its
-    measured position lags behind that: a joint that is not named would be moved back by it."""
-    if len(state.target) == JOINTS:
+    """Return the position from which a step is counted. Before the first target it is what the arm is told to hold
+    now: the robot's own program may have moved it since it was armed or held."""
+    if len(state.target) == JOINTS and state.observation.t_ns > state.target_ns:
         return state.observation.sensors.get("commanded_rad", state.target)
     return state.target[:JOINTS]
 

@@ -6,7 +6,7 @@ Wire and stop channel use it alike: the one answers for as long as it lives, the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
@@ -24,6 +24,8 @@ MOST_WAITING = 1000
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
 """Positions so far apart tell whether the arm stands."""
+HEAR_S = 0.3
+"""A controller that says nothing for so long is not there."""
 CONFIRM_S = 0.8
 """By then an arm that was at full speed has come to a stand [?]."""
 QUIET_CYCLES = 2.5
@@ -42,7 +44,7 @@ class Link:
         self.malformed = 0
         self.news = trio.Event()  # set, and replaced, with each message that was understood
         self._clock = clock
-        self._axes = arm.axes
+        self._arm = arm
         self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of the last STAND_S, and one before
 
     async def hear(self) -> Monitoring:
@@ -84,7 +86,7 @@ class Link:
         first, failure = self.answers, ""
         self._seen.clear()
         try:
-            written = self._hold_unasked()
+            written = self.silent_s() > QUIET_CYCLES * cycle_s(self.said) and self.hold_unasked()
             with trio.move_on_after(CONFIRM_S):
                 while not self._is_held(first):
                     await cycle()
@@ -93,11 +95,8 @@ class Link:
         written = written or self.answers > first
         return self.reports(written, self._is_held(first), failure or detail)
 
-    def _hold_unasked(self) -> bool:
-        """Hold in answer to an old message, when no new one comes: who is not heard may hear.
-        Raise ``WireDown``."""
-        if self.silent_s() <= QUIET_CYCLES * cycle_s(self.said):
-            return False
+    def hold_unasked(self) -> bool:
+        """Hold in answer to an old message: who is not heard may hear. True. Raise ``WireDown``."""
         self.port.write(encode_command(self.session.again(self.said)))
         return True
 
@@ -116,20 +115,57 @@ class Link:
         return span_s >= STAND_S and moved <= STANDING_RAD_S * span_s
 
     def reports(self, written: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
-        """Report the same of every joint: one answer is for all."""
+        """Return what became of every joint."""
         if held and self.said.state < State.COMMANDING_WAIT:
             detail = f"FRI session is {self.state}: the robot's own program holds it"
         elif not held and not detail:
             silent = self.silent_s() > STAND_S
             detail = f"no FRI message for {self.silent_s() * 1e3:.0f} ms" if silent else "it still moves"
-        return tuple(
-            MotorReport(axis, number, written, held, held, detail) for number, axis in enumerate(self._axes, 1)
-        )
+        return _reports(self._arm, written, held, detail, self.session.commanded)
 
 
 def cycle_s(said: Monitoring) -> float:
     """Return the time from one answer to the next."""
     return said.sample_ms * said.multiplier / 1e3
+
+
+async def answer_instead(
+    port: UdpListener, arm: Arm, clock: Clock, at_least_s: float, detail: str
+) -> tuple[MotorReport, ...] | None:
+    """Answer in place of whoever did so before, until the arm stands: with the last commanded position, as the
+    controller has it. Sequence numbers go on from what it says. None: it says nothing. Raise ``WireDown``."""
+    began_ns = clock.now_ns()
+    said: Monitoring | None = None
+    with trio.move_on_after(HEAR_S):
+        said = await first_message(port)
+    if said is None:
+        return None
+    link = Link(port, arm, clock, said)
+
+    async def cycle() -> None:
+        link.answer(await link.hear())
+
+    link.answer(said)
+    reports = await link.bring_to_stand(cycle, detail)
+    with trio.move_on_after(max(0.0, at_least_s - (clock.now_ns() - began_ns) / NS)):
+        while True:
+            await cycle()
+    return reports
+
+
+def failed(arm: Arm, why: str, written: bool = False) -> tuple[MotorReport, ...]:
+    """Report that no joint is confirmed."""
+    return _reports(arm, written, False, why)
+
+
+def _reports(
+    arm: Arm, written: bool, held: bool, detail: str, target: Sequence[float] = ()
+) -> tuple[MotorReport, ...]:
+    """Report the same of every joint: one answer is for all."""
+    return tuple(
+        MotorReport(axis, at + 1, written, held, held, detail, target[at] if held and target else None)
+        for at, axis in enumerate(arm.axes)
+    )
 
 
 async def first_message(port: UdpListener) -> Monitoring:

@@ -10,61 +10,40 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING
 
-import trio
-
-from strands_actors.drivers.common.udp_port import UdpListener
-from strands_actors.runtime.clock import NS, Clock
+from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
+from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
 
-from .link import Link, first_message
-from .protocol import Monitoring
+from .link import answer_instead, failed
 
 if TYPE_CHECKING:
     from .driver import Kuka
 
-HEAR_S = 0.3
-"""A controller that says nothing for so long is not there."""
 ANSWER_S = 0.5
 """At least so long it is answered, even when the arm stands before [assumed]: the session that ends then ends at
 rest."""
 
 
 class KukaStopChannel(SecondPath):
-    def __init__(self, driver: Kuka, fd: int, clock: Clock) -> None:
+    """``fd``: the duplicate; None: a socket of its own, opened when it is used."""
+
+    def __init__(self, driver: Kuka, fd: int | None, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
-        self._port = UdpListener(socket.socket(fileno=fd), driver.numeric_host())
+        self._port = None if fd is None else UdpListener(socket.socket(fileno=fd), driver.numeric_host())
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        """Answer in the wire's place with the last commanded position, as the controller has it, until the arm
-        stands. Sequence numbers go on from what the controller says."""
-        said: Monitoring | None = None
+        arm, detail = self._driver.arm, "held by the root; its FRI session ends with this"
         try:
-            with trio.move_on_after(HEAR_S):
-                said = await first_message(self._port)
-            if said is None:
-                return self._failed("the controller says nothing")
-            return await self._answer(Link(self._port, self._driver.arm, self._clock, said))
-        except WireDown as down:
-            return self._failed(str(down))
-
-    async def _answer(self, link: Link) -> tuple[MotorReport, ...]:
-        """Raise ``WireDown``."""
-        began_ns = self._clock.now_ns()
-
-        async def cycle() -> None:
-            link.answer(await link.hear())
-
-        link.answer(link.said)
-        reports = await link.bring_to_stand(cycle, "held by the root; its FRI session ends with this")
-        while self._clock.now_ns() - began_ns < ANSWER_S * NS:
-            with trio.move_on_after(HEAR_S):
-                await cycle()
-        return reports
-
-    def _failed(self, why: str) -> tuple[MotorReport, ...]:
-        axes = enumerate(self._driver.axes, 1)
-        return tuple(MotorReport(axis, number, False, False, False, why) for number, axis in axes)
+            if self._port is None:
+                host, number = self._driver.place()
+                self._port = await listen_udp(number, host)
+            reports = await answer_instead(self._port, arm, self._clock, ANSWER_S, detail)
+        except (WireDown, ValueError) as down:
+            return failed(arm, str(down))
+        return reports or failed(arm, "the controller says nothing")
 
     def close(self) -> None:
-        self._port.close()
+        if self._port is not None:
+            self._port.close()
+            self._port = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
@@ -18,7 +18,7 @@ from strands_actors.runtime.contract import (
     WireDown,
 )
 
-from .link import Link, first_message
+from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
 
 if TYPE_CHECKING:
@@ -30,18 +30,40 @@ LOST_S = 0.5
 """Without a message for so long the link counts as lost."""
 ACTIVE_S = 3.0
 """So long arming waits for a session that is on its way to being commanded."""
-LOOK_S = 0.02
-"""A stop ends that wait when the controller says nothing, too."""
+
+
+class KeptPort:
+    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its socket, and
+    another one could not be bound beside that."""
+
+    def __init__(self, driver: Kuka) -> None:
+        self._driver = driver
+        self._port: UdpListener | None = None
+
+    async def get(self) -> UdpListener:
+        """Raise ``WireDown``."""
+        if self._port is None:
+            try:
+                host, number = self._driver.place()
+            except ValueError as error:
+                raise WireDown(f"open: {error}") from None
+            self._port = await listen_udp(number, host)
+        return self._port
+
+    def release(self) -> None:
+        """Give it back, which otherwise the end of the process does."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
 
 
 class KukaWire(Wire):
-    """The one wire of its process. It keeps the UDP port from one connection to the next: the root has a duplicate,
-    and another socket could not be bound beside that."""
+    interruptible: ClassVar[bool] = True
 
-    def __init__(self, driver: Kuka, clock: Clock) -> None:
+    def __init__(self, driver: Kuka, kept: KeptPort, clock: Clock) -> None:
         self._driver = driver
+        self._kept = kept
         self._clock = clock
-        self._port: UdpListener | None = None
         self._link_or_none: Link | None = None
         self._permit: Permit | None = None  # of the setpoint that the arm moves by
         self._written_ns = 0  # when that was written, or re-sent
@@ -52,28 +74,20 @@ class KukaWire(Wire):
         """Wait for the controller, which speaks first. Nothing is sent."""
         self.close()
         driver = self._driver
-        try:
-            host, number = driver.place()
-        except ValueError as error:
-            raise WireDown(f"open: {error}") from None
-        if self._port is None:
-            self._port = await listen_udp(number, host)
+        port = await self._kept.get()
         said: Monitoring | None = None
         with trio.move_on_after(driver.connect_timeout_s):
-            said = await first_message(self._port)
+            said = await first_message(port)
         if said is None:
+            host, number = driver.place()
             raise WireDown(
                 f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
                 f"{driver.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
                 "address that it speaks to"
             )
         refuse_cycle(said)
-        self._link_or_none = Link(self._port, driver.arm, self._clock, said)
-        return {
-            "address": self._port.name,
-            "sample_ms": said.sample_ms,
-            "receive_multiplier": said.multiplier,
-        }
+        self._link_or_none = Link(port, driver.arm, self._clock, said)
+        return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
@@ -105,8 +119,7 @@ class KukaWire(Wire):
         permit.check()
         with trio.move_on_after(ACTIVE_S):
             while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
-                with trio.move_on_after(LOOK_S):
-                    await link.news.wait()
+                await link.news.wait()
                 permit.check()
         permit.check()
         return self._read(link)
@@ -140,14 +153,27 @@ class KukaWire(Wire):
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         link = self._link_or_none
         if link is None:
-            axes = enumerate(self._driver.axes, 1)
-            return tuple(MotorReport(axis, number, False, False, False, "not connected") for number, axis in axes)
+            return failed(self._driver.arm, "not connected")
         self._rest(link)
 
         async def cycle() -> None:
             await link.news.wait()  # ``serve`` answers it
 
         return await link.bring_to_stand(cycle, "")
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
+        arm, link = self._driver.arm, self._link_or_none
+        written = False
+        try:
+            if link is not None:
+                self._permit = None
+                written = link.hold_unasked()
+            port = await self._kept.get()
+            reports = await answer_instead(port, arm, self._clock, 0.0, "")
+        except WireDown as down:
+            return failed(arm, str(down), written)
+        return reports or failed(arm, "the controller says nothing", written)
 
     def _rest(self, link: Link) -> None:
         self._permit = None
@@ -159,13 +185,6 @@ class KukaWire(Wire):
     def close(self) -> None:
         """Answer no more: the controller drops the session and holds the arm."""
         self._link_or_none = self._permit = None
-
-    def release(self) -> None:
-        """Give the UDP port back, which otherwise ends with the process."""
-        self.close()
-        if self._port is not None:
-            self._port.close()
-            self._port = None
 
     def _link(self) -> Link:
         if self._link_or_none is None:

@@ -9,7 +9,10 @@ import socket
 import struct
 import time
 from collections.abc import Sequence
+from types import TracebackType
 from typing import Any
+
+from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first, run_like_others
 
 MONITORING, COMMAND = 0x245142, 0x34001
 
@@ -75,7 +78,8 @@ def answer(sequence: int, reflected: int, position: Sequence[float] = ()) -> byt
 
 
 class Client:
-    """``port``: of both ends. It answers whoever speaks."""
+    """``port``: of both ends. It answers whoever speaks. Within its block the thread runs first, where the system
+    permits that: 22 ms without a turn end a session of 2 ms."""
 
     def __init__(self, port: int) -> None:
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -116,5 +120,12 @@ class Client:
         while self.cycle() != state:
             assert time.monotonic() < deadline_s, f"not in state {state}: {self.states}"
 
-    def close(self) -> None:
+    def __enter__(self) -> Client:
+        run_first(WIRE_PRIORITY)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        run_like_others()
         self.sock.close()

@@ -195,8 +195,7 @@ def test_an_independent_client_becomes_active_and_moves(
 ) -> None:
     options = {"sample_ms": sample_ms, "packed": packed, "checksum": checksum}
     with TwinProcess(tmp_path, "kuka_iiwa", "kuka", options=options) as twin:
-        client = Client(int(twin.port.rpartition(":")[2]))
-        try:
+        with Client(int(twin.port.rpartition(":")[2])) as client:
             client.until(State.COMMANDING_ACTIVE)
             assert client.sample_ms == sample_ms
             goal = [*client.commanded]
@@ -206,8 +205,6 @@ def test_an_independent_client_becomes_active_and_moves(
                 assert time.monotonic() < deadline_s, client.states
                 if client.cycle(goal, 0.001 * sample_ms) != State.COMMANDING_ACTIVE:  # a machine that paused
                     client.until(State.COMMANDING_ACTIVE)
-        finally:
-            client.close()
         log = WireLog(tmp_path / "wire.ndjson")
         wait_until(lambda: any(b"no answers" in entry.data for entry in log.entries()), "it misses its client")
     kinds = [entry.kind for entry in log.entries() if entry.sender == "host"]
@@ -218,8 +215,7 @@ def test_an_independent_client_becomes_active_and_moves(
 
 def test_the_pendant_by_control_lines(tmp_path: Path) -> None:
     with TwinProcess(tmp_path, "kuka_iiwa", "kuka", options={"sample_ms": 2}) as twin:
-        client = Client(int(twin.port.rpartition(":")[2]))
-        try:
+        with Client(int(twin.port.rpartition(":")[2])) as client:
             client.until(State.COMMANDING_ACTIVE)
             for order in ("motion stop", "safety 1", "drive 3 0"):
                 twin.command(order)
@@ -235,8 +231,6 @@ def test_the_pendant_by_control_lines(tmp_path: Path) -> None:
             twin.command("plug")
             client.sock.settimeout(10.0)
             client.until(State.COMMANDING_ACTIVE)
-        finally:
-            client.close()
 
 
 def test_two_twins_do_not_meet_at_the_clients_end(tmp_path: Path) -> None:
@@ -246,8 +240,9 @@ def test_two_twins_do_not_meet_at_the_clients_end(tmp_path: Path) -> None:
         TwinProcess(tmp_path / "one", "kuka_iiwa", "kuka", options={"sample_ms": 2}) as one,
         TwinProcess(tmp_path / "other", "kuka_iiwa", "kuka", options={"sample_ms": 5}) as other,
     ):
-        clients = [Client(int(twin.port.rpartition(":")[2])) for twin in (one, other)]
-        for client in clients:
-            client.until(State.MONITORING_READY)
-            client.close()
-    assert [client.sample_ms for client in clients] == [2, 5]
+        told = []
+        for twin in (one, other):
+            with Client(int(twin.port.rpartition(":")[2])) as client:
+                client.until(State.MONITORING_READY)
+                told.append(client.sample_ms)
+    assert told == [2, 5]

@@ -68,18 +68,21 @@ class Rig:
         with self._serving:
             await self.wire.serve(task_status)
 
-    async def lose(self) -> None:
-        """As the transport does with a link that is lost."""
+    def lose(self) -> None:
+        """As the transport does with a link that is lost: the wire stays open for a safe state that is owed."""
         self._serving.cancel()
-        self.wire.close()
-        await trio.sleep(0.05)
 
     def kill(self) -> int:
         """End the wire as its process would; the descriptor that the root has."""
         fd = os.dup(self.wire.handover()[0])
         self._serving.cancel()
-        self.wire.release()
+        self.release()
         return fd
+
+    def release(self) -> None:
+        self.wire.close()
+        assert self.driver.kept is not None
+        self.driver.kept.release()
 
     def stop_channel(self) -> KukaStopChannel:
         return KukaStopChannel(self.driver, self.kill(), self.clock)
@@ -116,7 +119,7 @@ def on_a_twin(
             try:
                 await test(rig)
             finally:
-                rig.wire.release()
+                rig.release()
                 server.close()
                 nursery.cancel_scope.cancel()
 
@@ -312,14 +315,10 @@ def test_saf_009_a_second_program_on_the_port_is_refused(tmp_path: Path) -> None
 
 
 def test_saf_009_a_stop_ends_the_wait_for_an_active_session(tmp_path: Path) -> None:
-    """When the controller has fallen silent, too."""
-
     async def test(rig: Rig) -> None:
         await rig.connect()
         rig.controller.motion = False
         await rig.until(lambda: rig.controller.state == State.MONITORING_READY)
-        rig.server.unplug()
-        rig.permit.denied = False
         async with trio.open_nursery() as nursery:
 
             async def stop() -> None:
@@ -358,11 +357,63 @@ def test_saf_012_silence_is_a_lost_link_and_the_port_stays_ours(tmp_path: Path) 
                 await trio.sleep(0.01)
         fd = os.dup(rig.wire.handover()[0])  # as the root has it
         try:
-            await rig.lose()
+            rig.lose()
             rig.server.plug()
+            rig.wire = rig.driver.open_wire(rig.clock)
             await rig.wire.open()
         finally:
             os.close(fd)
+
+    on_a_twin(tmp_path, test)
+
+
+def test_saf_020_a_lost_link_is_written_to_unasked_and_answered_when_it_is_back(tmp_path: Path) -> None:
+    async def test(rig: Rig) -> None:
+        await rig.connect()
+        await rig.write(1.0)
+        await rig.until(lambda: rig.setpoints() > 3)
+        rig.server.set_fault("off")  # it says nothing more
+        await trio.sleep(0.02)
+        rig.lose()
+        rig.server.set_fault("delayed")  # it hears, and what it says comes late
+        lost_ns = time.monotonic_ns()
+        async with trio.open_nursery() as nursery:
+
+            async def look() -> None:
+                await trio.sleep(0.03)
+                assert len(rig.log.host("safe", lost_ns)) == 1, "before anything was heard"
+
+            nursery.start_soon(look)
+            reports = await rig.wire.reach("hold")
+        assert reports[0].written
+        rig.server.set_fault("ok")
+        assert all_safe(await rig.wire.reach("hold"))
+        rig.log.no_setpoint_after_safe(lost_ns)
+        rig.server.unplug()
+        reports = await rig.wire.reach("hold")
+        assert not all_safe(reports) and reports[0].detail == "the controller says nothing"
+
+    on_a_twin(tmp_path, test)
+
+
+def test_saf_020_a_wire_that_never_had_a_link_stops_whoever_speaks(tmp_path: Path) -> None:
+    async def test(rig: Rig) -> None:
+        assert all_safe(await rig.wire.reach("hold"))
+        assert await rig.wire.open()
+
+    on_a_twin(tmp_path, test)
+
+
+def test_saf_020_the_stop_channel_opens_a_socket_of_its_own_when_it_was_given_none(tmp_path: Path) -> None:
+    async def test(rig: Rig) -> None:
+        channel = rig.driver.second_path((), rig.clock)
+        assert all_safe(await channel.make_safe("hold"))
+        channel.close()
+        await rig.wire.open()
+        channel = rig.driver.second_path((), rig.clock)
+        reports = await channel.make_safe("hold")
+        channel.close()
+        assert not all_safe(reports) and "Check who else has it" in reports[0].detail
 
     on_a_twin(tmp_path, test)
 
