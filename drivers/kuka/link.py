@@ -80,9 +80,8 @@ class Link:
     # -- to a stand
 
     async def bring_to_stand(self, cycle: Callable[[], Awaitable[None]], detail: str) -> tuple[MotorReport, ...]:
-        """Hold, and look until the controller has our answers and the arm stands. ``cycle`` returns when the next
-        message has been answered; it raises ``WireDown``. Never raises."""
-        self.session.hold()
+        """Look until answers that hold have left and the arm stands. ``cycle`` returns when the next message has
+        been answered; it raises ``WireDown``. Never raises."""
         first, failure = self.answers, ""
         self._seen.clear()
         try:

@@ -115,7 +115,7 @@ class KukaWire(Wire):
         """Energise nothing, which is the pendant's: hold, and wait a while for a session that may be commanded
         soon. One that is not is armed all the same, and moves are refused until it is."""
         link = self._link()
-        self._rest(link)
+        self._permit = None
         permit.check()
         with trio.move_on_after(ACTIVE_S):
             while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
@@ -154,7 +154,7 @@ class KukaWire(Wire):
         link = self._link_or_none
         if link is None:
             return failed(self._driver.arm, "not connected")
-        self._rest(link)
+        self._permit = None  # from the next answer on nothing moves
 
         async def cycle() -> None:
             await link.news.wait()  # ``serve`` answers it
@@ -174,10 +174,6 @@ class KukaWire(Wire):
         except WireDown as down:
             return failed(arm, str(down), written)
         return reports or failed(arm, "the controller says nothing", written)
-
-    def _rest(self, link: Link) -> None:
-        self._permit = None
-        link.session.hold()
 
     def handover(self) -> tuple[int, ...]:
         return (self._link().port.fileno(),)

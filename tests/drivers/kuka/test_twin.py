@@ -214,23 +214,25 @@ def test_an_independent_client_becomes_active_and_moves(
 
 
 def test_the_pendant_by_control_lines(tmp_path: Path) -> None:
-    with TwinProcess(tmp_path, "kuka_iiwa", "kuka", options={"sample_ms": 2}) as twin:
-        with Client(int(twin.port.rpartition(":")[2])) as client:
+    with (
+        TwinProcess(tmp_path, "kuka_iiwa", "kuka", options={"sample_ms": 2}) as twin,
+        Client(int(twin.port.rpartition(":")[2])) as client,
+    ):
+        client.until(State.COMMANDING_ACTIVE)
+        for order in ("motion stop", "safety 1", "drive 3 0"):
+            twin.command(order)
+            client.until(State.MONITORING_READY)
+            for line in ("motion start", "safety 0", "drive 3 2"):
+                twin.command(line)
             client.until(State.COMMANDING_ACTIVE)
-            for order in ("motion stop", "safety 1", "drive 3 0"):
-                twin.command(order)
-                client.until(State.MONITORING_READY)
-                for line in ("motion start", "safety 0", "drive 3 2"):
-                    twin.command(line)
-                client.until(State.COMMANDING_ACTIVE)
-            twin.command("unplug")
-            client.sock.settimeout(0.2)
-            with pytest.raises(TimeoutError):
-                while True:
-                    client.cycle()
-            twin.command("plug")
-            client.sock.settimeout(10.0)
-            client.until(State.COMMANDING_ACTIVE)
+        twin.command("unplug")
+        client.sock.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            while True:
+                client.cycle()
+        twin.command("plug")
+        client.sock.settimeout(10.0)
+        client.until(State.COMMANDING_ACTIVE)
 
 
 def test_two_twins_do_not_meet_at_the_clients_end(tmp_path: Path) -> None:
