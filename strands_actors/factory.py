@@ -301,7 +301,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
     if transport is not None and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
-    if transport is None and wanted.port is None and hasattr(driver_class, "PORT_KIND"):
+    needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
+    if transport is None and wanted.port is None and needs_port:
         raise ValueError(_missing_port(wanted.robot, driver_class))
 
 

@@ -269,6 +269,8 @@ class Driver(ABC):
     ALIASES: ClassVar[Mapping[str, str]] = {}
     """Other names to robots of ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
+    PORT_OPTIONAL: ClassVar[bool] = False
+    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""

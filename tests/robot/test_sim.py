@@ -41,6 +41,7 @@ SIMULATED = {
     "ur5e": ("shoulder_pan_joint", 1.0, 0.01),  # far more than a real one may be sent in one go
     "xarm7": ("joint4", 1.5, 0.01),
     "robotiq_2f85": ("gripper", 0.5, 0.01),
+    "kuka_iiwa": ("joint1", 1.0, 0.01),
 }
 
 

@@ -38,6 +38,7 @@ STEPS = {
     "ur5e": WITH_POLICY,
     "xarm7": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
+    "kuka_iiwa": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }
