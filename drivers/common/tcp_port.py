@@ -79,6 +79,10 @@ class TcpPort:
             raise self._gone(None)
         return data
 
+    def fileno(self) -> int:
+        """To be given to another process. While that has it, ``close`` does not end the connection."""
+        return self._sock.fileno()
+
     def close(self) -> None:
         self._sock.close()
 

@@ -276,6 +276,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SECRETS: ClassVar[frozenset[str]] = frozenset()
+    """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
