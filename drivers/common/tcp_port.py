@@ -70,6 +70,34 @@ class TcpPort:
                 raise self._gone(None)
             return data
 
+    def read_waiting(self) -> bytes | None:
+        """Return bytes that are already there, else None. Never waits."""
+        try:
+            data = self._sock.recv(_READ_SIZE)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise self._gone(error) from None
+        if not data:
+            raise self._gone(None)
+        return data
+
+    @property
+    def own_host(self) -> str:
+        """Return our address on the way to the peer. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getsockname()[0])
+        except OSError as error:
+            raise self._gone(error) from None
+
+    @property
+    def peer_host(self) -> str:
+        """Return the peer's address as a number. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getpeername()[0])
+        except OSError as error:
+            raise self._gone(error) from None
+
     def close(self) -> None:
         self._sock.close()
 

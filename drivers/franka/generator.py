@@ -43,10 +43,10 @@ class Limits(msgspec.Struct, frozen=True):
 def limits_of(arm: Arm, speed_factor: float) -> Limits:
     """Return the limits of an arm at a share of its speed, acceleration and jerk.
 
-    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a + sqrt(b * d)), braking
-    must stay below that. With acceleration A <= b / 6 the profile that ends at a distance e from the end, sqrt(2 A e),
-    does so when the goal keeps 1.5 a^2 / b from where the curve ends: both sides are squared, and the worst place
-    is where the speed is a / 2.
+    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a + sqrt(b * d)),
+    braking must stay below that. At a distance e from the goal it is sqrt(2 A e); with A <= b / 6 that stays below
+    when the goal keeps 1.5 a^2 / b from where the curve ends (square both sides; the worst place is where the
+    speed is a / 2).
     """
     acceleration = [most * speed_factor for most in arm.acceleration]
     low, high = list(arm.low), list(arm.high)
@@ -110,7 +110,8 @@ class Trajectory:
             change = acceleration * STEP_S
             distance = abs(left)
             # the highest speed from which braking, this step included, ends at the goal
-            allowed = min(most, change * (math.sqrt(0.25 + 2 * distance / (change * STEP_S)) - 0.5), distance / STEP_S)
+            braking = change * (math.sqrt(0.25 + 2 * distance / (change * STEP_S)) - 0.5)
+            allowed = min(most, braking, distance / STEP_S)
             wanted = math.copysign(allowed, left)
             speed += min(change, max(-change, wanted - speed))
             position[joint] += speed * STEP_S

@@ -1,4 +1,5 @@
-"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and commands on UDP.
+"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and commands on
+UDP.
 
 Pure: bytes in, values out. Everything is little-endian and packed. Matrices are column-major.
 Sources: the published headers of libfranka-common for both versions; offsets checked with numbered values against
@@ -23,6 +24,9 @@ MISSED_TICKS = 20
 """Commands in a row that a controller goes on without."""
 
 HEADER = struct.Struct("<III")
+LARGEST_NUMBER = 100.0
+"""No joint of any arm is so far, or so fast (rad, rad/s)."""
+
 LARGEST_REQUEST = 4096
 LARGEST_REPLY = 8 * 1024 * 1024
 """A model library or description comes in one reply."""
@@ -227,24 +231,36 @@ class Dialect:
         """Raise ``MalformedFrame``."""
         if len(data) != self.state_bytes:
             raise MalformedFrame(f"a state of {len(data)} bytes; FCI {self.version} has {self.state_bytes}")
+        if not self.is_plausible(data):
+            raise MalformedFrame("a state with modes that there are not")
         errors, reflex = self.get(data, "errors"), self.get(data, "reflex_reason")
         found = State(
-            *self.get(data, "message_id"),
+            int(self.get(data, "message_id")[0]),
             self.get(data, "q"),
             self.get(data, "q_d"),
             self.get(data, "dq"),
             self.get(data, "tau_J"),
             self.get(data, "tau_ext_hat_filtered"),
             self.get(data, "O_T_EE"),
-            *self.get(data, "generator"),
-            *self.get(data, "controller"),
+            int(self.get(data, "generator")[0]),
+            int(self.get(data, "controller")[0]),
             tuple(name for name, now, then in zip(ERRORS, errors, reflex, strict=True) if now or then),
-            *self.get(data, "robot_mode"),
-            *self.get(data, "success_rate"),
+            int(self.get(data, "robot_mode")[0]),
+            self.get(data, "success_rate")[0],
         )
-        if not all(map(math.isfinite, (*found.q, *found.q_d, *found.dq, found.success_rate))):
-            raise MalformedFrame("a state with a position or a speed that is no number")
+        # not (a <= b) rather than b < a: a NaN is refused too
+        if not all(abs(number) <= LARGEST_NUMBER for number in (*found.q, *found.q_d, *found.dq)):
+            raise MalformedFrame("a state with a position or a speed that no joint has")
         return found
+
+    def is_plausible(self, data: bytes) -> bool:
+        """Return whether ``data`` can be a state, by its size and its smallest fields: quick enough for each of a
+        thousand a second."""
+        if len(data) != self.state_bytes:
+            return False
+        (generator,), (controller,) = self.get(data, "generator"), self.get(data, "controller")
+        (mode,), (rate,) = self.get(data, "robot_mode"), self.get(data, "success_rate")
+        return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
 
     def get(self, data: bytes | bytearray, name: str) -> tuple[float, ...]:
         at, field = self.fields[name]

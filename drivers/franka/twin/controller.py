@@ -106,7 +106,7 @@ class Controller:
         if motion is None:
             return None
         self.mode = mode
-        self._halt()
+        self._halt(self._goal if status == "success" else None)
         return motion.id, status
 
     def recover(self) -> bool:
@@ -130,10 +130,10 @@ class Controller:
         self._halt()
         return ended
 
-    def _halt(self) -> None:
-        """Come to a stand and hold the arm there."""
+    def _halt(self, goal: tuple[float, ...] | None = None) -> None:
+        """Come to a stand and hold the arm: at ``goal``, or as soon as it can."""
         pairs = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
-        self._goal = tuple(
+        self._goal = goal or tuple(
             min(high, max(low, rad + rad_s * BRAKING_S))
             for (rad, rad_s), low, high in zip(pairs, self.arm.low, self.arm.high, strict=True)
         )

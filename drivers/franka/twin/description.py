@@ -20,7 +20,8 @@ def urdf(arm: Arm) -> str:
             f'<parent link="link{at}"/><child link="link{at + 1}"/><axis xyz="0 0 1"/>',
             f'<limit lower="{arm.low[at]}" upper="{arm.high[at]}" velocity="{arm.speed[at]}" '
             f'effort="{arm.effort[at]}"/>',
-            f'<position_based_velocity_limits velocity_offset="{offset}" deceleration_limit="{slope / 2}"/></joint>',
+            f'<position_based_velocity_limits velocity_offset="{offset}" deceleration_limit="{slope / 2}"/>',
+            "</joint>",
         ]
     flange = JOINTS + 1
     parts += [

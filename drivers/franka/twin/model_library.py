@@ -1,8 +1,8 @@
 """What a controller of FCI 5 gives its clients: a shared library with the arm's model, which they load.
 
 A controller compiles nothing, and neither does this: the library is put together here, for Linux on x86-64. Its
-thirty functions answer zeros: no gravity, no Coriolis forces and no inertia beyond what the twin itself compensates,
-and Jacobians and frames that are of no use. Clients that control by joints need no more.
+thirty functions answer zeros: no gravity, no Coriolis forces and no inertia beyond what the twin itself
+compensates, and Jacobians and frames that are of no use. Clients that control by joints need no more.
 """
 
 from __future__ import annotations

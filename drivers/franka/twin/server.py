@@ -1,12 +1,13 @@
 """The robot's end of FCI: commands on TCP, a state each millisecond on UDP, and the clock of both.
 
 A real controller keeps its time whatever its client does. This one shares the machine with it, so while a motion
-runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and then counts it as missed. Without a
-motion it wakes up every few milliseconds only, and sends the states of the meantime together.
+runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and then counts it as missed. Without
+a motion it wakes up every few milliseconds only, and sends the states of the meantime together.
 """
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import time
@@ -207,8 +208,8 @@ class FrankaServer(TcpServer):
             self._take_commands()
 
     async def _tick_with_client(self) -> None:
-        """One millisecond of a motion: a state, the command that answers it, and what is left of the time. It blocks
-        the process for as long: half the price of two turns of the event loop."""
+        """One millisecond of a motion: a state, the command that answers it, and what is left of the time. It
+        blocks the process for as long: half the price of two turns of the event loop."""
         began_s = time.monotonic()
         self._tick()
         while not self._take_commands() and self.controller.motion is not None:
@@ -232,10 +233,8 @@ class FrankaServer(TcpServer):
         while self._late and self._late[0][0] <= now_s:
             _, data = self._late.popleft()
             for address in self._listeners_of_state.values():
-                try:
+                with contextlib.suppress(OSError):  # its buffer is full, or it is gone: TCP tells
                     self._udp.sendto(data, address)
-                except OSError:
-                    pass  # its buffer is full, or it is gone: TCP tells
 
     def _take_commands(self) -> bool:
         """Take what has come; whether that was a command of the motion."""

@@ -1,7 +1,8 @@
-"""The generator keeps the limits of the sheet as the controller sees them: by differences of successive commands."""
+"""The generator keeps the limits of the arm as its controller sees them: by differences of successive commands."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -20,7 +21,8 @@ def goals(limits: Limits) -> st.SearchStrategy[tuple[float, ...]]:
 
 
 def differences(rows: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    return [tuple((b - a) / STEP_S for a, b in zip(*pair, strict=True)) for pair in zip(rows, rows[1:], strict=False)]
+    pairs = itertools.pairwise(rows)
+    return [tuple((after - before) / STEP_S for before, after in zip(*pair, strict=True)) for pair in pairs]
 
 
 def check_limits(arm: Arm, factor: float, path: list[tuple[float, ...]]) -> None:
@@ -30,7 +32,8 @@ def check_limits(arm: Arm, factor: float, path: list[tuple[float, ...]]) -> None
     for joint in range(JOINTS):
         assert all(arm.low[joint] - SLACK <= row[joint] <= arm.high[joint] + SLACK for row in path)
         assert max(abs(row[joint]) for row in speeds) <= arm.speed[joint] * factor + SLACK
-        assert max(abs(row[joint]) for row in accelerations) <= arm.acceleration[joint] * factor * (1 + SLACK) + 1e-4
+        most = arm.acceleration[joint] * factor
+        assert max(abs(row[joint]) for row in accelerations) <= most * (1 + SLACK) + 1e-4
         assert max(abs(row[joint]) for row in jerks) <= arm.jerk[joint] * factor * (1 + SLACK) + 0.1
         for before, row, speed in zip(path, path[1:], speeds, strict=False):
             for rad in (before[joint], row[joint]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import struct
@@ -16,7 +17,7 @@ from strands_actors.drivers.franka import protocol as p
 FRAMES = int(os.environ.get("STRANDS_ACTORS_FRANKA_FUZZ", "20000"))
 VERSIONS = tuple(p.DIALECTS)
 messages = st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.binary(max_size=200))
-numbers = st.floats(-1e6, 1e6, width=32)
+numbers = st.floats(-100, 100, width=32)
 seven = st.tuples(*[numbers] * 7)
 
 
@@ -93,8 +94,11 @@ def test_saf_014_what_is_no_state_is_refused(version: int) -> None:
         with pytest.raises(MalformedFrame, match="bytes"):
             dialect.state(data)
     for name in ("q", "q_d", "dq"):
-        with pytest.raises(MalformedFrame, match="no number"):
+        with pytest.raises(MalformedFrame, match="no joint has"):
             dialect.state(a_state(version, **{name: (float("nan"),) * 7}))
+    for name, number in (("robot_mode", 7), ("generator", 6), ("controller", 4), ("success_rate", 1.5)):
+        with pytest.raises(MalformedFrame, match="modes"):
+            dialect.state(a_state(version, **{name: (number,)}))
     with pytest.raises(MalformedFrame):
         dialect.command(b"")
 
@@ -137,8 +141,6 @@ def test_disturbed_frames_raise_nothing_else_and_fill_no_memory() -> None:
             decoder = p.Decoder(p.LARGEST_REQUEST)
         assert len(decoder._pending) <= p.LARGEST_REQUEST + len(frame)
         for parse in (dialect.state, dialect.command, p.connect_request):
-            try:
+            with contextlib.suppress(MalformedFrame):
                 parse(data)
-            except MalformedFrame:
-                pass
         p.mode_name(chance.randrange(256))
