@@ -99,6 +99,7 @@ class Cycle:
         self._ended_by_itself = False
         self._waited = 0
         self._last_id = 0
+        self._heard = 0.0
         self.phase = Phase.IDLE
         self.reached = 0
         self.missed = 0
@@ -115,6 +116,14 @@ class Cycle:
         elif self.phase is Phase.IDLE:
             self.phase, self._waited = Phase.STARTING, 0
         # while it finishes or brakes: the wire process sees that the goal was not reached, and asks again
+
+    def is_news(self, data: bytes) -> bool:
+        """Return whether ``data`` is a state, and the controller's clock has gone on since the last."""
+        if not self.dialect.is_plausible(data):
+            return False
+        (heard,) = self.dialect.get(data, "message_id")
+        before, self._heard = self._heard, heard
+        return heard != before
 
     def answer(self, state: bytes, now_ns: int) -> bytes | None:
         """Return the command that answers a state; None: nothing is to be sent."""
@@ -214,7 +223,7 @@ def run(
         now_ns = time.monotonic_ns()
         while (order := _receive(wire)) is not None:
             cycle.obey(order)
-        if not cycle.dialect.is_plausible(state):
+        if not cycle.is_news(state):
             if _is_gone(parent):
                 return
             continue

@@ -1,7 +1,8 @@
-"""The root's way to the arm when the wire process is gone: its connection has ended with it, and a controller ends a
-motion with the connection it came by. What is left to do is to see that it did.
+"""The root's way to the arm when the wire process is gone.
 
-A connection of its own, made when it is needed. Its StopMove is for who else might be moving the arm.
+Its connection has ended with it, and a controller ends a motion with the connection by which it was begun. What is
+left to do is to see that it did, by a connection made when it is needed. Its StopMove is for who else might be
+moving the arm.
 """
 
 from __future__ import annotations

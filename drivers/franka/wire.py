@@ -1,4 +1,4 @@
-"""A Franka controller in the wire process: motions begun and stopped on TCP, their commands a process' of its own."""
+"""A Franka controller in the wire process: motions begin and stop here, another process sends their commands."""
 
 from __future__ import annotations
 

@@ -113,8 +113,8 @@ def conformance(
 ) -> list[Check]:
     """The checks of one driver class on one of its robots (default: the first).
 
-    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of them). ``twin``: whether to run
-    those that start processes. ``far``: how far its first axis may be moved there, in its units.
+    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of them). ``twin``:
+    whether to run those that start processes. ``far``: how far its first axis may be moved there, in its units.
     """
     subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good, twin)
     checks = [
