@@ -53,6 +53,7 @@ class Controller:
         self.dialect = p.DIALECTS[fci]
         self.plant = Plant.from_table(model_table(arm))
         self.fault = Fault.OK
+        self.ticks = 0
         self._on_event = on_event
         self.reset()
 
@@ -61,7 +62,7 @@ class Controller:
         self.mode = p.RobotMode.IDLE
         self.motion: Motion | None = None
         self.led = False  # whether a simulation moves the arm
-        self.ticks = 0
+        self._booted = self.ticks
         self.reasons: set[str] = set()
         self.success_rate: float | None = None  # given by an order, instead of what is
         self._answered: deque[bool] = deque(maxlen=RATE_OVER)
@@ -233,7 +234,7 @@ class Controller:
         q, dq = self.plant.position_rad, self.plant.velocity_rad_s
         if self.fault is Fault.WRONG:
             q = tuple(rad + WRONG_BY_RAD for rad in q)
-        put(data, "message_id", self.ticks)
+        put(data, "message_id", self.ticks - self._booted)
         put(data, "q", *q)
         put(data, "theta", *q)
         put(data, "q_d", *self._goal)

@@ -10,7 +10,6 @@ from typing import Any
 from strands_actors import Robot
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
-
 from tests.answers import until
 
 NEAR_RAD = 2e-3
