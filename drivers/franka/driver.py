@@ -18,19 +18,16 @@ from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import (
     HOLDING_REASONS,
-    Candidate,
     Driver,
-    GateState,
     Reason,
     SecondPath,
     Service,
     Timing,
 )
-from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 from .arms import arm_of, arms
-from .gates import CONDITIONS, all_gates, refuse_part
+from .gates import CONDITIONS, all_gates
 from .generator import limits_of
 from .protocol import MISSED_TICKS, PORT, STATE_HZ
 
@@ -110,12 +107,6 @@ class Franka(Driver):
         if port != PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")
         return host
-
-    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        parsed = super().parse(action, state)
-        if isinstance(parsed, Refused):
-            return parsed
-        return refuse_part(action, self.robot, len(parsed.named), self.table) or parsed
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from strands_actors.contract.axis import SHOWN, Axis
+from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
@@ -33,23 +31,7 @@ LOST = "motion"
 
 def all_gates(axes: tuple[Axis, ...], state_ttl_s: float) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers."""
-    return stale(axes, state_ttl_s), past_range(axes), reaches_it
-
-
-def refuse_part(action: Mapping[str, object], robot: str, named: int, axes: tuple[Axis, ...]) -> Refused | None:
-    """Refuse an action that does not name every joint: a motion is one of the whole arm."""
-    if named == len(axes):
-        return None
-    given = {str(key).removesuffix(".pos") for key in action}
-    missing = ", ".join(axis.key for axis in axes if axis.key not in given)
-    keys = ", ".join(axis.key for axis in axes)
-    return Refused(
-        "not_all_joints",
-        f"move: {robot} is moved by all its joints; {missing} missing",
-        f"send {keys}",
-        ", ".join(sorted(given))[: SHOWN * 4],
-        f"{len(axes)} joints",
-    )
+    return stale(axes, state_ttl_s), all_joints(axes), past_range(axes), reaches_it
 
 
 def refuse_mode(mode: int, reasons: str) -> Refused | None:
@@ -82,6 +64,21 @@ CONDITIONS = (Condition(movable), Condition(not_lost))
 
 
 # -- of one target
+
+
+def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
+    """Refuse an action that does not name every joint: a motion is one of the whole arm."""
+    keys = ", ".join(axis.key for axis in axes)
+
+    def all_joints(candidate: Candidate, state: GateState) -> Refused | None:
+        missing = ", ".join(axis.key for at, axis in enumerate(axes) if at not in candidate.named)
+        if not missing:
+            return None
+        given = ", ".join(axes[at].key for at in candidate.named)
+        why = f"move: the arm is moved by all its joints; {missing} missing"
+        return Refused("not_all_joints", why, f"send {keys}", given, f"{len(axes)} joints")
+
+    return all_joints
 
 
 def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:

@@ -269,7 +269,7 @@ class Driver(ABC):
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
     WHOLE_ACTIONS: ClassVar[bool] = False
-    """Whether an action has to name every axis: an arm that is only moved as a whole."""
+    """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
