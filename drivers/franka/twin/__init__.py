@@ -13,6 +13,7 @@ from strands_actors.drivers.common.twin import Start, WireLog, known_options, ru
 from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
 
 from ..arms import arm_of
+from ..protocol import DIALECTS
 from .server import FrankaServer
 
 OPTIONS = {
@@ -27,6 +28,8 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     given = known_options(options, OPTIONS)
     fci = int(given.get("fci", arm_of(robot).fci))
+    if fci not in DIALECTS:
+        raise ValueError(f"fci is {fci}. There are {', '.join(map(str, DIALECTS))}")
     tick_wait_s = float(given.get("tick_wait_ms", 10.0)) / 1e3
     run_first(TWIN_PRIORITY)
 
