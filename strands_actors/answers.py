@@ -81,6 +81,7 @@ def stopped(report: StopReport) -> Answer:
         "path": report.path,
         "took_ms": round(report.took_ms, 2),
         "unconfirmed": report.unconfirmed,
+        "note": report.note,
         "motors": {
             motor.axis: {
                 "id": motor.id,
@@ -125,6 +126,7 @@ def status(
         "state": UNREACHABLE if told is None else told.mode,
         "epoch": None if told is None else told.epoch,
         "locked_by": None if told is None else told.locked_by or None,
+        "locked_since": None if told is None else told.locked_since or None,
         "cause": None if told is None else told.cause or None,
         "lease": None if told is None else told.holder or None,
         "observation_age_s": None if told is None or told.age_s < 0 else round(told.age_s, 4),

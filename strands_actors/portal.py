@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import trio
 
+from .descriptors import FOR_LOOP, FOR_ROBOT, require
 from .nodes import open_node
 from .rundir import run_dir
 from .runtime.node import Node
@@ -104,7 +105,9 @@ class Portal:
 
 @contextlib.asynccontextmanager
 async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, str]]:
-    """A node with a mesh for a process that starts robots: (node, nursery, endpoint)."""
+    """A node with a mesh for a process that starts robots: (node, nursery, endpoint). Raise ``OSError`` when too
+    few files may be opened for it and a robot."""
+    require(FOR_LOOP + FOR_ROBOT)
     number = next(_callers)  # a program may have several, in one loop or in many
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
     endpoint = unix_endpoint(path)

@@ -39,6 +39,7 @@ def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatc
     path = Path(tempfile.mkdtemp(prefix="sa-"))
     strands_run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
+    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))  # an e-stop's lock ends with the test
     return path
 
 

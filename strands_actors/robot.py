@@ -148,7 +148,10 @@ class RealRobot(RobotTool):
         """Start the tree, connect, and arm at the measured position. None, or why not."""
         if self._closed:
             return f"connect: {_CLEANED_UP}"
-        return self._call(self._connect)
+        try:
+            return self._call(self._connect)
+        except OSError as failure:  # there is no loop to connect in
+            return f"connect: {failure}"
 
     async def _connect(self) -> str | None:
         if self._tree is None:

@@ -100,18 +100,19 @@ class RobotTree:
             # What it says of the link may be from before its present pause between two attempts.
             status = await processes.wait_linked(RETRY_S)
         else:
-            await processes.start(self._writer.beat)
             try:
+                await processes.start(self._writer.beat)
                 status = await processes.wait_linked()
                 await processes.require_mesh()
-            except NotConnected:
+            except (NotConnected, OSError):
                 await self._end()  # it would go on trying, and take the port from whoever has it next
                 raise
         if not arm:
             return None
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             if status.locked_by:
-                return f"connect: e-stopped by {status.locked_by}. resume() lifts the lockout"
+                since = f", {status.locked_since}" if status.locked_since else ""
+                return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
             answer = await self._energise(stops)
             if not isinstance(answer, Resumed):
                 return answer.text if isinstance(answer, Refused) else "no answer"

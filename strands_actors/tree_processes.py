@@ -13,17 +13,19 @@ from typing import Any
 
 import trio
 
+from .descriptors import FOR_ROBOT, require
 from .drill.certificate import TWIN, clause
 from .engine import SIM, EngineDown
 from .factory import Plan
-from .rundir import Name, Note
+from .rundir import Name, Note, locks_dir
 from .runtime.contract import Reason
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Node, Ref, Unreachable
 from .runtime.process import ChildProcess, start
 from .runtime.thread_line import ThreadLine
 from .runtime.zenoh_mesh import unix_endpoint
-from .supervisors import addresses
+from .strays import label_of
+from .supervisors import addresses, channels
 from .supervisors.failsafe import LINKED, Mode
 from .supervisors.lines import keep_line, keep_thread_line
 from .supervisors.loading import describe_driver
@@ -98,7 +100,9 @@ class TreeProcesses:
     # -- start and end
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start."""
+        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start,
+        ``OSError`` when the system does not let us."""
+        require(FOR_ROBOT)
         plan = self.plan
         port = plan.port
         if plan.engine is not None:
@@ -116,7 +120,11 @@ class TreeProcesses:
             "robot": self.robot,
             "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
             "caller_pid": os.getpid(),
+            "caller": self.node.address,
+            "note": str(name.note),
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
+            "locks": str(locks_dir()),
+            "lock_port": "" if plan.engine is not None else port,
             "listen": listen,
             "wire_listen": wire_listen,
             "connect": [self._endpoint],
@@ -126,7 +134,8 @@ class TreeProcesses:
                 "settings": plan.mesh.robot_settings(),
             },
         }
-        process = self._root_process = start("strands_actors.supervisors.root:main", args, pass_fds=[name.lock_fd])
+        entry = "strands_actors.supervisors.root:main"
+        process = self._root_process = start(entry, args, [name.lock_fd], label_of(self.robot))
         name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from .supervisors.gate import Gate
@@ -140,7 +149,10 @@ class TreeProcesses:
         self.root: Ref = node.ref(at.root, Root)
         self.tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
-        besides: list[Callable[[], Awaitable[None]]] = [beside, partial(keep_line, node, self.robot)]
+        besides: list[Callable[[], Awaitable[None]]] = [
+            beside,
+            partial(keep_line, node, self.robot, channels.of_wire(self.robot)),
+        ]
         if self._by_threads:
             besides.append(partial(keep_thread_line, node, self.robot, Gate, self._take_line))
         self.nursery.start_soon(self._attend, process, self._scope, besides)
@@ -161,7 +173,7 @@ class TreeProcesses:
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(process.link(self.node).run)
+                nursery.start_soon(process.link(self.node, channels.of_root(self.robot)).run)
                 for each in besides:
                     nursery.start_soon(each)
                 await process.wait()
@@ -177,13 +189,21 @@ class TreeProcesses:
                 with contextlib.suppress(AskTimeout, Unreachable):
                     answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
                     report = answer if isinstance(answer, StopReport) else None
-                with trio.move_on_after(FENCE_S):
-                    await process.wait()
+                if report is not None and not report.confirmed:
+                    self._part(process)
+                else:
+                    with trio.move_on_after(FENCE_S):
+                        await process.wait()
             await self.discard()
         if self._name is not None:
             self._name.release()
             self._name = None
         return report
+
+    def _part(self, process: ChildProcess) -> None:
+        """A root whose robot is not confirmed safe stays, and tries, without us."""
+        process.part()
+        self._root_process = None
 
     async def fence(self) -> None:
         """Kill the root, and wait for it. Without its root the wire makes itself safe."""

@@ -7,6 +7,9 @@ reports, and setpoints, status and further stops are handled meanwhile.
 
 from __future__ import annotations
 
+import msgspec
+
+from strands_actors.contract.axis import AxisMode
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
@@ -32,6 +35,7 @@ from .messages import (
     Lease,
     LinkLost,
     LinkUp,
+    LockKept,
     MakeSafe,
     Observed,
     Perform,
@@ -69,7 +73,8 @@ class Gate(Actor):
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
-        self._stops: list[tuple[int, Deferred]] = []  # epoch of the stop, who waits for it
+        self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
+        self._lock = LockKept(0)  # the newest that was kept
         self._resumes: list[Deferred] = []
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
@@ -103,6 +108,7 @@ class Gate(Actor):
         | Probe
         | Observed
         | SafeDone
+        | LockKept
         | ArmDone
         | CarriedOut
         | LinkUp
@@ -130,7 +136,7 @@ class Gate(Actor):
             case Acquire():
                 return self._acquire(message)
             case Release():
-                return self._release(message.lease)
+                return self._release(message)
             case GetObservation():
                 return self._observation or Refused("no_observation", "observe: nothing was read yet")
             case GetStatus():
@@ -141,6 +147,9 @@ class Gate(Actor):
                 self._carried_out(message)
             case SafeDone():
                 self._safe_done(message.report)
+            case LockKept():
+                self._lock = message
+                self._answer_stops()
             case ArmDone():
                 self._arm_done(message)
             case LinkUp():
@@ -152,11 +161,11 @@ class Gate(Actor):
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        held = self._leases.held
-        kept = held.refused if held is not None and held.id == message.lease else None
+        held = self._leases.find(message.lease, message.channel)
+        kept = None if held is None else held.refused
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
-            if held is not None and held.id == message.lease and not self.context.asked:
+            if held is not None and not self.context.asked:
                 held.refused = answer
             self._refusals += 1
             self._last_refusal = answer.text
@@ -169,7 +178,7 @@ class Gate(Actor):
         now_ns = self.context.received_ns
         refusal = (
             self._refuse_by_mode()
-            or self._refuse_by_lease("move", message.lease, message.epoch)
+            or self._refuse_by_lease("move", message)
             or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
         )
         if refusal is not None:
@@ -212,6 +221,8 @@ class Gate(Actor):
             )
         if mode in failsafe.WRITABLE:
             return None
+        if mode in failsafe.OVER:
+            return self._refuse_at_the_end("move")
         if mode not in failsafe.LINKED:
             why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
             return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
@@ -220,14 +231,17 @@ class Gate(Actor):
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
 
-    def _refuse_by_lease(self, what: str, lease: int, epoch: int) -> Refused | None:
-        refusal = self._leases.refuse(what, lease)
-        if refusal is None and epoch != self._state.epoch:
+    def _refuse_at_the_end(self, what: str) -> Refused:
+        return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
+
+    def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
+        refusal = self._leases.refuse(what, message.lease, message.channel)
+        if refusal is None and message.epoch != self._state.epoch:
             return Refused(
                 "stale_epoch",
-                f"{what}: prepared in epoch {epoch}, now it is {self._state.epoch} ({self._cause})",
+                f"{what}: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
                 "acquire the lease again and start from the measured position",
-                str(epoch),
+                str(message.epoch),
                 str(self._state.epoch),
             )
         return refusal
@@ -249,11 +263,13 @@ class Gate(Actor):
         state = self._state
         if state.locked_by:
             return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode in failsafe.OVER:
+            return self._refuse_at_the_end(service)
         if state.mode not in failsafe.LINKED:
             return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
             return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
-        refusal = self._refuse_by_lease(service, message.lease, message.epoch)
+        refusal = self._refuse_by_lease(service, message)
         if refusal is not None:
             return refusal
         moves = self._live_until_ns != 0 or message.first is not None
@@ -281,14 +297,14 @@ class Gate(Actor):
         answer = self._leases.acquire(message, self.context.received_ns)
         return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
-    def _release(self, lease: int) -> Deferred | None:
+    def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
-        held = self._leases.release(lease)
+        held = self._leases.release(message.lease, message.channel)
         if held is None:
             return None
         deferred = self.context.defer()
         if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
-            self._stops.append((self._state.epoch, deferred))
+            self._stops.append((self._state.epoch, deferred, False))
             return deferred
         return None
 
@@ -338,7 +354,7 @@ class Gate(Actor):
         lock = (message.by or "an operator") if message.lock else ""
         self._leases.stop()
         if self._trip(message.reason, by, lock):
-            self._stops.append((self._state.epoch, deferred))
+            self._stops.append((self._state.epoch, deferred, message.lock))
             return deferred
         # Nothing to do: already holding, or nothing energised to hold.
         rung = self._driver.ladder[message.reason]
@@ -347,27 +363,33 @@ class Gate(Actor):
     def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
         rung = safe_state or self._driver.ladder[reason]
-        holds = reason in HOLDING_REASONS and self._driver.energised(rung)
-        event = Event.HOLD if holds else Event.STOP
+        if reason in failsafe.ENDING_REASONS:
+            event = Event.END
+        elif reason in HOLDING_REASONS and self._driver.energised(rung):
+            event = Event.HOLD
+        else:
+            event = Event.STOP
         return self._step(event, rung, reason, cause, lock)
 
     def _step(self, event: Event, rung: str, reason: Reason, cause: str, lock: str = "") -> bool:
-        row = failsafe.TRANSITIONS.get((self._state.mode, event))
-        if row is not None and row.action is Action.MAKE_SAFE:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        makes_safe = action is Action.MAKE_SAFE
+        if makes_safe:
             self._cause = cause
-        if self._advance(event, lock) is not Action.MAKE_SAFE:
-            return False
-        self._live_until_ns = 0
-        for resume in self._resumes:
-            resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
-        self._resumes.clear()
-        self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
-        return True
+            self._live_until_ns = 0
+            self._transport.tell(MakeSafe(self._state.epoch, rung, reason))  # before anybody else is told
+            for resume in self._resumes:
+                resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+            self._resumes.clear()
+        if self._state != before:
+            self._tell_state()
+        return makes_safe
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
         self._writes, self._reads = message.writes, message.reads
-        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+        if self._state.mode in (Mode.UNCONFIRMED, Mode.ENDING) and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
@@ -380,14 +402,25 @@ class Gate(Actor):
     def _safe_done(self, report: StopReport) -> None:
         self._last_stop = report
         self._last_stop_ns = self.context.received_ns
-        for epoch, stop in self._stops:
-            if epoch <= report.epoch:
-                stop.send(report)
-        self._stops = [waiting for waiting in self._stops if waiting[0] > report.epoch]
+        self._answer_stops()
         if report.epoch == self._state.epoch:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:
-                self._aim_at_measured(self._observation)
+                self._aim_where_held(report, self._observation)
+
+    def _answer_stops(self) -> None:
+        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk."""
+        report, waiting = self._last_stop, self._stops
+        if report is None:
+            return
+        self._stops = []
+        for epoch, stop, locks in waiting:
+            if epoch > report.epoch or (locks and epoch > self._lock.epoch):
+                self._stops.append((epoch, stop, locks))
+            elif locks and self._lock.problem:
+                stop.send(msgspec.structs.replace(report, note=self._lock.problem))
+            else:
+                stop.send(report)
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         mode = self._state.mode
@@ -398,6 +431,8 @@ class Gate(Actor):
             return Refused("locked_out", why, "an operator's resume() lifts the lockout")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
+            if mode in failsafe.OVER:
+                return self._refuse_at_the_end("resume")
             if mode not in failsafe.LINKED:
                 return Refused("not_connected", f"resume: not connected: {self._connect_error}")
             return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
@@ -426,6 +461,26 @@ class Gate(Actor):
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
         self._live_until_ns = 0
+
+    def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
+        """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
+        its last target, one that was is not sent elsewhere by an older reading."""
+        before = self._target
+        self._aim_at_measured(observation)
+        aimed = list(self._target)
+        motors = {motor.axis: motor for motor in report.motors}
+        for at, axis in enumerate(self._driver.axes):
+            motor = motors.get(axis)
+            if motor is not None and motor.target is not None:
+                aimed[at] = motor.target
+            elif motor is not None and not motor.safe and not self._rests(at):
+                aimed[at] = before[at]
+        self._target = tuple(aimed)
+
+    def _rests(self, at: int) -> bool:
+        """Whether the axis is a velocity's: its first target is rest, wherever it is."""
+        table = self._driver.table
+        return bool(table) and table[at].mode is AxisMode.VELOCITY
 
     # -- the link
 
@@ -476,6 +531,7 @@ class Gate(Actor):
             self._last_refusal,
             self._last_stop,
             self._facts,
+            self._lock.since if self._state.locked_by else "",
         )
 
     # -- for a recorder

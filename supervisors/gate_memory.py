@@ -11,7 +11,7 @@ from strands_actors.runtime.contract import Observation
 
 from . import failsafe
 from .lease import Leases
-from .messages import StopReport
+from .messages import LockKept, StopReport
 
 
 class GateMemory(msgspec.Struct, frozen=True):
@@ -24,7 +24,8 @@ class GateMemory(msgspec.Struct, frozen=True):
     target: tuple[float, ...]
     target_ns: int
     live_until_ns: int
-    stops: list[tuple[int, Deferred]]
+    stops: list[tuple[int, Deferred, bool]]
+    lock: LockKept
     resumes: list[Deferred]
     cause: str
     connect_error: str

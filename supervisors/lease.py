@@ -21,6 +21,7 @@ class Held(msgspec.Struct):
     expires_ns: int  # unless its process is heard of
     latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
     pid: int  # of its process; 0: of another host
+    channel: str  # over which it was acquired, and over which alone it counts
     under: Held | None = None
     refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
 
@@ -43,37 +44,45 @@ class Leases(msgspec.Struct):
     ended: int = 0
 
     def acquire(self, message: Acquire, now_ns: int) -> int | Refused:
-        """The number of a new lease."""
+        """The number of a new lease. Who has a channel with a name (a policy process) gets one under its caller's
+        only."""
+        if message.channel and not message.over:
+            why = f"acquire: {message.channel} may write under its caller's lease alone"
+            return Refused("channel", why, "name that lease")
         if 0 < message.over <= self.ended:
             return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
         held = self.held
         under: Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
-            if held.id == message.over:
+            if held.id == message.over and not held.channel:
                 under = held.owner
-            elif held.holder != message.holder or held.under is not None:
+            elif (held.holder, held.channel) != (message.holder, message.channel) or held.under is not None:
                 why = f"acquire: {held.holder} holds the lease"
                 return Refused("lease", why, "wait until it is released, or stop it")
         elif message.over:
             return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
         self.given += 1
         until_ns = now_ns + LEASE_TTL_NS
-        self.held = Held(self.given, message.holder, until_ns, until_ns, message.pid, under)
+        self.held = Held(self.given, message.holder, until_ns, until_ns, message.pid, message.channel, under)
         return self.given
 
     def beat(self, message: Beat, now_ns: int) -> None:
         held = self.held
         while held is not None:
-            if held.id == message.lease:
+            if (held.id, held.channel) == (message.lease, message.channel):
                 held.beat(now_ns + LEASE_TTL_NS, message.answered_ago_s)
             held = held.under
 
-    def release(self, lease: int) -> Held | None:
-        """The one that was given back; None: it was not held."""
+    def find(self, lease: int, channel: str) -> Held | None:
+        """The lease that is held, if it is this one, and was acquired over that channel."""
         held = self.held
-        if held is None or held.id != lease:
-            return None
-        self.held = held.under
+        return held if held is not None and (held.id, held.channel) == (lease, channel) else None
+
+    def release(self, lease: int, channel: str) -> Held | None:
+        """The one that was given back; None: it was not held."""
+        held = self.find(lease, channel)
+        if held is not None:
+            self.held = held.under
         return held
 
     def stop(self) -> None:
@@ -90,11 +99,11 @@ class Leases(msgspec.Struct):
         over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
         return held.holder if over else ""
 
-    def refuse(self, what: str, lease: int) -> Refused | None:
+    def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
         held = self.held
         if held is None:
             return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
-        if held.id != lease:
+        if self.find(lease, channel) is None:
             return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
         return None
 

@@ -18,6 +18,7 @@ from collections.abc import Callable
 import trio
 
 from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Node, Ref
@@ -30,13 +31,21 @@ AGAIN_S = 0.2
 
 
 class Line(Message, frozen=True):
-    """The wire's end."""
+    """The wire's end, as a writer hands it to the root. ``channel``: whose it is; the root's process writes it."""
 
     descriptors: tuple[int, ...]
+    channel: str = ""
+
+
+class WriterLine(Message, frozen=True):
+    """The wire's end, as the root hands it on. ``writer``: over which channel the root got it."""
+
+    descriptors: tuple[int, ...]
+    writer: str = ""
 
 
 class Switchboard(Actor):
-    """In the root: hands lines on to the wire of the present."""
+    """In the root: hands lines on to the wire of the present, and says whose they are."""
 
     def __init__(self, wire_end: str) -> None:
         self._address = wire_end
@@ -45,23 +54,35 @@ class Switchboard(Actor):
         self._wire_end: Ref = self.context.ref(self._address)
 
     def receive(self, message: Line) -> None:
-        self._wire_end.tell(message)
+        self._wire_end.tell(WriterLine(message.descriptors, message.channel))
         for fd in message.descriptors:
             os.close(fd)
 
 
 class WireEnd(Actor):
-    """In the wire process: takes lines, and serves each until its other end is gone."""
+    """In the wire process: takes lines, and serves each until its other end is gone. ``channel_of``: what a writer
+    of that name may say."""
 
-    def receive(self, message: Line) -> None:
+    def __init__(self, channel_of: Callable[[str], Channel]) -> None:
+        self._channel_of = channel_of
+
+    def receive(self, message: WriterLine) -> None:
+        channel = self._channel_of(message.writer)
         for fd in message.descriptors:
-            self.context.start_soon(Link(self.context.node, socket.socket(fileno=fd)).run)
+            link = Link(self.context.node, socket.socket(fileno=fd), channel=channel)
+            self.context.start_soon(link.run)
 
 
-async def keep_line(node: Node, robot: str) -> None:
-    """Have a line to the wire of ``robot``, as often as the wire is another one. Needs a link to its root."""
+async def keep_line(node: Node, robot: str, channel: Channel | None = None) -> None:
+    """Have a line to the wire of ``robot``, as often as the wire is another one. Needs a link to its root.
+    ``channel``: what the wire may say."""
     while True:
-        await Link(node, _lay(node, robot)).run()
+        try:
+            sock = _lay(node, robot)
+        except OSError:  # no descriptor is free: what has to be told goes over the mesh meanwhile
+            await trio.sleep(AGAIN_S)
+            continue
+        await Link(node, sock, channel=channel).run()
         await trio.sleep(AGAIN_S)
 
 
@@ -70,8 +91,13 @@ async def keep_thread_line(
 ) -> None:
     """The same for this process's threads, to the gate. ``gate``: its class, imported by who needs it anyway.
     ``hand`` gets each line, and None when it is at its end."""
+    own = f"{node.address}/threads/{robot}"
     while True:
-        line = ThreadLine(_lay(node, robot), f"{node.address}/threads/{robot}", addresses.of(robot).gate, gate)
+        try:
+            line = ThreadLine(_lay(node, robot), own, addresses.of(robot).gate, gate)
+        except OSError:  # as above
+            await trio.sleep(AGAIN_S)
+            continue
         try:
             if await line.is_up():
                 hand(line)

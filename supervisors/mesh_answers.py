@@ -52,6 +52,7 @@ def told(report: StopReport) -> dict[str, Any]:
         "epoch": report.epoch,
         "path": report.path,
         "took_ms": round(report.took_ms, 2),
+        "note": report.note,
         "motors": [
             {"axis": motor.axis, "id": motor.id, "safe": motor.safe, "detail": motor.detail}
             for motor in report.motors

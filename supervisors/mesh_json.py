@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import msgspec
 
+from strands_actors.contract.sensors import TOPICS_HZ
 from strands_actors.runtime.node import PREFIX
 
 MAX_COMMAND_BYTES = 16 * 1024
@@ -27,7 +28,7 @@ BROADCAST_KEY = f"{PREFIX}/broadcast"
 ESTOP_ANSWER_S = 0.25
 """Within this time of an e-stop every robot that can be reached has said what became of it."""
 
-TELEMETRY = ("presence", "state", "health", "pose", "imu", "odom", "battery", "lidar/summary")
+TELEMETRY = ("presence", "state", "health", *TOPICS_HZ)
 """What a robot may publish below ``strands/<robot>/``."""
 
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}\Z")

@@ -30,6 +30,9 @@ class Acquire(Message, frozen=True):
     holder: str
     over: int = 0
     pid: int = 0
+    channel: str = ""
+    """In this and in what is told under a lease: over which channel it came. The receiving process writes it; who
+    sends leaves it empty."""
 
 
 class Lease(Message, frozen=True):
@@ -45,6 +48,7 @@ class Beat(Message, frozen=True):
 
     lease: int
     answered_ago_s: float = 0.0
+    channel: str = ""
 
 
 class Stopped(Message, frozen=True):
@@ -59,6 +63,7 @@ class Release(Message, frozen=True):
     """Give the lease up. One that writes under another (``over``) is then held before."""
 
     lease: int
+    channel: str = ""
 
 
 class Setpoint(Message, frozen=True):
@@ -75,6 +80,7 @@ class Setpoint(Message, frozen=True):
     latched: bool = False
     columns: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
     """Instead of ``action``: of every axis, in order (``by_column``)."""
+    channel: str = ""
 
 
 class Accepted(Message, frozen=True):
@@ -103,6 +109,7 @@ class StopReport(Message, frozen=True):
     path: str = "wire"  # or "second": the root's own way
     took_ms: float = 0.0
     at_ns: int = 0  # when it was made: all motors had been asked
+    note: str = ""  # of an e-stop: why its lock does not outlive the tree; empty: it does
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -131,6 +138,7 @@ class Perform(Message, frozen=True):
     service: str
     arguments: dict[str, Any]  # checked by the driver
     first: Setpoint | None = None  # written before it; refused, nothing is done
+    channel: str = ""
 
 
 class Performed(Message, frozen=True):
@@ -162,6 +170,7 @@ class Status(Message, frozen=True):
     last_refusal: str
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
+    locked_since: str = ""  # ISO 8601, UTC
 
 
 # -- inside the wire group
@@ -315,6 +324,16 @@ class StateIs(Message, frozen=True):
     cause: str
 
 
+class LockKept(Message, frozen=True):
+    """The lock that stood in this epoch is on the disk. ``problem``: why it is not."""
+
+    lane = "urgent"
+
+    epoch: int
+    since: str = ""
+    problem: str = ""
+
+
 class RootGone(Message, frozen=True):
     """The link to the root has closed."""
 
@@ -369,11 +388,13 @@ class Rollout(Message, frozen=True):
 
 
 class StartTask(Message, frozen=True):
-    """Run a policy in a process of its own. ``provider``: ``module:factory``."""
+    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the process has
+    begun by then or does nothing, since nobody waits for it any more; 0: none."""
 
     provider: str
     options: dict[str, Any]
     rollout: Rollout
+    deadline_ns: int = 0
 
 
 class StopTask(Message, frozen=True):

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from strands_actors.contract.sensors import TOPICS_HZ, Sensor
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.contract import Driver, Observation
 from strands_actors.runtime.messages import Message
@@ -29,21 +30,17 @@ ASK_S = 0.05
 class Rate(NamedTuple):
     topic: str
     every: int  # ticks
-    sensors: str = ""  # for robots with sensors of this prefix only
+    sensor: Sensor | None = None
 
 
-RATES = (
-    Rate("presence", 5),
-    Rate("state", 1),
-    Rate("health", 20),
-    Rate("pose", 1, "pose_"),
-    Rate("imu", 1, "imu_"),
-    Rate("odom", 1, "odom_"),
-    Rate("battery", 20, "battery_"),
-    Rate("lidar/summary", 2, "lidar_"),
-)
-"""2, 10 and 0.5 Hz; pose, imu and odometry 10 Hz, a battery 0.5 Hz, a lidar's summary 5 Hz."""
-PREFIXES = tuple(rate.sensors for rate in RATES if rate.sensors)
+RATES = (Rate("presence", 5), Rate("state", 1), Rate("health", 20))
+"""2, 10 and 0.5 Hz. Sensors that the driver declares come on top, at the rate of their topic."""
+
+
+def rates_of(driver: Driver) -> tuple[Rate, ...]:
+    """Return every topic of a robot."""
+    every = {topic: round(1 / (TICK_S * hz)) for topic, hz in TOPICS_HZ.items()}
+    return (*RATES, *(Rate(sensor.topic, every[sensor.topic], sensor) for sensor in driver.SENSORS))
 
 
 class Tick(Message, frozen=True):
@@ -65,6 +62,8 @@ class Telemetry(Actor):
     ) -> None:
         self._robot = robot
         self._driver = driver
+        self._rates = rates_of(driver)
+        self._published = frozenset(name for sensor in driver.SENSORS for name in sensor.fields.values())
         self._pubsub = pubsub
         self._task = task
         self._counts = counts
@@ -74,9 +73,8 @@ class Telemetry(Actor):
 
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(addresses.of(self._robot).gate, Gate)
-        for rate in RATES:
-            if not rate.sensors:
-                self._declare(rate.topic)
+        for rate in self._rates:
+            self._declare(rate.topic)
         self._pubsub.declare_token(mesh_json.key(self._robot, "alive"))
         self.context.every(TICK_S, Tick)
 
@@ -85,13 +83,11 @@ class Telemetry(Actor):
 
     async def receive(self, message: Tick) -> None:
         number, self._ticks = self._ticks, self._ticks + 1
-        due = [rate for rate in RATES if number % rate.every == 0]
-        wanted = [rate for rate in due if rate.topic in self._topics and self._topics[rate.topic].wanted]
-        if not wanted and number % 20:
-            return  # but now and then the wire is asked all the same: which sensors it has is seen in what it reads
+        due = [rate for rate in self._rates if number % rate.every == 0]
+        wanted = [rate for rate in due if self._topics[rate.topic].wanted]
+        if not wanted:
+            return
         status = await self._ask()
-        if status is not None and status.observation is not None:
-            self._declare_sensors(status.observation)
         for rate in wanted:
             told = self._tell(rate, status)
             if told is not None:
@@ -104,12 +100,6 @@ class Telemetry(Actor):
             return None
         return answer if isinstance(answer, Status) else None
 
-    def _declare_sensors(self, observation: Observation) -> None:
-        for rate in RATES:
-            has_it = rate.sensors and any(name.startswith(rate.sensors) for name in observation.sensors)
-            if has_it and rate.topic not in self._topics:
-                self._declare(rate.topic)
-
     def _tell(self, rate: Rate, status: Status | None) -> dict[str, Any] | None:
         if rate.topic == "presence":
             return self._presence(status)
@@ -118,14 +108,10 @@ class Telemetry(Actor):
         observation = None if status is None else status.observation
         if rate.topic == "state":
             return self._state(status, observation)
-        if observation is None:
+        if observation is None or rate.sensor is None:
             return None
-        sensors = {
-            name.removeprefix(rate.sensors): row
-            for name, row in observation.sensors.items()
-            if name.startswith(rate.sensors)
-        }
-        return {"peer_id": self._robot, "t": time.time(), **sensors}
+        told = rate.sensor.read(observation.sensors)
+        return {"peer_id": self._robot, "t": time.time(), **told} if told else None
 
     def _presence(self, status: Status | None) -> dict[str, Any]:
         task = self._task()
@@ -189,7 +175,7 @@ class Telemetry(Actor):
             }
             if status.observation is not None:
                 health["sensors"] = {
-                    name: row for name, row in status.observation.sensors.items() if not name.startswith(PREFIXES)
+                    name: row for name, row in status.observation.sensors.items() if name not in self._published
                 }
         return health
 

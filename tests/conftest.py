@@ -43,4 +43,5 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     path = Path(tempfile.mkdtemp(prefix="sa-", dir="/tmp"))
     run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
+    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path

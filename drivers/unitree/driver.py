@@ -17,6 +17,7 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.contract.sensors import Sensor
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.columns import Columns
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
@@ -42,6 +43,18 @@ class _Legs(Driver):
     SIMULATION: ClassVar[str] = (
         "a robot on legs falls unless its onboard services or a policy balance it. "
         "use mode='real', transport='twin': its twin has them"
+    )
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor(
+            "imu",
+            {
+                "rpy": "rpy_rad",
+                "gyro": "gyro_rad_s",
+                "accel": "acceleration_m_s2",
+                "quaternion": "orientation_wxyz",
+            },
+        ),
+        Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = {
         "on_exit": "what ends every motion: zero_torque (default), or damp: half a second of braking before it",

@@ -240,11 +240,11 @@ def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def battery_known(observation: Observation, now_ns: int) -> Refused | None:
-    known = observation.sensors.get("battery")
-    if known is None:
+    stamp_s = observation.sensors.get("battery_stamp_s")
+    if stamp_s is None:
         why = "move: the battery's charge is not known"
         return Refused("battery_unknown", why, "check the robot's battery topic", "unknown", "a state of charge")
-    age_s = now_ns / NS - known[1]
+    age_s = now_ns / NS - stamp_s[0]
     if age_s > BATTERY_TTL_S:
         why = f"move: the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
         return Refused("battery_unknown", why, "check the robot's battery topic", f"{age_s:.0f} s")
@@ -253,7 +253,7 @@ def battery_known(observation: Observation, now_ns: int) -> Refused | None:
 
 def battery_above(floor_pct: float) -> ConditionCheck:
     def battery_above(observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("battery")
+        known = observation.sensors.get("battery_pct")
         if known is None or known[0] >= floor_pct:
             return None
         charge = f"{known[0]:.1f} %"

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.runtime.clock import Clock
 from strands_actors.runtime.contract import (
@@ -36,6 +37,7 @@ class UR(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(arms())
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_pose": "tcp_pose_m_rad"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
 
     axes = JOINTS

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 
+import trio
+
+from .. import strays
 from ..directory import Directory
-from ..rundir import Note
+from ..rundir import Note, locks_dir
 from ..runtime.contract import Reason
 from ..runtime.messages import Refused
+from ..strays import Stray
+from ..supervisors.locks import Locks, locked_robots
 from ..supervisors.messages import Resumed, StopReport
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
@@ -20,8 +25,10 @@ async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
 
 
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
-    confirmed, line = _told(await joined.stop(note, Reason.ESTOP, by(), lock=True))
-    return confirmed, f"{line}; locked until `strands-actors resume {note.robot}`"
+    report = await joined.stop(note, Reason.ESTOP, by(), lock=True)
+    confirmed, line = _told(report)
+    problem = report.note if isinstance(report, StopReport) else _lock_the_next(note.robot)
+    return confirmed, line + locked_until(note.robot, problem)
 
 
 async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
@@ -48,6 +55,48 @@ def _told(report: StopReport | Refused) -> tuple[bool, str]:
 
 def _motors(count: int) -> str:
     return "1 motor" if count == 1 else f"{count} motors"
+
+
+async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
+    """End trees that nobody can ask: never more than half done, since no motor was read back here."""
+    gone = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
+    robot, what = lost[0].robot, lost[0].text
+    became = "its wire has ended after it: it makes safe first" if gone else "ITS WIRE HAS NOT ENDED"
+    line = f"NOT CONFIRMED: {what}, which was ended. {became}. cut its power if it still moves"
+    return False, line + (locked_until(robot, _lock_the_next(robot)) if lock else "")
+
+
+def locked_until(robot: str, problem: str) -> str:
+    """For people. ``problem``: why the lock is not on the disk."""
+    return f"; locked until `strands-actors resume {robot}`{f'. BUT {problem}' if problem else ''}"
+
+
+def _lock_the_next(robot: str) -> str:
+    """Nobody of its tree has answered: its next tree is to be locked at least. Why that cannot be, or nothing."""
+    try:
+        Locks(locks_dir(), robot).put(by())
+    except OSError as error:
+        return f"the lock cannot be kept: {error}"
+    return ""
+
+
+def locked() -> list[str]:
+    """Names of robots that are locked, whether a tree of theirs runs or not. Raise ``OSError``."""
+    return locked_robots(locks_dir())
+
+
+def lift(robot: str) -> tuple[bool, str]:
+    """The lock of a robot of which no tree runs: whether it is gone, and a line for people."""
+    locks = Locks(locks_dir(), robot)
+    lock = locks.find()
+    try:
+        locks.lift()
+    except OSError as error:
+        return False, f"its lock cannot be lifted: {error}"
+    if lock is None:
+        return True, "it was not locked"
+    since = f", {lock.since}" if lock.since else ""
+    return True, f"the e-stop by {lock.by}{since} is lifted. no tree of it runs: nothing was energised"
 
 
 def by() -> str:

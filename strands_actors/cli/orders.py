@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from ..mesh.config import MeshConfig
 from ..mesh.outcome import Outcome
 from ..rundir import notes
 from ..runtime.messages import Refused
+from ..strays import strays
 from . import operate
 from .errors import Problem
 
@@ -89,7 +90,7 @@ async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    return await _each(client, robots, one)
+    return await _each(client, robots, one, [stray.robot for stray in strays()])
 
 
 async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
@@ -102,32 +103,60 @@ async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
 
 async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
+        if robot not in client.robots:
+            return _lift(robot)
         answer = await client.resume(robot, operate.by())
         if isinstance(answer, Refused):
             return Told(robot, False, answer.text, {"code": answer.code, "detail": answer.text})
         return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 
-    return await _each(client, robots, one)
+    try:
+        locked = operate.locked()
+    except OSError as error:  # those that run can be resumed all the same
+        unread = Told("the locks of e-stops", False, f"they cannot be read: {error}", {"detail": str(error)})
+        return [*await _each(client, robots, one), unread]
+    return await _each(client, robots, one, locked)
 
 
-async def _each(client: MeshClient, robots: list[str] | None, verb: Callable[[str], Awaitable[Told]]) -> list[Told]:
-    """All at once: none waits for another."""
+def _lift(robot: str) -> Told:
+    """The lock of a robot of which no tree runs."""
+    done, line = operate.lift(robot)
+    return Told(robot, done, line, {"lifted": done, "detail": line})
+
+
+async def _each(
+    client: MeshClient,
+    robots: list[str] | None,
+    verb: Callable[[str], Awaitable[Told]],
+    others: Iterable[str] = (),
+) -> list[Told]:
+    """All at once: none waits for another. ``others``: of which no tree runs."""
     told: list[Told] = []
 
     async def run(robot: str) -> None:
         told.append(await verb(robot))
 
     async with trio.open_nursery() as nursery:
-        for robot in client.robots:
+        for robot in {*client.robots, *others}:
             if robots is None or robot in robots:
                 nursery.start_soon(run, robot)
     return sorted(told, key=lambda each: each.robot)
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
-    """By the actors' own way, where the mesh has no answer and the robot is this user's."""
-    note = next((note for note in notes() if note.robot == outcome.robot), None)
-    if outcome.outcome != "unreachable" or note is None:
+    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree that nobody can ask
+    is ended."""
+    if outcome.outcome != "unreachable":
+        return _tell(outcome)
+    lost = [stray for stray in strays() if stray.robot == outcome.robot]
+    if lost:
+        done, line = await operate.end(lost, lock=verb is operate.VERBS["e-stop"])
+        return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
+    try:
+        note = next((note for note in notes() if note.robot == outcome.robot), None)
+    except OSError:  # the directory cannot be used: among the outcomes
+        note = None
+    if note is None:
         return _tell(outcome)
     async with directory.join() as joined:
         done, line = await verb(joined, note)
@@ -145,5 +174,5 @@ def _tell(outcome: Outcome) -> Told:
         by = " by the root's own path" if outcome.path == "second" else ""
         line = f"{outcome.rung}, {len(outcome.motors)} motors confirmed in {outcome.took_ms:.1f} ms{by}"
     if outcome.locked and outcome.outcome == "safe":
-        line += f"; locked until `strands-actors resume {outcome.robot}`"
+        line += operate.locked_until(outcome.robot, outcome.note)
     return Told(outcome.robot, outcome.outcome == "safe", line, facts)

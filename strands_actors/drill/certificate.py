@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import os
 import re
 import time
 from collections.abc import Iterator, Mapping
@@ -19,6 +18,7 @@ from typing import Any
 import msgspec
 
 from .. import runtime, supervisors
+from ..rundir import data_dir
 from ..runtime.clock import NS
 from ..runtime.contract import Driver, Reason
 
@@ -52,14 +52,6 @@ class Certificate(msgspec.Struct, frozen=True):
     date: str
     versions: dict[str, str]
     figures: list[Figure]
-
-
-def data_dir() -> Path:
-    """``$STRANDS_ACTORS_DATA``, else ``$XDG_DATA_HOME/strands-actors``, else ``~/.local/share/strands-actors``."""
-    named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
-    if named:
-        return Path(named)
-    return (Path(base) if base else Path.home() / ".local" / "share") / "strands-actors"
 
 
 def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:

@@ -26,10 +26,12 @@ import zenoh
 
 from ..background import open_background
 from ..rundir import notes
+from ..runtime.actor import describe
 from ..runtime.clock import NS
 from ..runtime.messages import Refused
 from ..runtime.pubsub import PubSub, Received
 from ..runtime.zenoh_session import short
+from ..strays import strays
 from ..supervisors import mesh_json
 from ..supervisors.mesh_json import ESTOP_ANSWER_S, Command, Response, encode, schema
 from .config import MeshConfig
@@ -37,6 +39,8 @@ from .outcome import Outcome, outcome_of, result_of
 
 LOOK_S = 0.5
 """How often it is looked for robots that have come or gone, and how long one may take to appear."""
+EVERYBODY = "the robots of this user"
+"""Instead of a robot's name, when nobody can say who there is."""
 AWAY_S = 0.004
 """For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a processor from it:
 a quarter of 2.8 ms, on two."""
@@ -88,6 +92,8 @@ class MeshClient:
         self._subscriptions: list[tuple[str, Callable[[Received], None]]] = []
         self._via: dict[str, PubSub] = {}
         self._expected: set[str] = set()
+        self._problems: dict[str, str] = {}
+        """By robot, or what else could not be looked at: why."""
         self._turns = itertools.count(1)
         self._waiting: dict[str, trio.MemorySendChannel[Response]] = {}
         self._clocks: dict[str, Reading] = {}
@@ -98,16 +104,34 @@ class MeshClient:
     # -- sessions
 
     async def look(self) -> None:
-        """Join robots of this user that have come, leave those that are gone."""
+        """Join robots of this user that have come, leave those that are gone. What cannot be looked at keeps nobody
+        from the others: it is told among the outcomes of an e-stop."""
         async with self._looking:
-            found = {note.mesh[0]: note.robot for note in notes() if note.mesh}
-            for endpoint in [known for known in self._sessions if known and known not in found]:
+            problems: dict[str, str] = {}
+            try:
+                await self._look(problems)
+            except Exception as error:  # whatever it is: who holds the button still reaches whom it knows
+                problems[EVERYBODY] = f"they cannot be looked for: {describe(error)}"
+            self._problems = problems
+
+    async def _look(self, problems: dict[str, str]) -> None:
+        found = {note.mesh[0]: note for note in notes() if note.mesh}
+        self._expected = {note.robot for note in found.values()}
+        for endpoint, session in list(self._sessions.items()):
+            # A note may have been deleted while its robot runs.
+            if endpoint and endpoint not in found and not session.connections:
                 self._leave(self._sessions.pop(endpoint))
-            self._expected = set(found.values())
-            for endpoint in found:
-                if endpoint not in self._sessions:
-                    with trio.CancelScope(shield=True):  # a millisecond; half of it would be a deaf session
-                        await self._join(endpoint, await PubSub.open(connect=[endpoint]))
+        for endpoint, note in found.items():
+            if note.problem:
+                problems[note.robot] = note.problem
+            if endpoint not in self._sessions:
+                with trio.CancelScope(shield=True):  # a millisecond; half of it would be a deaf session
+                    try:
+                        session = await PubSub.open(connect=[endpoint])
+                    except (zenoh.ZError, OSError, RuntimeError) as error:  # no descriptor, no thread
+                        problems[note.robot] = f"it cannot be joined: {error}"
+                    else:
+                        await self._join(endpoint, session)
 
     async def join_configured(self) -> None:
         """Raise ``ValueError`` when a certificate cannot be used."""
@@ -323,9 +347,18 @@ class MeshClient:
                     appeared, sessions = self._order_estop(turn, by, robot)
         finally:
             self._waiting.pop(turn, None)
+        for stray in strays():
+            if robot in ("*", stray.robot):
+                found.setdefault(stray.robot, Outcome(stray.robot, "unreachable", stray.text))
         for missing in self._meant(robot):
-            found.setdefault(missing, Outcome(missing, "unreachable", "it did not answer"))
-        return [*(found[name] for name in sorted(found)), *self._not_connected()]
+            why = self._problems.get(missing, "")
+            detail = f"it did not answer. {why}" if why else "it did not answer"
+            found.setdefault(missing, Outcome(missing, "unreachable", detail))
+        return [*(found[name] for name in sorted(found)), *self._not_looked_at(), *self._not_connected()]
+
+    def _not_looked_at(self) -> list[Outcome]:
+        why = self._problems.get(EVERYBODY)
+        return [] if why is None else [Outcome(EVERYBODY, "unreachable", why)]
 
     def _meant(self, robot: str) -> set[str]:
         return {name for name in self.robots if robot in ("*", name)}

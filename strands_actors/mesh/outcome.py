@@ -12,7 +12,8 @@ from ..supervisors.mesh_json import Response
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or unreachable."""
+    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or unreachable.
+    ``note``: of an e-stop whose lock ends with the tree, why."""
 
     robot: str
     outcome: str
@@ -22,6 +23,7 @@ class Outcome(msgspec.Struct, frozen=True):
     locked: bool = False
     took_ms: float = 0.0  # on the robot: from its order to the last motor's confirmation
     motors: tuple[dict[str, Any], ...] = ()
+    note: str = ""
 
 
 def result_of(response: Response) -> dict[str, Any] | Refused:
@@ -48,4 +50,5 @@ def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
         bool(result.get("locked")),
         float(result.get("took_ms", 0.0)),
         motors,
+        str(result.get("note", "")),
     )

@@ -20,10 +20,12 @@ class AskTimeout(Exception):
 class Answer:
     """The slot an ask waits on. The reply may come before the asker has parked."""
 
-    __slots__ = ("_task", "_value", "decode", "done", "expires_at")
+    __slots__ = ("_task", "_value", "decode", "done", "expires_at", "way")
 
     def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
         self.decode = decode
+        self.way: object = None
+        """Over which it was asked, and over which alone an answer counts."""
         self.done = False
         self.expires_at = 0.0
         self._task: trio.lowlevel.Task | None = None

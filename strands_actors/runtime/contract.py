@@ -22,6 +22,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.axis import Axis, Part, axes_of, first_target, parse_action
+from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
 from .columns import Columns, by_axis
@@ -65,6 +66,9 @@ class Timing(msgspec.Struct, frozen=True):
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     beat_ttl_s: float = 0.1  # without a beat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a beat: it is
+    # announced to the watchdog, and who takes longer counts as frozen. 0: they wait less than a beat.
+    call_s: float = 0.0
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
@@ -100,6 +104,7 @@ class MotorReport(Message, frozen=True):
     acknowledged: bool  # the motor answered
     safe: bool  # a register read back says so
     detail: str = ""
+    target: float | None = None  # where it was told to hold, in the driver's units
 
 
 class Permit(Protocol):
@@ -129,6 +134,10 @@ class Wire(ABC):
 
     A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's bound. A call
     that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
+
+    interruptible: ClassVar[bool] = False
+    """Whether ``arm``, and ``make_safe`` on a rung that holds, may be cancelled wherever they wait: a stop then
+    cuts them short. Not where an SDK goes on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -175,8 +184,13 @@ class Wire(ABC):
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
     async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, after ``close``: the link was lost, and no hello has been understood since. For a robot
-        that can be told what it cannot confirm. Default: there is no such way, nothing is written."""
+        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or closed), or before
+        it was ever up. Write to all that can still be written: what is open first, then a port or connection
+        opened for this. The first safe frame leaves before anything is asked, and needs no answer; only where the
+        frame itself could move the robot it asks first. Leave nothing open that would keep another wire from
+        opening. Never raises; may be cancelled wherever it waits; is called again until all motors confirm.
+
+        Default: nothing of its own, and the stop channel (``Driver.second_path`` without descriptors) is used."""
         return ()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
@@ -195,7 +209,9 @@ class Wire(ABC):
 
 class SecondPath(ABC):
     """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
-    the wire is started again. Making one must not raise."""
+    the wire is started again; by the wire process itself when its link is lost. Making one must not raise. It may
+    be asked to make safe again and again, until every motor has confirmed: what it was given may be dead, so it
+    finds the robot anew each time."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """What has to be done before the path is needed, and kept up until it is: discovery, a session.
@@ -274,6 +290,8 @@ class Driver(ABC):
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
+    SENSORS: ClassVar[tuple[Sensor, ...]] = ()
+    """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
 
@@ -360,7 +378,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

@@ -52,7 +52,7 @@ def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object
 class Protocol:
     """What an actor class accepts and answers, read from the annotation of its ``receive``."""
 
-    __slots__ = ("_decode_all", "accepts", "carriers", "decode", "decode_reply", "is_async", "name")
+    __slots__ = ("_decode_all", "accepts", "carriers", "decode", "decode_reply", "is_async", "name", "stamped")
 
     def __init__(self, receive: Callable[..., Any], name: str) -> None:
         try:
@@ -78,6 +78,8 @@ class Protocol:
         self.name = name
         self.accepts = frozenset(accepts)
         self.carriers = frozenset(kind for kind in accepts if "descriptors" in kind.__struct_fields__)
+        self.stamped = frozenset(kind for kind in accepts if "channel" in kind.__struct_fields__)
+        """The field says over which channel it came: what the sender wrote there does not count."""
         self.decode: Callable[[Any], Message] = msgspec.msgpack.Decoder(_union(accepts)).decode
         self.decode_reply: Callable[[Any], Message | None] = msgspec.msgpack.Decoder(
             _union((*replies, Refused, None))

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import trio
 
+from .channel import Channel
 from .node import Node
 
 BACKLOG_BYTES = 256 * 1024
@@ -35,9 +36,17 @@ def packet_of(data: bytes, descriptors: int = 0) -> bytes:
 
 
 class Link:
-    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone."""
+    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone. ``channel``: what the
+    other end may say; None: everything."""
 
-    def __init__(self, node: Node, sock: socket.socket, on_closed: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        sock: socket.socket,
+        on_closed: Callable[[], None] | None = None,
+        channel: Channel | None = None,
+    ) -> None:
+        self.channel = channel
         self._node = node
         self._socket = sock
         self._on_closed = on_closed

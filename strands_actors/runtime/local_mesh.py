@@ -9,6 +9,7 @@ import os
 
 import msgspec
 
+from .channel import Channel
 from .frames import TELLS, frame
 from .node import Node
 
@@ -57,6 +58,7 @@ class LocalNetwork:
 
 class LocalMesh:
     def __init__(self, network: LocalNetwork) -> None:
+        self.channel: Channel | None = None
         self._network = network
         self._watched: set[str] = set()
         self.node: Node

@@ -19,6 +19,7 @@ import trio
 
 from .actor import Actor, Cell
 from .asks import Answer, AskTimeout, Deadlines
+from .channel import Channel
 from .clock import Clock
 from .frames import (
     ASK,
@@ -69,6 +70,9 @@ class Unreachable(Exception):
 class Way(TypingProtocol):
     """A link or a mesh: carries frames between nodes."""
 
+    channel: Channel | None
+    """What may be said over it; None: everything."""
+
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
         receiver gets duplicates; a way between processes that is no link delivers none."""
@@ -98,13 +102,16 @@ class DeadLetter(msgspec.Struct, frozen=True):
 
 
 class _RemoteReply:
-    __slots__ = ("_cid", "_node", "_to")
+    """Over the way by which it was asked: whoever asks names where the answer goes, and could name another."""
 
-    def __init__(self, node: Node, to: str, cid: int) -> None:
-        self._node, self._to, self._cid = node, to, cid
+    __slots__ = ("_cid", "_node", "_to", "_way")
+
+    def __init__(self, node: Node, way: Way, to: str, cid: int) -> None:
+        self._node, self._way, self._to, self._cid = node, way, to, cid
 
     def send(self, answer: Message | None) -> None:
-        self._node.send_frame(self._to, REPLY, self._cid, "", answer)
+        data = frame(self._to, REPLY, self._cid, "", self._node.address, answer)
+        self._way.send(self._to, data, getattr(answer, "descriptors", ()))
 
 
 M = TypeVar("M", bound=Message)
@@ -163,6 +170,7 @@ class Ref:
                 await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
+        answer.way = node.way_to(self.address)
         node.pending[cid] = answer
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
@@ -181,6 +189,7 @@ class Ref:
         if link is None:
             return None
         cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
+        answer.way = link
         sent = Sent(node, cid, answer)
         node.pending[cid] = answer  # before it leaves: the loop may be quicker with the answer than this thread
         if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
@@ -227,6 +236,8 @@ class Node:
         self.refused_count = 0
         self.tap: Tap | None = None
         """Told what the actors of this node do, while somebody records them."""
+        self.linked: frozenset[str] = frozenset()
+        """Addresses that are reached by a link or not at all: on a mesh anybody could claim them."""
         self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}
@@ -315,6 +326,11 @@ class Node:
         """The link behind which it lives."""
         return self._routes.get(address)
 
+    def way_to(self, address: str) -> Way | None:
+        """The link behind which it lives, or else the mesh."""
+        link = self._routes.get(address)
+        return link if link is not None or address in self.linked else self.mesh
+
     def attach(self, way: Way) -> None:
         """A link came up: tell its other end what lives here."""
         self._links.add(way)
@@ -340,12 +356,11 @@ class Node:
         return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
-        link, mesh = self._routes.get(to), self.mesh
-        way = link or mesh
+        way, mesh = self.way_to(to), self.mesh
         if way is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
-        alone = kind != TELL or link is not None or descriptors or body is None or body.lane == "urgent"
+        alone = kind != TELL or way is not mesh or descriptors or body is None or body.lane == "urgent"
         data = frame(to, kind, cid, sender, self.address, body) if alone else encode(body)
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
@@ -367,13 +382,16 @@ class Node:
             self.refused_count += 1
             self.dead(self.address, data, f"not a frame: {error}")
             return False
-        kind = head.kind
+        kind, channel = head.kind, way.channel
+        if channel is not None and kind != REPLY and not channel.speaks_for(head.sender):
+            self._refuse_sender(head, way)
+            return False
         if kind in (TELL, ASK):
-            return self._receive_message(head, head.body, len(data), descriptors)
+            return self._receive_message(head, head.body, way, len(data), descriptors)
         if kind == TELLS:
-            self._receive_tells(head)
+            self._receive_tells(head, way)
         elif kind == REPLY:
-            self._receive_reply(head)
+            self._receive_reply(head, way)
         elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
             self.learn(head.sender, way, head.cid == 1)
         elif kind == WATCH:
@@ -381,15 +399,20 @@ class Node:
             if head.to not in self.cells:
                 self._notify_down(head.to, "not hosted here")
         elif kind == DOWN:
-            self._deliver_down(head)
+            self._deliver_down(head, way)
         else:
             self.refused_count += 1
             self.dead(head.to, head, f"unknown frame kind {kind}")
         return False
 
-    def _receive_tells(self, head: Frame) -> None:
-        if not self._receive_at_once(head):
-            self._receive_one_by_one(head)
+    def _refuse_sender(self, head: Frame, way: Way) -> None:
+        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
+        refusal = Refused("channel", f"{head.sender} does not speak over this channel", "speak for yourself alone")
+        self._refuse(head.to or self.address, head, refusal, reply)
+
+    def _receive_tells(self, head: Frame, way: Way) -> None:
+        if way.channel is not None or not self._receive_at_once(head):
+            self._receive_one_by_one(head, way)
 
     def _receive_at_once(self, head: Frame) -> bool:
         """Whether all could be read and had room."""
@@ -400,9 +423,9 @@ class Node:
             messages = cell.protocol.decode_all(head.body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
             return False
-        return cell.commands.issuperset(map(type, messages)) and cell.mailbox.put_all(messages)
+        return cell.unstamped.issuperset(map(type, messages)) and cell.mailbox.put_all(messages)
 
-    def _receive_one_by_one(self, head: Frame) -> None:
+    def _receive_one_by_one(self, head: Frame, way: Way) -> None:
         try:
             bodies = decode_bodies(head.body)
         except (msgspec.MsgspecError, RecursionError) as error:
@@ -410,10 +433,12 @@ class Node:
             self.dead(head.to, head, f"not an array of messages: {error}")
             return
         for body in bodies:
-            self._receive_message(head, body, len(body), ())
+            self._receive_message(head, body, way, len(body), ())
 
-    def _receive_message(self, head: Frame, body: msgspec.Raw, size: int, descriptors: tuple[int, ...]) -> bool:
-        reply = _RemoteReply(self, head.reply_to, head.cid) if head.kind == ASK else None
+    def _receive_message(
+        self, head: Frame, body: msgspec.Raw, way: Way, size: int, descriptors: tuple[int, ...]
+    ) -> bool:
+        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
             refusal = Refused("unknown_address", f"nobody hosts {head.to} here")
@@ -429,6 +454,14 @@ class Node:
             refusal = Refused("malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
             self._refuse(head.to, head, refusal, reply)
             return False
+        channel = way.channel
+        if channel is not None and (refused := channel.refuse(head.to, message)) is not None:
+            self._refuse(head.to, message, refused, reply)
+            return False
+        if type(message) in cell.protocol.stamped:
+            name = "" if channel is None else channel.name
+            if message.channel != name:  # type: ignore[attr-defined]
+                message = msgspec.structs.replace(message, channel=name)
         if type(message) not in cell.protocol.carriers:
             self.put(cell, message, reply, head.sender)
             return False
@@ -436,11 +469,16 @@ class Node:
         message = msgspec.structs.replace(message, descriptors=descriptors)
         return self.put(cell, message, reply, head.sender)
 
-    def _receive_reply(self, head: Frame) -> None:
-        answer = self.pending.pop(head.cid, None)
+    def _receive_reply(self, head: Frame, way: Way) -> None:
+        answer = self.pending.get(head.cid)
         if answer is None or answer.done:
             self.dead(head.to, head, "the asker no longer waits")
             return
+        if answer.way is not way:
+            self.refused_count += 1
+            self.dead(head.to, head, "an answer from elsewhere than where it was asked")
+            return
+        del self.pending[head.cid]
         answer.send(None if answer.decode is None else read_reply(answer.decode, head.body))
 
     def hosts_frame(self, address: str, hosted: bool) -> bytes:
@@ -453,7 +491,7 @@ class Node:
         self._watchers.setdefault(address, set()).add(watcher)
         if address in self.cells:
             return
-        if (way := self._routes.get(address) or self.mesh) is not None:
+        if (way := self.way_to(address)) is not None:
             way.watch(address)  # first: what ends between the two is then seen by one of them
         if not self.send_frame(address, WATCH, 0, watcher, None):
             self._notify_down(address, "nobody hosts it")
@@ -471,12 +509,12 @@ class Node:
             else:
                 self.send_frame(watcher, DOWN, 0, address, down)
 
-    def _deliver_down(self, head: Frame) -> None:
+    def _deliver_down(self, head: Frame, way: Way) -> None:
         watchers = self._watchers.get(head.sender)
         if watchers is not None and head.to in watchers:
             watchers.discard(head.to)
             tell = Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body)
-            self._receive_message(tell, head.body, len(head.body), ())
+            self._receive_message(tell, head.body, way, len(head.body), ())
 
 
 def _oversized(size: int) -> Refused:

@@ -18,6 +18,7 @@ import msgspec
 import trio
 import zenoh
 
+from .channel import Channel
 from .frames import TELLS, frame
 from .node import PREFIX, Node
 from .zenoh_session import Waker, closed, config, opened, unix_endpoint
@@ -33,6 +34,7 @@ class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
 
     def __init__(self, session: zenoh.Session) -> None:
+        self.channel: Channel | None = None
         self._session = session
         self._inbox: deque[bytes] = deque()
         self._waiting: dict[tuple[str, str], list[msgspec.Raw]] = {}  # by receiver and sender

@@ -182,6 +182,7 @@ class Bench:
         environment = {
             **os.environ,
             "STRANDS_ACTORS_RUN": str(self._directory / "run"),
+            "STRANDS_ACTORS_DATA": str(self._directory / "data"),
             ALLOW_FAULTS: "1",
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }

@@ -123,7 +123,9 @@ class FakeBase(_Kind):
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_base",)
     PARTS = (Part(PartKind.BASE, (_velocity("vx", "m/s", 0.5), _velocity("wz", "rad/s", 1.0))),)
-    timing = Timing(control_hz=10.0, keepalive_s=0.1, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5)
+    timing = Timing(
+        control_hz=10.0, keepalive_s=0.1, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5, call_s=0.4
+    )
     ladder: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.ZERO)
 
 
@@ -222,8 +224,7 @@ class KindWire(Wire):
         if not self._peer.motors_on:
             raise PermitDenied("the motors are off")
         permit.check()
-        self._peer.take(self._clock.now_ns(), "setpoint", values)
-        await trio.sleep(self._peer.answer_s)
+        self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         return await _make_safe(self._driver, self._clock, rung, "wire")

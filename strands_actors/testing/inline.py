@@ -19,6 +19,8 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.failsafe import State
 from strands_actors.supervisors.gate import Gate
 from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.lock_keeper import LockKeeper
+from strands_actors.supervisors.locks import Locks
 from strands_actors.supervisors.messages import GetStatus, Status
 from strands_actors.supervisors.wire import InlinePlace
 
@@ -66,8 +68,10 @@ async def open_inline_tree(
     clock: Clock | None = None,
     budget: Budget | None = None,
     driver: Driver | None = None,
+    locks: Locks | None = None,
 ) -> AsyncIterator[InlineTree]:
-    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on ``hardware``."""
+    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on ``hardware``.
+    ``locks``: where an e-stop's lock is kept; None: nowhere."""
     hardware = hardware or FakeHardware()
     port = f"fake-{next(_ports)}"
     HARDWARE[port] = hardware
@@ -84,7 +88,10 @@ async def open_inline_tree(
                 return places[-1]
 
             await nursery.start(node.run)
-            guardian = Guardian(driver, roots, start_wire)
+            keeper = None if locks is None else LockKeeper(locks)
+            if keeper is not None:
+                nursery.start_soon(keeper.run)
+            guardian = Guardian(driver, roots, start_wire, gate=at.gate, keeper=keeper)
             await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
             supervisor = Supervisor([ChildSpec("wire", guardian.keep)], budget=budget or Budget(100, 5.0))
             nursery.start_soon(supervisor.run)

@@ -49,6 +49,7 @@ class Command:
             **os.environ,
             "PYTHONPATH": str(ROOT),
             "STRANDS_ACTORS_RUN": str(directory),
+            "STRANDS_ACTORS_DATA": str(directory / "data"),
             "COLUMNS": "100",
         }
         self._mark = f"STRANDS_ACTORS_RUN={directory}".encode()
@@ -93,10 +94,12 @@ class Command:
 
 
 class RobotProcess:
-    """A user's script: a connected robot that obeys line by line."""
+    """A user's script: a connected robot that obeys line by line. ``expected``: in what it says when it connects,
+    when all is not well."""
 
-    def __init__(self, command: Command) -> None:
+    def __init__(self, command: Command, expected: str | None = None) -> None:
         self._environment = command.environment
+        self._expected = expected
 
     def __enter__(self) -> RobotProcess:
         self.process = subprocess.Popen(
@@ -106,7 +109,8 @@ class RobotProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
-        assert self._answer() is None, "connected"
+        problem = self._answer()
+        assert problem is None if self._expected is None else self._expected in problem, problem
         return self
 
     def __exit__(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+from pathlib import Path
 
 from .command import Command, RobotProcess, refusal_code
 
@@ -52,3 +54,63 @@ def test_every_robot_at_once(cli: Command, robot: RobotProcess) -> None:
         assert sorted(line.partition(":")[0] for line in done.stdout.splitlines()) == ["so101", "so101-2"]
         for each in (robot, other):
             assert refusal_code(each.call("send_action", MOVE)) == "locked_out"
+
+
+def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Command) -> None:
+    """As when systemd restarts it: killed, and started again."""
+    with RobotProcess(cli) as robot:
+        done = cli.run("estop", "so101")
+        assert done.returncode == 0, done.stderr
+        assert "locked until `strands-actors resume so101`" in done.stdout
+        robot.process.kill()
+    cli.wait_until_gone()
+
+    with RobotProcess(cli, expected="e-stopped by the command line") as robot:
+        assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
+    cli.wait_until_gone()
+
+    done = cli.run("resume", "so101")
+    assert done.returncode == 0, done.stderr
+    assert "e-stop by the command line" in done.stdout
+    assert "no tree of it runs: nothing was energised" in done.stdout
+    done = cli.run("resume", "so101")
+    assert done.returncode == 2, done.stdout
+    with RobotProcess(cli) as robot:
+        assert robot.call("send_action", MOVE)["status"] == "success"
+
+
+def test_saf_018_resume_all_lifts_what_no_tree_holds(cli: Command) -> None:
+    with RobotProcess(cli), RobotProcess(cli):
+        assert cli.run("estop").returncode == 0
+    cli.wait_until_gone()
+    done = cli.run("resume", "--all")
+    assert done.returncode == 0, done.stderr
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["so101", "so101-2"]
+    assert cli.run("resume", "--all").returncode == 2
+
+
+def test_saf_018_locks_that_cannot_be_read_keep_no_robot_from_being_resumed(
+    cli: Command, robot: RobotProcess
+) -> None:
+    assert cli.run("estop").returncode == 0
+    locks = Path(cli.environment["STRANDS_ACTORS_DATA"]) / "locks"
+    shutil.rmtree(locks)
+    locks.write_text("no directory")
+    done = cli.run("resume", "so101")
+    assert done.returncode == 1
+    assert "so101: armed" in done.stdout
+    assert "the locks of e-stops: they cannot be read" in done.stderr
+    assert robot.call("send_action", MOVE)["status"] == "success"
+
+
+def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot: RobotProcess) -> None:
+    directory = cli.environment["STRANDS_ACTORS_RUN"]
+    os.chmod(directory, 0o755)
+    try:
+        done = cli.run("estop")
+    finally:
+        os.chmod(directory, 0o700)
+    assert done.returncode == 1, done
+    assert "is open to others: chmod 700 it" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert cli.run("estop").returncode == 0

@@ -36,7 +36,8 @@ def observation(driver: Driver, age_s: float = 0.0, **sensors: tuple[float, ...]
     known: dict[str, tuple[float, ...]] = {
         "fsm": (801.0, NOW_S),
         "sport_mode_released": (1.0, NOW_S),
-        "battery": (80.0, NOW_S),
+        "battery_pct": (80.0,),
+        "battery_stamp_s": (NOW_S,),
     }
     for name, row in sensors.items():
         known.pop(name)
@@ -297,6 +298,13 @@ def test_saf_014_the_others_once_they_are_released(
         assert "release_sport_mode()" in answer.remedy or code == "sport_mode_stale"
 
 
+def told(battery: tuple[float, float] | None) -> dict[str, tuple[float, ...] | None]:
+    """Charge in percent and when it was told, as sensors."""
+    if battery is None:
+        return {"battery_pct": None, "battery_stamp_s": None}
+    return {"battery_pct": battery[:1], "battery_stamp_s": battery[1:]}
+
+
 @pytest.mark.parametrize("make", [g1, go2])
 @pytest.mark.parametrize(("battery", "code", "words"), [
     ((15.0, NOW_S), None, ""),
@@ -310,14 +318,14 @@ def test_saf_014_a_low_battery_and_an_unknown_one_are_two_refusals(
 ) -> None:
     driver = make()
     joint = driver.axes[0]
-    answer = verdict(driver, {joint: here(driver, joint)}, state(driver, battery=battery))
+    answer = verdict(driver, {joint: here(driver, joint)}, state(driver, **told(battery)))
     assert (answer.code if isinstance(answer, Refused) else None) == code
     assert words in (answer.reason if isinstance(answer, Refused) else "")
 
 
 def test_the_floor_is_an_option() -> None:
     driver = g1(battery_floor_pct=50)
-    refusal = refused(driver, {"left_knee": here(driver, "left_knee")}, state(driver, battery=(40.0, NOW_S)))
+    refusal = refused(driver, {"left_knee": here(driver, "left_knee")}, state(driver, **told((40.0, NOW_S))))
     assert "under the floor of 50.0 %" in refusal.reason
 
 

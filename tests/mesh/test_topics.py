@@ -12,10 +12,10 @@ import pytest
 import trio
 import zenoh
 
+from strands_actors.contract.sensors import TOPICS_HZ, Sensor
 from strands_actors.rundir import notes
 from strands_actors.runtime.contract import Observation
-from strands_actors.supervisors.telemetry import RATES
-from strands_actors.testing.fake import FakeWire
+from strands_actors.testing.fake import FakeDriver, FakeWire
 
 from .world import robot_on_mesh, run, until
 
@@ -114,23 +114,35 @@ def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeyp
 
     def with_imu(wire: FakeWire) -> Observation:
         return msgspec.structs.replace(
-            read(wire), sensors={"imu_gyro_rad_s": (0.1, 0.2, float("nan")), "load_pct": (3.0,)}
+            read(wire), sensors={"gyro_rad_s": (0.1, 0.2, float("nan")), "soc_pct": (80.0,), "load_pct": (3.0,)}
         )
 
     monkeypatch.setattr(FakeWire, "_observe", with_imu)
+    declared = (Sensor("imu", {"gyro": "gyro_rad_s", "rpy": "never_read"}), Sensor("battery", {"pct": "soc_pct"}))
+    monkeypatch.setattr(FakeDriver, "SENSORS", declared)
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _):
-            sensors = [f"strands/{robot}/{rate.topic}" for rate in RATES if rate.sensors]
-            state, imu = f"strands/{robot}/state", f"strands/{robot}/imu"
-            subscriber = join(plain, state, *sensors)
+            sensors = [f"strands/{robot}/{topic}" for topic in TOPICS_HZ]
+            state, imu, battery = (f"strands/{robot}/{topic}" for topic in ("state", "imu", "battery"))
+            presence, health = (f"strands/{robot}/{topic}" for topic in ("presence", "health"))
+            subscriber = join(plain, state, presence, health, *sensors)
             seen: list[zenoh.Sample] = []
             await until(lambda: len(more(seen, subscriber.take(imu))) >= 3, "three of the imu")
+            charges: list[zenoh.Sample] = []
+            await until(lambda: more(charges, subscriber.take(battery)), "the battery")
+            assert told(charges[0])["pct"] == 80.0
             assert subscriber.take(state)
-            assert not any(subscriber.take(key) for key in sensors if key != imu)
+            assert not any(subscriber.take(key) for key in sensors if key not in (imu, battery))
+            listed: list[zenoh.Sample] = []
+            await until(lambda: more(listed, subscriber.take(presence)), "presence")
+            assert set(told(listed[0])["topics"]) == {"presence", "state", "health", "imu", "battery"}
+            rest: list[zenoh.Sample] = []
+            await until(lambda: more(rest, subscriber.take(health)), "health")
+            assert told(rest[0])["sensors"] == {"load_pct": [3.0]}
         assert {key: value for key, value in told(seen[0]).items() if key != "t"} == {
             "peer_id": robot,
-            "gyro_rad_s": [0.1, 0.2, None],
+            "gyro": [0.1, 0.2, None],
         }
         assert str(seen[0].encoding) == "application/json;strands.imu.v1"
 

@@ -72,11 +72,12 @@ def end(process: subprocess.Popen[str], how: signal.Signals = signal.SIGINT) -> 
 
 
 def ask(message: Message) -> Message | None:
-    """As another writer on the mesh."""
+    """As another writer of this process."""
 
     async def ask() -> Message | None:
         node: Node = portal().node
-        return await node.ref("strands/so101/actor/gate", Gate, sender="strands/test/intruder").ask(message, 5.0)
+        sender = f"{node.address}/intruder"
+        return await node.ref("strands/so101/actor/gate", Gate, sender=sender).ask(message, 5.0)
 
     return portal().call(ask)
 

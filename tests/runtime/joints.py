@@ -55,6 +55,7 @@ class Pair:
     ) -> Message | None:
         """An ask whose body nobody checked before it left."""
         answer = Answer(protocol_of(actor).decode_reply)
+        answer.way = self.way
         cid = self.here.new_cid()
         self.here.pending[cid] = answer
         self.raw(frame(to, ASK, cid, "raw", self.here.address, msgspec.Raw(body)))

@@ -26,6 +26,7 @@ class Wall:
     """A way that keeps what is sent and reaches nobody; to a node it is its mesh."""
 
     def __init__(self) -> None:
+        self.channel = None
         self.sent: list[bytes] = []
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:

@@ -5,9 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import pty
+import select
 import signal
+import struct
+import subprocess
+import termios
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from fcntl import ioctl
 from typing import Any
 
 import pytest
@@ -178,3 +184,46 @@ def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:
     done = cli.run("top")
     assert done.returncode == 2
     assert done.stderr == "strands-actors: top: this is no terminal. `strands-actors tree` prints the same once\n"
+
+
+@pytest.fixture
+def shown_in_a_terminal(cli: Command) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
+    """``top``, and both ends of its terminal, which is no controlling one: nobody signals that it has gone."""
+    screen, terminal = pty.openpty()
+    ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 36, 120, 0, 0))
+    cli.environment["TERM"] = "xterm-256color"
+    streams = dict.fromkeys(("stdin", "stdout", "stderr"), terminal)
+    process = cli.start("top", start_new_session=True, **streams)
+    shown = b""
+    try:
+        while b"No robot of this user" not in shown:
+            assert select.select([screen], [], [], PATIENCE_S)[0], shown
+            shown += os.read(screen, 65536)
+        yield process, screen, terminal
+    finally:
+        process.kill()
+        process.wait()
+        for fd in (screen, terminal):
+            with contextlib.suppress(OSError):
+                os.close(fd)
+
+
+LEAVES_S = 10.0
+"""Far more than it takes, for a busy machine; before, it stayed for ever."""
+
+
+def test_saf_015_it_ends_with_its_terminal(shown_in_a_terminal: tuple[subprocess.Popen[str], int, int]) -> None:
+    process, screen, terminal = shown_in_a_terminal
+    os.close(terminal)
+    os.close(screen)
+    assert process.wait(LEAVES_S) == 128 + signal.SIGHUP
+
+
+def test_saf_015_it_ends_by_a_signal_when_nobody_reads_its_terminal(
+    shown_in_a_terminal: tuple[subprocess.Popen[str], int, int],
+) -> None:
+    process, _, terminal = shown_in_a_terminal
+    termios.tcflow(terminal, termios.TCOOFF)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(LEAVES_S) == 128 + signal.SIGTERM

@@ -65,6 +65,19 @@ def test_saf_006_a_stop_leaves_at_once_however_slow_the_robot_answers(kind: type
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_robot_that_answers_slowly_is_not_taken_for_a_frozen_one(kind: type[_Kind]) -> None:
+    async def run() -> None:
+        async with tree_of(kind) as (tree, peer, writer):
+            peer.answer_s = 0.3
+            for _ in range(20):
+                assert isinstance(await writer.send(ttl_s=0.3, **moving(kind)), Accepted)
+                await trio.sleep(0.15)
+            assert len(tree.places) == 1 and peer.of("safe") == []
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind]) -> None:
     async def run() -> None:
         async with tree_of(kind) as (tree, peer, writer):

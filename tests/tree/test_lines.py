@@ -10,6 +10,7 @@ import pytest
 import trio
 
 from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Message
@@ -74,7 +75,7 @@ def test_a_caller_that_has_a_link_to_the_root_alone_gets_a_line_to_each_wire() -
             caller_tasks.start_soon(keep_line, caller, "r")
             for life in (1, 2):
                 async with process(f"wire.{life}") as (wire, wire_tasks):
-                    await wire_tasks.start(wire.cell(AT.path("wire_end"), WireEnd).run)
+                    await wire_tasks.start(wire.cell(AT.path("wire_end"), lambda: WireEnd(lambda _: Channel())).run)
                     await wire_tasks.start(wire.cell(AT.path("gate"), lambda life=life: Hardware(life)).run)  # type: ignore[misc]
                     await connect(wire, root, wire_tasks)
                     await reached(caller, life)
@@ -112,7 +113,7 @@ def test_a_thread_gets_a_line_to_each_wire_too() -> None:
             assert line is None, "no wire took it"
             for life in (1, 2):
                 async with process(f"wire.{life}") as (wire, wire_tasks):
-                    await wire_tasks.start(wire.cell(AT.path("wire_end"), WireEnd).run)
+                    await wire_tasks.start(wire.cell(AT.path("wire_end"), lambda: WireEnd(lambda _: Channel())).run)
                     await wire_tasks.start(wire.cell(AT.path("gate"), lambda life=life: Hardware(life)).run)  # type: ignore[misc]
                     await connect(wire, root, wire_tasks)
                     await answered(life)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 import trio
 
@@ -9,7 +10,7 @@ from strands_actors.runtime.contract import Reason, WireDown
 from strands_actors.supervisors.failsafe import Mode
 from strands_actors.supervisors.messages import GetStatus, Status, Stop, StopReport
 from strands_actors.testing import run_virtual
-from strands_actors.testing.fake import FakeWire
+from strands_actors.testing.fake import FakeDriver, FakeWire
 from strands_actors.testing.inline import InlineTree, open_inline_tree
 
 from .writer import armed, setpoints
@@ -123,5 +124,27 @@ def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkey
             count = len(fed)
             await trio.sleep(0.05)
             assert len(fed) == count
+
+    run_virtual(run)
+
+
+def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver may say that its calls take longer than a heartbeat; a wire that keeps to it is left in peace."""
+    monkeypatch.setattr(FakeDriver, "timing", msgspec.structs.replace(FakeDriver.timing, call_s=0.4))
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.hardware.write_s = 0.3
+            writer.ref.tell(writer.setpoint(latched=True, a=1.0))
+            await trio.sleep(0.8)
+            assert len(tree.places) == 1 and setpoints(tree)
+            began_ns = tree.node.clock.now_ns()
+            tree.hardware.write_s = 60.0
+            writer.ref.tell(writer.setpoint(latched=True, a=2.0))
+            await trio.sleep(0.9)
+            assert len(tree.places) > 1
+            safe = tree.hardware.of("safe", began_ns)[0]
+            assert safe.path == "second" and tree.hardware.after("setpoint", safe) == []
 
     run_virtual(run)

@@ -6,6 +6,7 @@ Besides the control lines of every twin it takes ``reflex ERROR`` and ``mode MOD
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from typing import Any, Unpack
 
@@ -32,6 +33,8 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         raise ValueError(f"fci is {fci}. There are {', '.join(map(str, DIALECTS))}")
     tick_wait_s = float(given.get("tick_wait_ms", 10.0)) / 1e3
     run_first(TWIN_PRIORITY)
+    gc.collect()
+    gc.freeze()  # a full collection would be a pause of many cycles
 
     def build(wire_log: WireLog) -> FrankaServer:
         return FrankaServer(robot, fci, wire_log, given.get("host"), tick_wait_s)

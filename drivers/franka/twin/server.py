@@ -212,8 +212,9 @@ class FrankaServer(TcpServer):
         blocks the process for as long: half the price of two turns of the event loop."""
         began_s = time.monotonic()
         self._tick()
-        while not self._take_commands() and self.controller.motion is not None:
-            if time.monotonic() - began_s >= self._wait_s:
+        while self.controller.motion is not None:
+            over = time.monotonic() - began_s >= self._wait_s
+            if self._take_commands() or over:  # what came while this process stood still has come in time
                 break
             self._readable.poll(1)
             await trio.lowlevel.checkpoint()

@@ -11,7 +11,9 @@ def run() -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise Problem("top: this is no terminal. `strands-actors tree` prints the same once")
     from .app import Top
+    from .leaving import ends_with_its_terminal
 
     app = Top()
-    app.run()
+    with ends_with_its_terminal(app.leave):
+        app.run()
     return app.return_code or 0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-import signal
+import contextlib
 import time
 from collections import deque
 from typing import ClassVar
@@ -111,13 +110,14 @@ class Top(App[None]):
     def on_mount(self) -> None:
         self._table.focus()
         self.query_one("#told").display = False
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, self.exit, None, 128 + number)
         self._feed.start()
 
     def on_unmount(self) -> None:
         self._feed.close()
+
+    def leave(self, code: int) -> None:
+        """End, from any thread."""
+        self._soon(self.exit, None, code)
 
     def on_resize(self, event: Resize) -> None:
         columns = columns_for(event.size.width)
@@ -143,7 +143,8 @@ class Top(App[None]):
     def _soon(self, function: object, *args: object) -> None:
         loop = self._loop
         if loop is not None and self._running:
-            loop.call_soon_threadsafe(function, *args)  # type: ignore[arg-type]
+            with contextlib.suppress(RuntimeError):  # it has just ended
+                loop.call_soon_threadsafe(function, *args)  # type: ignore[arg-type]
 
     # -- on the screen
 

@@ -1,0 +1,99 @@
+"""A policy that speaks for others: over the links of its process, with frames that the kernel would never send."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from strands_actors.policies import Sine
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.frames import ASK, HOSTS, REPLY, TELL, decode_frame, frame
+from strands_actors.runtime.link import Link
+from strands_actors.runtime.messages import Message
+from strands_actors.runtime.node import Node
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.messages import Acquire, Beat, Resume, Setpoint, StateIs, StopReport, Write
+
+ROBOT = "so101"
+FAR = 90.0
+"""Degrees: where no sine of this policy goes."""
+EVERY_S = 0.02
+"""Not so often that the policy itself would be late on a busy machine, and end."""
+
+
+class Hostile(Sine):
+    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it is the ``gate``,
+    it will ``resume``, ``write`` or ``stay``."""
+
+    def __init__(self, axes: Sequence[str], how: str, holder: str = "", lease: int = 0) -> None:
+        super().__init__(axes, amplitude=5.0, hz=0.5)
+        self._count = len(axes)
+        self._holder, self._lease = holder, lease
+        self._attack: Callable[[], None] | None = {
+            "gate": self._be_the_gate,
+            "resume": self._resume,
+            "write": self._write,
+            "stay": self._stay,
+        }[how]
+        self._at = addresses.of(ROBOT)
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        if self._attack is not None:
+            threading.Thread(target=self._go_on, args=(self._attack,), daemon=True).start()
+            self._attack = None
+        return super().step(observation)
+
+    def _go_on(self, attack: Callable[[], None]) -> None:
+        self._node = next(thing for thing in gc.get_objects() if isinstance(thing, Node))
+        self._cid = 1_000_000
+        while True:
+            attack()
+            time.sleep(EVERY_S)
+
+    def _links(self) -> list[Link]:
+        return [link for link in list(self._node._links) if isinstance(link, Link)]
+
+    def _tell(self, to: str, message: Message, kind: int = TELL) -> None:
+        """In its own name, and in that of others."""
+        self._cid += 1
+        for sender in (self._node.address, self._at.guardian):
+            for link in self._links():
+                link.send_at_once(frame(to, kind, self._cid, sender, self._node.address, message))
+
+    def _be_the_gate(self) -> None:
+        """Announce it, answer whoever asks it, and answer what nobody has asked here."""
+        forged = StopReport(Reason.ESTOP, "limp", 99, True, ())
+
+        def receive(data: bytes, way: Link, descriptors: tuple[int, ...] = ()) -> None:
+            head = decode_frame(data)
+            if head.kind == ASK and head.to == self._at.gate:
+                way.send_at_once(frame(head.reply_to, REPLY, head.cid, "", "", forged))
+            else:
+                Node.receive_frame(self._node, data, way, descriptors)
+
+        self._node.receive_frame = receive  # type: ignore[method-assign, assignment]
+        for link in self._links():
+            link.send_at_once(frame("", HOSTS, 1, self._at.gate, self._at.gate, None))
+        self._tell(self._at.guardian, StateIs("disarmed", 99, "", "forged"))
+
+    def _resume(self) -> None:
+        """Lift what stopped the robot, take the caller's lease by its name, and write with it."""
+        self._tell(self._at.gate, Resume("an operator"), ASK)
+        self._tell(self._at.gate, Acquire(self._holder), ASK)
+        self._tell(self._at.gate, Beat(self._lease))
+        for epoch in range(1, 12):
+            deadline_ns = time.monotonic_ns() + 10**8
+            self._tell(self._at.gate, Setpoint(self._lease, epoch, deadline_ns, {"shoulder_pan": FAR}))
+
+    def _stay(self) -> None:
+        """When it is asked to go."""
+        os._exit = lambda code: time.sleep(3600)  # type: ignore[assignment, return-value]
+
+    def _write(self) -> None:
+        """Past the gate."""
+        deadline_ns = time.monotonic_ns() + 10**8
+        for epoch in range(1, 12):
+            self._tell(self._at.transport, Write(epoch, deadline_ns, (FAR,) * self._count))

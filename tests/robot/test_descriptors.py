@@ -1,0 +1,57 @@
+"""A process that may open few files: what connects says so, and starts nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+SCRIPT = """
+import json, os, resource, sys
+from strands_actors import Robot
+arm = Robot("so101", mode="real", transport="twin")
+allowed = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+said = [arm.connect_eagerly() for _ in range(2)]
+resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))
+children = [child for task in os.listdir("/proc/self/task")
+            for child in open(f"/proc/self/task/{task}/children").read().split()]
+then = arm.connect_eagerly()
+moved = arm.send_action({"shoulder_pan": 3.0})["status"]
+arm.cleanup()
+print(json.dumps({"said": said, "children": children, "then": then, "moved": moved}))
+"""
+
+
+def told(allowed: int) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(allowed)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
+
+
+@pytest.mark.parametrize("allowed", [12, 16, 20, 24, 28, 32, 36, 44])
+def test_too_few_descriptors_are_named_and_nothing_is_started(allowed: int) -> None:
+    answer = told(allowed)
+    for problem in answer["said"]:
+        assert problem.startswith(f"connect: too few open files are allowed: {allowed}, ")
+        assert "ulimit -n" in problem
+    assert answer["children"] == []
+    assert (answer["then"], answer["moved"]) == (None, "success")
+
+
+def test_what_is_asked_for_is_enough() -> None:
+    answer = told(64)
+    assert answer["said"] == [None, None]
+    assert len(answer["children"]) == 2, "the twin and the root"
+    assert (answer["then"], answer["moved"]) == (None, "success")

@@ -1,0 +1,78 @@
+"""The run directory is cleared while a robot runs: it can be stopped all the same. Read from the wire."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from strands_actors.mesh import estop
+from strands_actors.robot import RealRobot
+from strands_actors.strays import strays
+from strands_actors.supervisors.locks import Locks
+from strands_actors.testing import Twin
+
+from ..answers import json_of, until
+from .conftest import NewArm
+from .helpers import limps
+
+MAIN = "from strands_actors.cli import main; main()"
+BOUND_S = 20.0
+"""The command has to start: what the wire needs of that is published."""
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", MAIN, *arguments],
+        text=True,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        timeout=120,
+        check=False,
+    )
+
+
+def clear(run_dir: Path) -> None:
+    for path in run_dir.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+@pytest.mark.parametrize("verb", [("stop", "--all"), ("stop", "so101"), ("estop",), ("estop", "so101")])
+def test_a_robot_whose_note_is_gone_is_stopped_by_the_end_of_its_root(
+    arm: RealRobot, twin: Twin, run_dir: Path, verb: tuple[str, ...]
+) -> None:
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    clear(run_dir)
+    assert [stray.robot for stray in strays()] == ["so101"]
+    began_ns = time.monotonic_ns()
+    done = command(*verb)
+    assert done.returncode == 1, done
+    assert done.stderr.startswith("so101: NOT CONFIRMED: its note in ")
+    assert "its wire has ended after it" in done.stderr
+    twin.log.safe_within(began_ns, BOUND_S)
+    assert limps(twin.log, began_ns)
+    twin.log.no_setpoint_after_safe(began_ns)
+    assert not strays()
+    locked = Locks(run_dir / "data" / "locks", "so101").find() is not None
+    assert locked == (verb[0] == "estop")
+
+
+def test_saf_005_an_estop_tells_of_a_robot_whose_note_is_gone(arm: RealRobot, run_dir: Path) -> None:
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    clear(run_dir)
+    (outcome,) = estop(by="the button")
+    assert (outcome.robot, outcome.outcome) == ("so101", "unreachable")
+    assert "its note in" in outcome.detail
+
+
+def test_a_robot_that_runs_or_starts_is_no_stray(twin: Twin, new_arm: NewArm) -> None:
+    seen: list[object] = []
+    arm = new_arm(port=twin.port)
+    assert arm.connect_eagerly() is None
+    until(lambda: seen.append(strays()) or len(seen) > 3, "a few looks")
+    assert seen == [[]] * len(seen)

@@ -1,0 +1,59 @@
+"""SAF-017: a lease belongs to the channel over which it was acquired; a holder's name and a number are no proof."""
+
+from __future__ import annotations
+
+import pytest
+
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.lease import Leases
+from strands_actors.supervisors.messages import Acquire, Beat
+
+CALLER, POLICY = "so101 in process 1", "policy process 7"
+SECOND_NS = 10**9
+
+
+def begun() -> tuple[Leases, int, int]:
+    """A caller's lease, and that of its policy process under it."""
+    leases = Leases(0)
+    over = leases.acquire(Acquire(CALLER), 0)
+    assert isinstance(over, int)
+    own = leases.acquire(Acquire("policy of so101", over, 7, POLICY), 0)
+    assert isinstance(own, int)
+    return leases, over, own
+
+
+@pytest.mark.parametrize("after_s", [0, 5])
+def test_saf_017_a_policy_process_gets_no_lease_of_its_own(after_s: int) -> None:
+    """Neither the caller's, by the name that its refusal tells it, nor one that has lapsed."""
+    leases = Leases(0)
+    leases.acquire(Acquire(CALLER), 0)
+    refused = leases.acquire(Acquire(CALLER, 0, 1, POLICY), after_s * SECOND_NS)
+    assert isinstance(refused, Refused)
+    assert refused.code == "channel"
+
+
+def test_saf_017_a_lease_is_good_over_its_own_channel_alone() -> None:
+    leases, over, own = begun()
+    assert leases.refuse("move", own, POLICY) is None
+    assert leases.refuse("move", own, "") is not None
+    assert leases.refuse("move", own, "policy process 8") is not None
+    assert leases.release(own, "") is None
+    assert leases.release(own, POLICY) is not None
+    assert leases.refuse("move", over, "") is None
+    assert leases.refuse("move", over, POLICY) is not None, "its caller's"
+    assert leases.release(over, POLICY) is None
+
+
+def test_saf_017_a_policy_process_keeps_no_lease_of_its_caller_alive() -> None:
+    leases, over, _ = begun()
+    leases.beat(Beat(over, 0.0, POLICY), SECOND_NS // 2)
+    assert leases.lapsed(SECOND_NS, latched=False)
+    leases.beat(Beat(over), SECOND_NS // 2)
+    assert not leases.lapsed(SECOND_NS, latched=False)
+
+
+def test_saf_017_the_next_policy_process_writes_under_no_other_policys_lease() -> None:
+    leases, _, own = begun()
+    refused = leases.acquire(Acquire("policy of so101", own, 8, "policy process 8"), 0)
+    assert isinstance(refused, Refused)
+    assert refused.code == "lease"
