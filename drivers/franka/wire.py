@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections.abc import Mapping
@@ -26,7 +27,7 @@ from .stop_channel import CONFIRM_S, moving, reports, stop_anew
 if TYPE_CHECKING:
     from .driver import Franka
 
-BEGIN_S = 2.0
+BEGIN_S = 3.0
 """For the process of the cycle to start, on a busy machine."""
 OLD_S = 0.02
 """A setpoint is not written when no state came for so long: that is 20 of them."""
@@ -43,27 +44,26 @@ class _Session:
         self.client = client
         self._clock = clock
         self._dialect = client.dialect
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        page = new_page()
-        with theirs, client.udp as udp:  # the child's from now on
-            passed = (udp.fileno(), theirs.fileno(), page)
-            self.child: ChildProcess = start(
-                ENTRY,
-                {
-                    "fci": driver.arm.fci,
-                    "limits": msgspec.to_builtins(driver.limits),
-                    "stride": driver.stride,
-                    "udp": udp.fileno(),
-                    "wire": theirs.fileno(),
-                    "page": page,
-                    "parent": os.getpid(),
-                },
-                passed,
-            )
-        ours.setblocking(False)
-        self._reports = ours
-        self.pulse: Pulse = on_page(page, WIRE_END)
-        os.close(page)
+        with contextlib.ExitStack() as given:
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+            page = new_page()
+            given.callback(os.close, page)
+            udp = given.enter_context(client.udp)  # the child's from now on
+            given.enter_context(theirs)
+            told = {
+                "fci": driver.arm.fci,
+                "limits": msgspec.to_builtins(driver.limits),
+                "stride": driver.stride,
+                "udp": udp.fileno(),
+                "wire": theirs.fileno(),
+                "page": page,
+                "parent": os.getpid(),
+            }
+            given.enter_context(ours)
+            self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
+            self._reports = ours.dup()
+            self.pulse: Pulse = on_page(page, WIRE_END)
+        self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None
         self.order: Order | None = None  # the last; None once it counts no more
@@ -187,6 +187,8 @@ class FrankaWire(Wire):
             raise WireDown(refusal.text.removeprefix("move: "))
         if state.robot_mode != p.RobotMode.IDLE:
             raise WireDown("somebody else moves the arm. End that program, then resume()")
+        if (silent_s := session.silent_s()) > self._driver.timing.state_ttl_s:
+            raise WireDown(f"no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
         permit.check()
         session.lost = ""
         return self._observation(session, state)
@@ -236,7 +238,8 @@ class FrankaWire(Wire):
                     session.look()
             state = session.state if session.report and session.report.stamp_ns > since_ns else None
             trouble = "" if state is not None else "no state since the stop"
-            return reports(self._driver, written, number in session.answers, state, trouble)
+            acknowledged = session.answers.pop(number, None) is not None
+            return reports(self._driver, written, acknowledged, state, trouble)
         except WireDown as down:
             session.stand_down()
             return reports(self._driver, written, False, None, str(down))

@@ -19,19 +19,18 @@ from .arms_on_twins import arm_on, away, wait_at
 
 def test_a_recording_replays_with_equal_decisions(tmp_path: Path, run_dir: Path) -> None:
     path = tmp_path / "run.mcap"
-    with Twin("fr3", tmp_path) as twin, arm_on(twin, "fr3") as arm:
-        with record(arm, path):
-            goal = away(arm, 0.05)
-            json_of(arm.send_action(goal))
-            wait_at(arm, goal)
-            assert why(arm.send_action({"fr3_joint1": 0.0}))
-            assert why(arm.send_action({**goal, "fr3_joint1": 9.0}))
-            json_of(arm.stop())
-            assert why(arm.send_action(goal))
-            json_of(arm.resume())
-            json_of(arm.send_action(away(arm, -0.05)))
-            twin.order("reflex joint_reflex")
-            until(lambda: state(arm) == "disarmed", "the reflex ends it")
+    with Twin("fr3", tmp_path) as twin, arm_on(twin, "fr3") as arm, record(arm, path):
+        goal = away(arm, 0.05)
+        json_of(arm.send_action(goal))
+        wait_at(arm, goal)
+        assert why(arm.send_action({"fr3_joint1": 0.0}))
+        assert why(arm.send_action({**goal, "fr3_joint1": 9.0}))
+        json_of(arm.stop())
+        assert why(arm.send_action(goal))
+        json_of(arm.resume())
+        json_of(arm.send_action(away(arm, -0.05)))
+        twin.order("reflex joint_reflex")
+        until(lambda: state(arm) == "disarmed", "the reflex ends it")
     outcome = replay(read(path))
     assert outcome.equal, outcome.difference
 
