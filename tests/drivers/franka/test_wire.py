@@ -20,9 +20,6 @@ from strands_actors.runtime.contract import PermitDenied, WireDown
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S
 
-BURIAL_S = 0.1
-"""For the process of the cycle to be waited for, which a wire that is closed does beside."""
-
 
 class Yes:
     def check(self) -> None:
@@ -59,9 +56,11 @@ def on_wire(twin: Twin, act: Callable[[FrankaWire], Awaitable[None]]) -> None:
                 await wire.open()
                 await act(wire)
         finally:
+            session = wire._session_or_none
             wire.close()
-            with trio.CancelScope(shield=True):
-                await trio.sleep(BURIAL_S)
+            if session is not None:
+                with trio.CancelScope(shield=True):
+                    await session.child.wait()  # which a wire that is closed does beside
 
     trio.run(run)
 
