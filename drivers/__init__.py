@@ -20,6 +20,7 @@ WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
     "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
     "ur": "strands_actors.drivers.ur.driver:UR",
+    "franka": "strands_actors.drivers.franka.driver:Franka",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",

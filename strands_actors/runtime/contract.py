@@ -287,6 +287,8 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
+    WHOLE_ACTIONS: ClassVar[bool] = False
+    """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
