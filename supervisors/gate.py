@@ -291,7 +291,7 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
-        answer = self._leases.acquire(message, self.context.received_ns)
+        answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
     def _release(self, message: Release) -> Deferred | None:
