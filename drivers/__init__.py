@@ -21,6 +21,7 @@ WIRES = {
     "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
     "ur": "strands_actors.drivers.ur.driver:UR",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
+    "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
