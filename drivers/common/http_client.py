@@ -1,8 +1,8 @@
 """An HTTP client for a wire process: httpx on trio, one kept connection, a deadline on every request.
 
 A request that may move a robot takes a permit. It is checked as the last thing before the head leaves, after any
-wait for a connection, and once more before the body does. Nothing is queued, repeated or redirected, and no proxy of the
-environment is used: what is not sent now is never sent. Never imported by a root process: a stop channel uses
+wait for a connection, and once more before the body does. Nothing is queued, repeated or redirected; no proxy of
+the environment is used. What is not sent now is never sent. Never imported by a root process: a stop channel uses
 ``http_port``.
 """
 

@@ -22,6 +22,10 @@ REOPEN_S = 0.2
 """Pause before a connection that the service has closed is made anew."""
 
 
+KEPT = 8
+"""Responses that nobody has asked for yet."""
+
+
 class HttpPort:
     """``serve`` keeps a connection open, where the next request has to leave without a wait."""
 
@@ -32,7 +36,7 @@ class HttpPort:
         self._stream: ByteStream | None = None
         self._decoder = ResponseDecoder()
         self._sent = self._heard = 0  # requests, and responses to them, on this connection
-        self._last: Response | None = None
+        self._responses: dict[int, Response] = {}  # the newest few, by number
         self._reader: trio.CancelScope | None = None  # whoever reads does it for all
         self._news = trio.Event()
 
@@ -85,8 +89,8 @@ class HttpPort:
         with trio.move_on_after(within_s):
             while stream is not None and self._stream is stream and self._heard < number:
                 await self._hear()
-            if self._stream is stream and self._heard == number and self._last is not None:
-                return self._last
+            if self._stream is stream and number in self._responses:
+                return self._responses[number]
             raise WireDown(f"{self.name}: the connection was closed before the answer. Check the service")
         if self._stream is stream:
             self.close()  # a late answer could pass for the next
@@ -104,8 +108,9 @@ class HttpPort:
             self._reader.cancel()
         if self._stream is not None:
             self._stream.close()
-        self._stream = self._last = None
+        self._stream = None
         self._sent = self._heard = 0
+        self._responses.clear()
         self._wake()
 
     async def _hear(self) -> None:
@@ -131,7 +136,11 @@ class HttpPort:
             return
         try:
             for response in self._decoder.feed(data):
-                self._heard, self._last = self._heard + 1, response
+                self._heard += 1
+                if self._heard > self._sent:
+                    raise MalformedFrame("response to no request")
+                self._responses[self._heard] = response
+                self._responses.pop(self._heard - KEPT, None)
         except MalformedFrame as malformed:
             self.close()
             raise WireDown(f"{self.name}: {malformed}. Check what is served there") from None

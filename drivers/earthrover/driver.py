@@ -70,7 +70,7 @@ class EarthRover(Driver):
             "lamp",
             "action",
             "Light the lamp, or put it out; the rover drives on as it does.",
-            {"lamp": {**_SPEED, "description": "lit above 0"}},
+            {"lamp": {**_SPEED, "description": "lit from 0.5 on"}},
             ("lamp",),
         ),
         READ_SENSORS,
@@ -81,14 +81,14 @@ class EarthRover(Driver):
         "speak": Service("say a text by the rover's speaker", within_s=5.0, arguments={"text": ""})
     }
 
-    unit = "fractions of full speed, -1 to 1 (lamp: lit above 0)"
+    unit = "fractions of full speed, -1 to 1 (lamp: lit from 0.5 on)"
     timing = Timing(
         control_hz=10.0,
         keepalive_s=0.1,  # the SDK process stops the rover by itself when it hears nothing for 3 s
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=0.5,
-        call_s=0.5,
+        call_s=0.8,
         safe_s=2.0,
     )
     ladder: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))

@@ -24,6 +24,9 @@ OK = 200
 BAD_REQUEST = 400
 NOT_FOUND = 404
 
+LIT = 0.5
+"""From this on a lamp is lit: the service knows 0 and 1."""
+
 _VECTORS = ("accels", "gyros", "mags", "rpms")
 _JSON = msgspec.json.Decoder()
 
@@ -44,14 +47,14 @@ class Data(msgspec.Struct, frozen=True):
 
 
 def encode_setpoint(linear: float, angular: float, lamp: float) -> bytes:
-    """Return the body of a command: fractions of full speed; the lamp is lit above 0."""
-    lit = 1 if lamp > 0 else 0
-    return msgspec.json.encode({"command": {"linear": float(linear), "angular": float(angular), "lamp": lit}})
+    """Return the body of a command: fractions of full speed, and whether the lamp is lit."""
+    command = {"linear": float(linear), "angular": float(angular), "lamp": int(lamp >= LIT)}
+    return msgspec.json.encode({"command": command})
 
 
 def encode_stop(lamp: float) -> bytes:
     """Return the body of a stop."""
-    return msgspec.json.encode({"command": {"linear": 0, "angular": 0, "lamp": 1 if lamp > 0 else 0}})
+    return msgspec.json.encode({"command": {"linear": 0, "angular": 0, "lamp": int(lamp >= LIT)}})
 
 
 def decode_command(body: bytes) -> dict[str, Any] | None:

@@ -115,7 +115,7 @@ class RoverTwin:
                 "battery": 88,
                 "signal_level": 5,
                 "orientation": round(rover.reported_heading_deg) % 360,
-                "lamp": 1 if rover.lamp > 0 else 0,
+                "lamp": int(rover.lamp >= p.LIT),
                 "speed": round(speed, 3),
                 "gps_signal": 30.0 if self._fix else 0.0,
                 "latitude": latitude,

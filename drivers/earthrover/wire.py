@@ -1,11 +1,13 @@
 """The service in the wire process: commands on one connection, what the rover reports on another, stops on a third.
 
 A command is written when the one before has been answered; one that is not answered within half a second ends the
-link. As long as an answer is owed no stop is confirmed: what was sent may still be carried out.
+link. As long as an answer is owed no stop is confirmed: what was sent may still be carried out. So zero follows it
+on its own connection, where neither overtakes the other, before it goes out on a new one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -33,6 +35,9 @@ COMMAND_S = 0.5
 WAIT_S = 0.2
 """How long a command waits for the answer to the one before."""
 
+OWED_S = 0.03
+"""How long a stop waits for the answer to a command that has just been sent."""
+
 REPORT_S = 0.3
 """How long one ``GET /data`` waits."""
 
@@ -42,19 +47,6 @@ SILENT_S = 1.0
 """Without data for so long the link counts as lost."""
 
 
-class _Command:
-    """A command on its way, and its permit: what has begun to leave may be carried out, whatever becomes of us."""
-
-    def __init__(self, permit: Permit) -> None:
-        self._permit = permit
-        self.left = False
-        self.answered = trio.Event()
-
-    def check(self) -> None:
-        self._permit.check()
-        self.left = True
-
-
 class EarthRoverWire(Wire):
     interruptible: ClassVar[bool] = True
 
@@ -62,9 +54,9 @@ class EarthRoverWire(Wire):
         self._driver = driver
         self._clock = clock
         self._stop: HttpPort | None = None
+        self._commands: HttpPort | None = None
         self._nursery: trio.Nursery | None = None  # of ``serve``
-        self._commands: HttpClient | None = None
-        self._command: _Command | None = None  # that has not been answered
+        self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
         self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # what the rover was last told, in axis order
         self._seen: Observation | None = None
         self._problem = "it has told nothing yet"
@@ -84,18 +76,19 @@ class EarthRoverWire(Wire):
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         url = f"http://{self._port().name}"
-        commands, reports = HttpClient(url), HttpClient(url)
+        reports = HttpClient(url)
+        commands = self._commands = open_port(self._driver)
         try:
             async with trio.open_nursery() as nursery:
                 await nursery.start(self._port().serve)
-                self._nursery, self._commands = nursery, commands
+                await nursery.start(commands.serve)
+                self._nursery = nursery
                 task_status.started()
                 async for _ in self._clock.ticks(1 / self._driver.timing.control_hz):
                     await self._hear(reports)
         finally:
-            self._nursery = self._commands = None
+            self._nursery = None
             with trio.CancelScope(shield=True):
-                await commands.aclose()
                 await reports.aclose()
 
     async def arm(self, permit: Permit) -> Observation:
@@ -116,36 +109,42 @@ class EarthRoverWire(Wire):
         return msgspec.structs.replace(seen, position=self._told)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        nursery = self._nursery
-        if nursery is None:
+        nursery, port = self._nursery, self._commands
+        if nursery is None or port is None:
             raise WireDown("write: not connected. Open it first")
-        if self._command is not None:
-            with trio.move_on_after(WAIT_S):
-                await self._command.answered.wait()
-            if self._command is not None:
-                raise PermitDenied("the command before has not been answered")
-        permit.check()
+        if not await self._answered(WAIT_S):
+            raise PermitDenied("the command before has not been answered")
+        if not port.is_open:  # the service has closed it, as it may
+            await port.open()
         linear, angular, lamp = (axis.sign * value for axis, value in zip(self._driver.table, values, strict=True))
-        self._command = command = _Command(permit)
-        try:
-            await nursery.start(self._send, p.encode_setpoint(linear, angular, lamp), command)
-        finally:
-            if not command.left and self._command is command:
-                self._command = None
-        self._told = values
+        body = p.encode_setpoint(linear, angular, lamp)
+        permit.check()
+        number = port.send("POST", p.CONTROL, body)
+        self._told, self._owed = values, trio.Event()
+        nursery.start_soon(self._take_answer, port, number, self._owed)
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         lamp = self._told[2]
         self._told = (0.0, 0.0, lamp)
+        zero = RoverZero(lamp)
         try:
-            outcome = await stop_base(self._port(), RoverZero(lamp), STOP_S, lambda: self._command is not None)
+            if self._owed is not None:
+                self._follow(zero)
+                if not await self._answered(OWED_S):
+                    self._port().close()  # a new connection is heard after those that wait
+            outcome = await stop_base(self._port(), zero, STOP_S, lambda: self._owed is not None)
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
         return outcome.reports(self._driver, self._told)
 
     async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``. The answer that is owed no longer comes: its connection is gone."""
-        self._command = None
+        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer; zero follows its
+        command all the same."""
+        if self._owed is not None:
+            self._follow(RoverZero(self._told[2]))
+            self._owed = None
+        if self._stop is not None:
+            self._stop.close()
         return await self.make_safe(rung)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
@@ -161,24 +160,36 @@ class EarthRoverWire(Wire):
         return {"spoken": arguments["text"]}
 
     def close(self) -> None:
-        if self._stop is not None:
-            self._stop.close()
-        self._command = self._seen = None
+        for port in (self._stop, self._commands):
+            if port is not None:
+                port.close()
+        self._owed = self._seen = None
 
     # -- what runs beside the calls
 
-    async def _send(
-        self, body: bytes, command: _Command, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
-    ) -> None:
-        assert self._commands is not None
-        answer = await self._commands.post(p.CONTROL, body, COMMAND_S, command, task_status)
-        if self._command is command:
-            self._command = None
-        command.answered.set()
-        if answer.status_code != p.OK:
-            raise WireDown(
-                f"write: a command is answered with status {answer.status_code}. Look at the SDK process"
-            )
+    async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
+        with trio.move_on_after(COMMAND_S):
+            answer = await port.answer(number, math.inf)
+            if self._owed is owed:
+                self._owed = None
+            owed.set()
+            if answer.status != p.OK:
+                raise WireDown(f"write: the answer is status {answer.status}. Look at the SDK process")
+            return
+        raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the SDK process")
+
+    async def _answered(self, within_s: float) -> bool:
+        """Wait until no answer to a command is owed."""
+        with trio.move_on_after(within_s):
+            while self._owed is not None:
+                await self._owed.wait()
+        return self._owed is None
+
+    def _follow(self, zero: RoverZero) -> None:
+        """Send zero behind the command that is owed an answer, on its connection, if that still is one."""
+        if self._commands is not None:
+            with contextlib.suppress(WireDown):
+                self._commands.send("POST", zero.target, zero.body)
 
     async def _hear(self, reports: HttpClient) -> None:
         try:
