@@ -25,6 +25,7 @@ WIRES = {
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
+    "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
