@@ -117,6 +117,11 @@ class Fci:
             except OSError as error:
                 raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
 
+    def close_in_order(self) -> None:
+        """As ``close``, but what was sent last is still delivered: a frozen controller finds it when it goes on."""
+        self._tcp.close_in_order()
+        self.udp.close()
+
     def close(self) -> None:
         self._tcp.close()
         self.udp.close()

@@ -220,7 +220,9 @@ class FrankaWire(Wire):
         if not session.motion:
             if state.robot_mode != p.RobotMode.IDLE:
                 raise PermitDenied("the motion before has not ended yet")  # the next keepalive tries again
+            session.aim(values)  # first: the first state of the motion is answered already
             session.motion = session.client.start_motion()
+            return
         session.aim(values)
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
@@ -245,7 +247,17 @@ class FrankaWire(Wire):
             return reports(self._driver, written, False, None, str(down))
 
     async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        return await stop_anew(self._driver)
+        """By what is still open, which ends there, and the motion with it. Then by a connection made for this."""
+        session, written = self._session_or_none, False
+        if session is not None:
+            with contextlib.suppress(WireDown):
+                session.client.send("stop")
+                written = True
+            session.stand_down()
+            session.client.close_in_order()
+            self.close()
+        found = await stop_anew(self._driver)
+        return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in found)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         session = self._session()

@@ -299,7 +299,8 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
     assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    assert [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"]
+    if fault == signal.SIGKILL:  # frozen, its cycle may have braked the arm before
+        assert [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"]
     until(lambda: not Path(f"/proc/{cycle}").exists(), "the process of the cycle has ended with it")
     comes_back(moving, twin)
 
@@ -317,12 +318,13 @@ def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_cycle_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """The controller stops the arm by itself, or the end of the connection does: which is first is chance."""
+    """The controller stops the arm by itself, or a StopMove does: which is first is chance."""
     cycle = cycle_of(moving)
     began_ns = time.monotonic_ns()
     os.kill(cycle, fault)
     until(
-        lambda: [entry for entry in twin.log.entries(began_ns) if entry.kind in ("reflex", "aborted")], "it stops"
+        lambda: [entry for entry in twin.log.entries(began_ns) if entry.kind in ("reflex", "aborted", "safe")],
+        "it stops",
     )
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     assert twin.log.host("safe", began_ns)

@@ -208,6 +208,41 @@ def test_a_reflex_is_confirmed_as_standing_and_named(twin: Twin) -> None:
     on_wire(twin, act)
 
 
+def test_saf_020_a_link_that_was_lost_is_stopped_by_what_is_left_of_it_and_anew(twin: Twin) -> None:
+    async def act(wire: FrankaWire) -> None:
+        await moves(wire, twin)
+        session = wire._session_or_none
+        assert session is not None
+        since_ns = time.monotonic_ns()
+        reports = await wire.reach("stop")
+        assert all(report.written and report.safe for report in reports)
+        assert len(twin.log.host("safe", since_ns)) == 2
+        twin.log.no_setpoint_after_safe(since_ns)
+        await session.child.wait()
+        with pytest.raises(WireDown, match="not connected"):
+            await wire.read()
+
+    on_wire(twin, act)
+
+
+def test_saf_020_a_controller_that_froze_finds_the_stop_when_it_goes_on(twin: Twin) -> None:
+    async def act(wire: FrankaWire) -> None:
+        await moves(wire, twin)
+        session = wire._session_or_none
+        assert session is not None
+        twin.pause()
+        reports = await wire.reach("stop")
+        assert all(report.written and not report.safe for report in reports)
+        since_ns = time.monotonic_ns()
+        twin.go_on()
+        await until(lambda: twin.log.host("safe", since_ns))
+        await trio.sleep(0.2)
+        twin.log.no_setpoint_after_safe(since_ns)
+        await session.child.wait()
+
+    on_wire(twin, act)
+
+
 # -- the stop channel
 
 
