@@ -22,6 +22,7 @@ WIRES = {
     "ur": "strands_actors.drivers.ur.driver:UR",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
+    "xarm": "strands_actors.drivers.xarm.driver:XArm",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

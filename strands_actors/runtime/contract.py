@@ -25,7 +25,6 @@ from strands_actors.contract.axis import Axis, Part, axes_of, first_target, pars
 from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
-from .columns import Columns, by_axis
 from .messages import Message, Refused
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -338,15 +337,6 @@ class Driver(ABC):
         jumps, and rest for velocity axes, so that nothing drives off."""
         return first_target(self.table, observation.position) if self.parts else observation.position
 
-    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
-        """As ``parse``, of an action by column. Default: it is turned, and parsed."""
-        count = len(self.axes)
-        for name, column in columns.items():
-            if len(column) != count:
-                why = f"move: {len(column)} numbers named {name}"
-                return Refused("columns", why, f"send {count}, one an axis", f"{len(column)}", f"{count}")
-        return self.parse(by_axis(columns, self.axes), state)
-
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""
         known = self.SERVICES.get(service)
@@ -378,8 +368,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave. Without ``descriptors`` (no wire has
-        come so far) it opens its own, when it is used."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

@@ -21,6 +21,7 @@ MOVES = {
     "so101": ("shoulder_pan", 20.0),
     "koch": ("shoulder_pan", 20.0),
     "ur5e": ("shoulder_pan_joint", 0.01),
+    "xarm7": ("joint1", 0.02),
     "robotiq_2f85": ("gripper", 0.5),
 }
 """What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
