@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -39,7 +39,7 @@ class Plan:
     driver_class: type[Driver]
     port: str
     transport: str | None
-    options: dict[str, Any]
+    options: dict[str, Any] = field(repr=False)  # may hold a password
     engine: Engine | None = None
     owns_engine: bool = True
     data_config: Any = None
@@ -69,7 +69,7 @@ class Wanted:
     drill_age_s: float | None
     at: str | None
     lifetime_s: float | None
-    options: dict[str, Any]
+    options: dict[str, Any] = field(repr=False)
 
     def given(self) -> dict[str, Any]:
         """What only hardware has a use for."""
