@@ -54,6 +54,7 @@ async def run_group(
     orphaned: Callable[[bool], None],
     pulse: Pulse,
     root: Callable[[], Standing | None] = lambda: None,
+    locked_since: str = "",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails."""
@@ -64,7 +65,8 @@ async def run_group(
             lambda: Transport(driver, at.gate, at.watchdog, at.guardian, start_state.epoch),
         ),
         node.cell(
-            at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
+            at.path("gate"),
+            lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since),
         ),
         node.cell(
             at.path("watchdog"),
@@ -189,7 +191,16 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(
-            run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root)
+            run_group,
+            node,
+            driver,
+            robot,
+            state,
+            args["cause"],
+            end,
+            pulse,
+            lambda: suspected(root),
+            args["locked_since"],
         )
         await nursery.start(node.cell(at.path("wire_end"), lambda: WireEnd(channel_of)).run)
         nursery.start_soon(link.run)
