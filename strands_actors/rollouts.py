@@ -11,13 +11,16 @@ from typing import Any
 import trio
 
 from .runtime.contract import Driver, Reason
-from .runtime.messages import Refused
+from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors import addresses
 from .supervisors.failsafe import Mode
-from .supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
-from .tree_processes import ASK_S, STOP_S, TreeProcesses
+from .supervisors.messages import Fence, GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .tree_processes import ASK_S, FENCE_S, STOP_S, TreeProcesses
 from .writer import Writer
+
+START_S = 2.0
+"""A task that has not started by then is none."""
 
 
 class Rollouts:
@@ -77,11 +80,24 @@ class Rollouts:
             refusal = await self._may_start("start_task")
             if refusal is not None:
                 return refusal
-            message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
-            answer = await self._processes.tasks.ask(message, ASK_S * 4)
+            deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)
+            rollout = self._rollout(instruction, duration_s, 0, hz)
+            try:
+                answer = await self._processes.tasks.ask(
+                    StartTask(provider, options, rollout, deadline_ns), START_S
+                )
+            except (AskTimeout, Unreachable) as failure:
+                return await self._never_started(failure)
             if isinstance(answer, TaskStatus):
                 self._task, self._is_remote = answer, True
         return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+
+    async def _never_started(self, failure: AskTimeout | Unreachable) -> Refused:
+        """What was not answered in time must not be done late. The stop ends the lease that it would write under,
+        so that whatever began, or still begins, gets none."""
+        self._processes.tasks.tell(StopTask())
+        await self._hold()
+        return Refused("timeout", f"start_task: {failure}; nothing of it will begin", "try again")
 
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
@@ -139,11 +155,23 @@ class Rollouts:
         try:
             answer = await ref.ask(StopTask(), ASK_S * 2)
         except (AskTimeout, Unreachable):
-            answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), STOP_S)
+            answer = await self._hold()
             self.end("stopped")
         if isinstance(answer, TaskStatus):
             self._task = answer
         return self._task
+
+    async def _hold(self) -> Message | None:
+        """End what a policy of ours commanded, by the gate, else by the guardian. None: neither answers; then the
+        lease lapses."""
+        processes = self._processes
+        try:
+            return await processes.gate.ask(Stop(Reason.POLICY, processes.holder), STOP_S)
+        except (AskTimeout, Unreachable):
+            pass
+        with contextlib.suppress(AskTimeout, Unreachable):
+            return await processes.guardian.ask(Fence(Reason.POLICY, processes.holder), FENCE_S)
+        return None
 
     async def end_overtaken(self) -> None:
         """The lease is the caller's anew: a rollout from before has lost its own, whether it has noticed or not."""

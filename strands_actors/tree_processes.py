@@ -121,6 +121,7 @@ class TreeProcesses:
             "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
             "caller_pid": os.getpid(),
             "caller": self.node.address,
+            "note": str(name.note),
             "twin_pid": 0 if plan.engine is None else plan.engine.pid,
             "locks": str(locks_dir()),
             "lock_port": "" if plan.engine is not None else port,
@@ -188,13 +189,21 @@ class TreeProcesses:
                 with contextlib.suppress(AskTimeout, Unreachable):
                     answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
                     report = answer if isinstance(answer, StopReport) else None
-                with trio.move_on_after(FENCE_S):
-                    await process.wait()
+                if report is not None and not report.confirmed:
+                    self._part(process)
+                else:
+                    with trio.move_on_after(FENCE_S):
+                        await process.wait()
             await self.discard()
         if self._name is not None:
             self._name.release()
             self._name = None
         return report
+
+    def _part(self, process: ChildProcess) -> None:
+        """A root whose robot is not confirmed safe stays, and tries, without us."""
+        process.part()
+        self._root_process = None
 
     async def fence(self) -> None:
         """Kill the root, and wait for it. Without its root the wire makes itself safe."""

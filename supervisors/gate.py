@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import msgspec
 
+from strands_actors.contract.axis import AxisMode
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import HOLDING_REASONS, Driver, GateState, Observation, Reason
@@ -227,6 +228,8 @@ class Gate(Actor):
             )
         if mode in failsafe.WRITABLE:
             return None
+        if mode in failsafe.OVER:
+            return self._refuse_at_the_end("move")
         if mode not in failsafe.LINKED:
             why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
             return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
@@ -234,6 +237,9 @@ class Gate(Actor):
             return Refused("arming", "move: the robot is being energised", "try again when it is armed")
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_at_the_end(self, what: str) -> Refused:
+        return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
 
     def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
         refusal = self._leases.refuse(what, message.lease, message.channel)
@@ -264,6 +270,8 @@ class Gate(Actor):
         state = self._state
         if state.locked_by:
             return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode in failsafe.OVER:
+            return self._refuse_at_the_end(service)
         if state.mode not in failsafe.LINKED:
             return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
@@ -362,27 +370,33 @@ class Gate(Actor):
     def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
         rung = safe_state or self._driver.ladder[reason]
-        holds = reason in HOLDING_REASONS and self._driver.energised(rung)
-        event = Event.HOLD if holds else Event.STOP
+        if reason in failsafe.ENDING_REASONS:
+            event = Event.END
+        elif reason in HOLDING_REASONS and self._driver.energised(rung):
+            event = Event.HOLD
+        else:
+            event = Event.STOP
         return self._step(event, rung, reason, cause, lock)
 
     def _step(self, event: Event, rung: str, reason: Reason, cause: str, lock: str = "") -> bool:
-        row = failsafe.TRANSITIONS.get((self._state.mode, event))
-        if row is not None and row.action is Action.MAKE_SAFE:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        makes_safe = action is Action.MAKE_SAFE
+        if makes_safe:
             self._cause = cause
-        if self._advance(event, lock) is not Action.MAKE_SAFE:
-            return False
-        self._live_until_ns = 0
-        for resume in self._resumes:
-            resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
-        self._resumes.clear()
-        self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
-        return True
+            self._live_until_ns = 0
+            self._transport.tell(MakeSafe(self._state.epoch, rung, reason))  # before anybody else is told
+            for resume in self._resumes:
+                resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+            self._resumes.clear()
+        if self._state != before:
+            self._tell_state()
+        return makes_safe
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
         self._writes, self._reads = message.writes, message.reads
-        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+        if self._state.mode in (Mode.UNCONFIRMED, Mode.ENDING) and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
@@ -399,7 +413,7 @@ class Gate(Actor):
         if report.epoch == self._state.epoch:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:
-                self._aim_at_measured(self._observation)
+                self._aim_where_held(report, self._observation)
 
     def _answer_stops(self) -> None:
         """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk."""
@@ -424,6 +438,8 @@ class Gate(Actor):
             return Refused("locked_out", why, "an operator's resume() lifts the lockout")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
+            if mode in failsafe.OVER:
+                return self._refuse_at_the_end("resume")
             if mode not in failsafe.LINKED:
                 return Refused("not_connected", f"resume: not connected: {self._connect_error}")
             return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
@@ -452,6 +468,26 @@ class Gate(Actor):
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
         self._live_until_ns = 0
+
+    def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
+        """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
+        its last target, one that was is not sent elsewhere by an older reading."""
+        before = self._target
+        self._aim_at_measured(observation)
+        aimed = list(self._target)
+        motors = {motor.axis: motor for motor in report.motors}
+        for at, axis in enumerate(self._driver.axes):
+            motor = motors.get(axis)
+            if motor is not None and motor.target is not None:
+                aimed[at] = motor.target
+            elif motor is not None and not motor.safe and not self._rests(at):
+                aimed[at] = before[at]
+        self._target = tuple(aimed)
+
+    def _rests(self, at: int) -> bool:
+        """Whether the axis is a velocity's: its first target is rest, wherever it is."""
+        table = self._driver.table
+        return bool(table) and table[at].mode is AxisMode.VELOCITY
 
     # -- the link
 

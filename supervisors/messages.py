@@ -388,11 +388,13 @@ class Rollout(Message, frozen=True):
 
 
 class StartTask(Message, frozen=True):
-    """Run a policy in a process of its own. ``provider``: ``module:factory``."""
+    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the process has
+    begun by then or does nothing, since nobody waits for it any more; 0: none."""
 
     provider: str
     options: dict[str, Any]
     rollout: Rollout
+    deadline_ns: int = 0
 
 
 class StopTask(Message, frozen=True):

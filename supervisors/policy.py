@@ -263,7 +263,11 @@ class Policy(Actor):
         async with self._acquiring:
             if self._ended is not None:
                 return False
-            lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid()), ASK_S)
+            wanted = Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid())
+            try:
+                lease = await self._gate.ask(wanted, ASK_S)
+            except (AskTimeout, Unreachable) as failure:
+                lease = Refused("publish", f"the gate does not answer: {failure}")
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True

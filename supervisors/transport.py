@@ -4,11 +4,16 @@ It checks epoch and deadline immediately before each write, through the permit t
 last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at once. It
 reports every write, reads observations with their age, and opens the wire again, with backoff, when it was
 lost; it never arms by itself.
+
+A link that was lost while something was energised is made safe before anything else is done with it: at the
+loss, before each attempt to open it again, and at every stop, on whatever can still be written (``Wire.reach``).
+None of that waits for a handshake, and a stop cuts a handshake short.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,11 +22,13 @@ import trio
 from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
     Driver,
     MotorReport,
     Observation,
     PermitDenied,
     ProcessSpent,
+    Reason,
     Wire,
     WireDown,
 )
@@ -49,7 +56,12 @@ from .messages import (
 )
 
 ROOT_AGAIN_S = 0.01
+REACH_MARGIN_S = 0.25
+"""Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
+"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
 
 _PROMPT = (Write, Cycle)
 """Handled without waiting, by a wire that never waits."""
@@ -104,15 +116,19 @@ class _Serving:
 
 
 class Transport(Actor):
-    def __init__(self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int) -> None:
+    """``owed``: an earlier wire left something energised, or nobody has confirmed that it did not."""
+
+    def __init__(
+        self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int, owed: bool = False
+    ) -> None:
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
         self._serving = _Serving()
-        self._lost: Wire | None = None  # closed; the last that was open, until another one is
+        self._lost: Wire | None = None  # the last that was open, until another one is
+        self._owed = owed  # a safe state: from arming until, on a link, every motor has confirmed that of a stop
         self._performing: trio.CancelScope | None = None
-        self._opening: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
         self._keepalive_ns = round(driver.timing.keepalive_s * NS)
@@ -219,19 +235,57 @@ class Transport(Actor):
         self._last = None
         if self._performing is not None:
             self._performing.cancel()
+        rung = message.rung
+        holds = message.reason in HOLDING_REASONS and self._driver.energised(rung)
         began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] | None = ()
         with self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
-                motors = await self._wire.make_safe(message.rung)
-            else:
-                reached = () if self._lost is None else await self._lost.reach(message.rung)
-                motors = reached or _not_reached(self._driver)
+                motors = None
+                with self._cut_by_a_stop(holds and self._wire.interruptible):
+                    motors = await self._wire.make_safe(rung)
+            if motors is None:
+                return  # a stop came: its report is the answer to this, too
+            if not holds and not any(motor.written or motor.safe for motor in motors):
+                if self._wire is not None:
+                    self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
+                if self._owed or message.reason in ORDERED:
+                    motors = await self._reach(rung, began_ns) or motors
+        self._report_safe(message.reason, rung, message.epoch, began_ns, motors)
+        if not holds and self._wire is not None and _all_safe(motors):
+            self._owed = False
+
+    async def _reach(self, rung: str, began_ns: int) -> tuple[MotorReport, ...]:
+        """Make safe what can be written although there is no link. Empty: it was not done in time."""
+        if self._lost is None:
+            self._lost = self._driver.open_wire(self.context.clock)
+        passed_s = (self.context.clock.now_ns() - began_ns) / NS
+        with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
+            return await self._lost.reach(rung) or await self._by_stop_channel(rung)
+        return ()
+
+    async def _by_stop_channel(self, rung: str) -> tuple[MotorReport, ...]:
+        """Of a wire that has no way of its own: what the root would do, which needs no handshake either."""
+        path = self._driver.second_path((), self.context.clock)
+        motors: tuple[MotorReport, ...] = ()
+        try:
+            async with trio.open_nursery() as nursery:
+                await nursery.start(path.serve)
+                motors = await path.make_safe(rung)
+                nursery.cancel_scope.cancel()
+        except* WireDown:
+            motors = ()
+        finally:
+            path.close()
+        return motors
+
+    def _report_safe(
+        self, reason: Reason, rung: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
+    ) -> None:
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
-        confirmed = bool(motors) and all(motor.safe for motor in motors)
-        report = StopReport(
-            message.reason, message.rung, message.epoch, confirmed, motors, took_ms=took_ms, at_ns=now_ns
-        )
+        motors = motors or _not_reached(self._driver)
+        report = StopReport(reason, rung, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
         self._gate.tell(SafeDone(report))
 
     async def _arm(self, epoch: int) -> None:
@@ -245,7 +299,10 @@ class Transport(Actor):
         try:
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
                 if self._wire is not None:
-                    observation = await self._wire.arm(_Permit(self, epoch, 0))
+                    self._owed = True
+                    error = "a stop came before the robot was armed"
+                    with self._cut_by_a_stop(self._wire.interruptible):
+                        observation = await self._wire.arm(_Permit(self, epoch, 0))
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
             error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
@@ -289,31 +346,54 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
+        if self._owed:
+            await self._settle(number)
+            if self.context.urgent_waiting:
+                return  # a stop: it does the same, now
         wire, open_s = self._driver.open_wire(self.context.clock), self._driver.timing.open_s
-        self._opening = opening = trio.CancelScope()
-        if self._lost is not None and type(self._lost).reach is not Wire.reach:
-            self.context.start_soon(self._give_way, opening)
+        opened = False
         try:
-            with opening, self._busy(open_s, number), self._silent(), trio.fail_after(open_s):
+            with (
+                self._cut_by_a_stop(),
+                self._busy(open_s, number),
+                self._silent(),
+                trio.fail_after(open_s),
+            ):
                 facts = await wire.open()
                 await self._serve(wire)
                 observation = await wire.read()
                 await self._hand_over(wire)
-            if opening.cancelled_caught:
+                opened = True
+            if not opened:
                 raise WireDown("a stop came before the robot had answered")
         except (WireDown, trio.TooSlowError) as failure:
             self._serving.scope.cancel()
             wire.close()
             why = str(failure) or f"the robot did not answer within {open_s:g} s"
             self._back_off(why)
+        except trio.Cancelled:
+            if wire.handover():
+                wire.close()  # who makes safe in our place opens the port anew
+            raise
         else:
+            if self._lost is not None:
+                self._lost.close()
             self._wire, self._lost = wire, None
             self._attempts = 0
             if self._driver.timing.realtime:
                 facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
-        finally:
-            self._opening = None
+
+    def descriptors(self) -> tuple[int, ...]:
+        """Of the open wire, as its root was handed them; for who makes safe when this actor does not run any
+        more, and owns them."""
+        return () if self._wire is None else tuple(os.dup(fd) for fd in self._wire.handover())
+
+    def close(self) -> None:
+        """Release the port, after this actor has ended."""
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
 
     async def _serve(self, wire: Wire) -> None:
         self._serving = serving = _Serving()
@@ -321,12 +401,18 @@ class Transport(Actor):
         await serving.ready.wait()
         serving.check()
 
-    async def _give_way(self, opening: trio.CancelScope) -> None:
-        """A stop that can be written although the robot is not understood does not wait for its hello."""
-        while self._opening is opening:
-            if self.context.urgent_waiting:
-                opening.cancel()
-            await trio.sleep(self._driver.timing.tick_s)
+    async def _settle(self, number: int) -> None:
+        """Write the safe state before anything is asked."""
+        rung = self._driver.ladder[Reason.LINK]
+        began_ns = self.context.clock.now_ns()
+        with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
+            motors = await self._reach(rung, began_ns)
+            if any(motor.written for motor in motors):
+                self._report_safe(Reason.LINK, rung, self.epoch, began_ns, motors)
+
+    def _cut_by_a_stop(self, may_be: bool = True) -> contextlib.AbstractContextManager[None]:
+        """What need not be finished. What the block assigns may then be missing."""
+        return self.context.until_urgent() if may_be else contextlib.nullcontext()
 
     async def _hand_over(self, wire: Wire) -> None:
         """No arming before the root has its own way to the hardware."""
@@ -345,13 +431,18 @@ class Transport(Actor):
             raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 
     def _lose(self, down: WireDown) -> None:
+        """What is owed a safe state stays open for it: the next cycle begins with that."""
         if self._wire is not None:
             if self._performing is not None:
                 self._performing.cancel()
             self._serving.scope.cancel()
-            self._wire.close()
-            self._wire, self._lost = None, self._wire
+            lost = self._lost = self._wire
+            self._wire = None
             self._back_off(str(down))
+            if self._owed:
+                self._open_at_ns = 0
+            else:
+                lost.close()
 
     def _back_off(self, why: str) -> None:
         pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
@@ -390,6 +481,10 @@ class Transport(Actor):
             yield
         finally:
             self._guardian.tell(SilentUntil(0))
+
+
+def _all_safe(motors: tuple[MotorReport, ...]) -> bool:
+    return bool(motors) and all(motor.safe for motor in motors)
 
 
 def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:

@@ -28,6 +28,10 @@ at the shortest wait the others keep more than half their rate."""
 
 MISSES_TOLERATED = 1
 
+BUSY_S = 0.01
+"""When this host looks so much later than it wanted to whether an answer has come, it is the host that is late, and
+the answer may have been thrown away by the system meanwhile [assumed]."""
+
 LISTEN_MAX_S = 1.0
 """End of ``listen`` on a line that never falls silent."""
 
@@ -78,16 +82,25 @@ class HalfDuplexBus(Generic[PacketT]):
         self._margin_s = margin_s
         self._quiet_ns = round(quiet_s * NS)
         self._quiet_until_ns = 0
+        self._pending: dict[int, int] = {}  # who still owes an answer to a question that was given up
+        self._pending_end_s = 0.0
         self.stray_bytes = 0
         """Bytes heard during the last question that belong to no expected reply."""
         self.refusals: dict[int, str] = {}
         """Motors that answered the last question with an error, and which: such a reply is dropped."""
         self.sent_ns = 0
         """When the last frame left."""
+        self.late_s = 0.0
+        """How much later than it wanted this host gave up the last question. 0: it was answered in time."""
 
     @property
     def quiet(self) -> bool:
         return self.clock.now_ns() < self._quiet_until_ns
+
+    @property
+    def starved(self) -> bool:
+        """Whether this host, not the robot, may be why the last question was not answered."""
+        return self.late_s > BUSY_S
 
     def send(self, frame: bytes) -> None:
         """A frame that nobody answers. Goes out at once, in the quiet time too."""
@@ -117,53 +130,82 @@ class HalfDuplexBus(Generic[PacketT]):
         replies: dict[int, PacketT] = {}
         self.stray_bytes = 0
         refusals = self.refusals = {}
+
+        def take(data: bytes) -> None:
+            self.stray_bytes += len(data)
+            for packet in self._decoder.feed(data):
+                if packet.id in replies or packet.id in refusals or packet.id not in expected:
+                    continue
+                if packet.failure:
+                    refusals[packet.id] = packet.failure
+                elif expected[packet.id] == len(packet.params):
+                    replies[packet.id] = packet
+                else:
+                    continue
+                self.stray_bytes -= self._overhead + len(packet.params)
+
+        self._pending, self._pending_end_s = dict(expected), trio.current_time() + timeout_s
         try:
             self._write(request)
-            with trio.move_on_after(timeout_s):
+            with trio.move_on_after(timeout_s) as window:
                 while len(replies) + len(refusals) < len(expected):
-                    data = await self.port.read()
-                    self.stray_bytes += len(data)
-                    for packet in self._decoder.feed(data):
-                        if packet.id in replies or packet.id in refusals or packet.id not in expected:
-                            continue
-                        if packet.failure:
-                            refusals[packet.id] = packet.failure
-                        elif expected[packet.id] == len(packet.params):
-                            replies[packet.id] = packet
-                        else:
-                            continue
-                        self.stray_bytes -= self._overhead + len(packet.params)
-        finally:
-            # not only on a timeout: a caller that was cancelled leaves its answer on the bus too
+                    take(await self.port.read())
+            if window.cancelled_caught:
+                self.late_s = trio.current_time() - window.deadline
+                take(self.port.take())  # what came in time, and was not looked at in time
             if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
+            self._pending = {}
+        finally:
+            # a caller that was cancelled leaves its answers on the bus: who asks next hears them out
+            self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
+
+    async def _hear_out(self) -> None:
+        """Throw away the answers to a question that was given up; it too has its time, and its quiet time."""
+        pending = self._pending
+        with trio.move_on_at(self._pending_end_s):
+            while pending:
+                for packet in self._decoder.feed(await self.port.read()):
+                    if packet.failure or pending.get(packet.id) == len(packet.params):
+                        pending.pop(packet.id, None)
+        if pending:
+            self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
+        self._pending = {}
 
     async def listen(self, request: bytes, first_s: float, silence_s: float) -> list[PacketT]:
         """Ask, and return whatever whoever answers, until nothing was heard for ``silence_s``
         (for ``first_s`` at the start)."""
         await self._begin(wait=True)
-        self._write(request)
         packets: list[PacketT] = []
         self.stray_bytes = 0
+
+        def take(data: bytes) -> None:
+            self.stray_bytes += len(data)
+            for packet in self._decoder.feed(data):
+                packets.append(packet)
+                self.stray_bytes -= self._overhead + len(packet.params)
+
+        self._write(request)
         with trio.move_on_after(first_s) as window:
             end = trio.current_time() + LISTEN_MAX_S
             while True:
-                data = await self.port.read()
+                take(await self.port.read())
                 window.deadline = min(trio.current_time() + silence_s, end)
-                self.stray_bytes += len(data)
-                for packet in self._decoder.feed(data):
-                    packets.append(packet)
-                    self.stray_bytes -= self._overhead + len(packet.params)
+        self.late_s = trio.current_time() - window.deadline
+        take(self.port.take())
         return packets
 
     async def _begin(self, wait: bool) -> None:
+        if self._pending:
+            await self._hear_out()
         if self.quiet:
             if not wait:
                 raise Quiet
             await self.clock.sleep_until_ns(self._quiet_until_ns)
         self.port.discard_input()
         self._decoder.clear()
+        self.late_s = 0.0
 
 
 class Health:
@@ -178,10 +220,11 @@ class Health:
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
         """The healthy ones, then at most one suspect whose wait is over: last, where its silence cannot hold
         up the replies of others. When nobody is healthy there is nobody to hold up: everybody."""
-        healthy = tuple(i for i in self._ids if self._misses[i] <= MISSES_TOLERATED)
+        mute = self.mute()
+        healthy = tuple(i for i in self._ids if i not in mute)
         if not healthy:
             return self._ids
-        due = [i for i in self._ids if i not in healthy and self._due_ns[i] <= now_ns]
+        due = [i for i in mute if self._due_ns[i] <= now_ns]
         return (*healthy, *sorted(due, key=self._due_ns.__getitem__)[:1])
 
     def update(self, asked: Iterable[int], heard: Iterable[int], now_ns: int) -> None:
@@ -195,6 +238,10 @@ class Health:
             if step >= 0:
                 wait_s = BACKOFF_S[min(step, len(BACKOFF_S) - 1)]
                 self._due_ns[motor] = now_ns + round(wait_s * NS)
+
+    def mute(self) -> tuple[int, ...]:
+        """Motors that did not answer twice in a row."""
+        return tuple(i for i in self._ids if self._misses[i] > MISSES_TOLERATED)
 
     def silent(self) -> tuple[int, ...]:
         """Motors that did not answer when last asked."""

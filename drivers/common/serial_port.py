@@ -7,14 +7,18 @@ descriptor, handed to another process, is adopted: same open file, same lock, sa
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
+import select
 import termios
 from typing import Protocol
 
 import trio
 
 from strands_actors.runtime.contract import WireDown
+
+from .port_users import users_of
 
 _READ_SIZE = 4096
 
@@ -30,12 +34,20 @@ class BytePort(Protocol):
         """At least one byte, as soon as there is one."""
         ...
 
+    def take(self) -> bytes:
+        """What was received and not yet read, without waiting."""
+        ...
+
     def discard_input(self) -> None:
         """Forget what was received and not yet read."""
         ...
 
     def discard_output(self) -> None:
         """Forget what was written and has not left yet. May cut a frame in two."""
+        ...
+
+    async def hung_up(self) -> None:
+        """Return once the device is gone. Takes nothing of what it says."""
         ...
 
     def fileno(self) -> int: ...
@@ -77,11 +89,26 @@ class SerialPort:
                 raise self._gone(None)
             return data
 
+    def take(self) -> bytes:
+        try:
+            return os.read(self._fd, _READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from None
+
     def discard_input(self) -> None:
         self._flush(termios.TCIFLUSH)
 
     def discard_output(self) -> None:
         self._flush(termios.TCOFLUSH)
+
+    async def hung_up(self) -> None:
+        if not hasattr(select, "epoll"):
+            await trio.sleep_forever()  # where it cannot be told from data
+        with select.epoll() as poll:
+            poll.register(self._fd, 0)  # a hang-up is told unasked
+            await trio.lowlevel.wait_readable(poll.fileno())
 
     def fileno(self) -> int:
         return self._fd
@@ -116,6 +143,8 @@ def open_serial(path: str, baud: int) -> SerialPort:
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
+        if "lock" in str(error) or getattr(error, "errno", None) == errno.EBUSY:
+            raise WireDown(in_use(path, users_of(path))) from None
         raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None
     try:
         fd = os.dup(device.fileno())  # the lock belongs to the open file: it lives on in the duplicate
@@ -128,6 +157,12 @@ def open_serial(path: str, baud: int) -> SerialPort:
         port.close()
         raise WireDown(f"{path}: cannot be set up ({error.args[-1]}). Check port=") from None
     return port
+
+
+def in_use(path: str, users: tuple[str, ...]) -> str:
+    """For people; ``users``: as far as they are known."""
+    by = f" by {', '.join(users)}" if users else ""
+    return f"{path}: in use{by}. End that first, or give another port="
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:

@@ -45,6 +45,7 @@ class Dynamixel(ServoDriver):
 
     def preload(self) -> None:
         importlib.import_module(f"{__package__}.wire")
+        importlib.import_module("serial")  # the root may have to open the port itself
 
     def open_wire(self, clock: Clock) -> DynamixelWire:
         from .wire import DynamixelWire
@@ -54,4 +55,4 @@ class Dynamixel(ServoDriver):
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .wire import DynamixelSecondPath
 
-        return DynamixelSecondPath(self, descriptors[0], clock)
+        return DynamixelSecondPath(self, descriptors, clock)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import trio
@@ -126,5 +126,11 @@ class DynamixelWire(ServoWire[protocol.Packet]):
 
 
 class DynamixelSecondPath(ServoSecondPath[protocol.Packet]):
-    def __init__(self, driver: Dynamixel, fd: int, clock: Clock) -> None:
-        super().__init__(driver, protocol, DynamixelSafing, fd, clock)
+    def __init__(
+        self,
+        driver: Dynamixel,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
+    ) -> None:
+        super().__init__(driver, protocol, DynamixelSafing, descriptors, clock, open_port)

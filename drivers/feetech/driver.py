@@ -40,6 +40,7 @@ class Feetech(ServoDriver):
 
     def preload(self) -> None:
         importlib.import_module(f"{__package__}.wire")
+        importlib.import_module("serial")  # the root may have to open the port itself
 
     def open_wire(self, clock: Clock) -> FeetechWire:
         from .wire import FeetechWire
@@ -49,4 +50,4 @@ class Feetech(ServoDriver):
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
         from .wire import FeetechSecondPath
 
-        return FeetechSecondPath(self, descriptors[0], clock)
+        return FeetechSecondPath(self, descriptors, clock)

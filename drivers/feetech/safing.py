@@ -12,7 +12,7 @@ from . import protocol
 
 class FeetechSafing(Safing[protocol.Packet]):
     REPEATS: ClassVar[int] = 2
-    REPEAT_S: ClassVar[float] = 0.002
-    """By then six replies have finished (6 x 17 bytes)."""
+    REPEAT_S: ClassVar[float] = 0.0025
+    """By then six replies have finished (6 x 30 bytes), and by the last one fourteen."""
 
     ANYWHERE: ClassVar[tuple[int, int]] = (0, TOP)

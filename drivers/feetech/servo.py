@@ -61,9 +61,13 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
 
 
 class Servo(TwinServo):
-    """Position mode only."""
+    """Position mode only. ``goal_energises``: a goal turns the torque on, as several public drivers say of the
+    STS3215 (the vendor's SDK has no call for torque, and moves) [assumed: register 40 then reads 1]."""
 
-    def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float) -> None:
+    def __init__(
+        self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float, goal_energises: bool = True
+    ) -> None:
+        self._goal_energises = goal_energises
         super().__init__(plant, joint, factory_table(servo_id, model, voltage_v), voltage_v, ROOM_TEMPERATURE_C)
         self._eeprom = bytearray(self.factory[: p.EEPROM_END])
         self._overload_since_s: float | None = None
@@ -137,6 +141,8 @@ class Servo(TwinServo):
                 self.put(p.HOMING_OFFSET, max(-2047, min(2047, round(self.reading.rad * COUNTS_PER_RAD))))
                 self.put(p.TORQUE_ENABLE, 0)
                 covers = range(p.HOMING_OFFSET.address, covers.stop)
+        elif p.GOAL_POSITION.address in covers and self._goal_energises:
+            self.table[p.TORQUE_ENABLE.address] = self.table[p.TORQUE_ENABLE.address] or 1
         if unlocked:
             kept = slice(covers.start, min(covers.stop, p.EEPROM_END))
             self._eeprom[kept] = self.table[kept]

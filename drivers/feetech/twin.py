@@ -8,7 +8,8 @@ from typing import Any, Unpack
 
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Exchange, Reply, Start
-from strands_actors.drivers.common.twin.servo_bus import ServoBus, serve
+from strands_actors.drivers.common.twin.process import known_options
+from strands_actors.drivers.common.twin.servo_bus import OPTIONS, ServoBus, serve
 
 from . import protocol as p
 from .robots import TABLES
@@ -23,16 +24,19 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         models: Sequence[int],
         voltage_v: float = 7.4,
         now_s: Callable[[], float] = time.monotonic,
+        goal_energises: bool = True,
     ) -> None:
         """``ids`` and ``models`` (the numbers of register 3): the servos of the plant's joints, in order."""
         servos = [
-            Servo(plant, joint, servo_id, model, voltage_v)
+            Servo(plant, joint, servo_id, model, voltage_v, goal_energises)
             for joint, (servo_id, model) in enumerate(zip(ids, models, strict=True))
         ]
         super().__init__(plant, servos, p.Decoder(), now_s)
 
     @classmethod
-    def for_robot(cls, robot: str, now_s: Callable[[], float] = time.monotonic) -> FeetechBus:
+    def for_robot(
+        cls, robot: str, now_s: Callable[[], float] = time.monotonic, goal_energises: bool = True
+    ) -> FeetechBus:
         """The bus of one robot of ``robots.toml``."""
         table = TABLES.table(robot)
         numbers = {name: number for number, name in p.MODEL_NUMBERS.items()}
@@ -42,6 +46,7 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
             [numbers[joint["model"]] for joint in table["joints"]],
             float(table["voltage_v"]),
             now_s,
+            goal_energises,
         )
 
     def exchange(self, packet: p.Packet, replies: Sequence[Reply]) -> Exchange:
@@ -106,6 +111,11 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     return reply if servo.get(p.STATUS_LEVEL) else None
 
 
+GOAL_OPTION = {"goal_energises": "a goal turns a servo's torque on, as on a real STS3215 (default: true)"}
+
+
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    serve(FeetechBus.for_robot(robot), options=options, **start)
+    given = known_options(options, {**OPTIONS, **GOAL_OPTION})
+    bus = FeetechBus.for_robot(robot, goal_energises=bool(given.pop("goal_energises", True)))
+    serve(bus, options=given, **start)

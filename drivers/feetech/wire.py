@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.readings import Readings, Sample
@@ -43,10 +45,10 @@ class FeetechReadings(Readings[protocol.Packet]):
 class FeetechWire(ServoWire[protocol.Packet]):
     CODEC = protocol
     SAFING = FeetechSafing
-    FEEDBACK: ClassVar[tuple[int, int]] = (protocol.POSITION.address, 8)
-    """Position, velocity, load, voltage, temperature: 56 to 63."""
-    FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
-    """40 to 63."""
+    FEEDBACK: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
+    """Torque to temperature, 40 to 63, in every cycle: a goal would energise a servo that has lost its torque, so
+    that has to be known of each before anything is written."""
+    FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
 
     async def hello(self, bus: HalfDuplexBus[protocol.Packet]) -> Hello[protocol.Packet]:
         servos: dict[int, Identity] = {}
@@ -63,5 +65,11 @@ class FeetechWire(ServoWire[protocol.Packet]):
 
 
 class FeetechSecondPath(ServoSecondPath[protocol.Packet]):
-    def __init__(self, driver: Feetech, fd: int, clock: Clock) -> None:
-        super().__init__(driver, protocol, FeetechSafing, fd, clock)
+    def __init__(
+        self,
+        driver: Feetech,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
+    ) -> None:
+        super().__init__(driver, protocol, FeetechSafing, descriptors, clock, open_port)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
@@ -50,6 +50,8 @@ class _Session:
 
 
 class RobotiqWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._driver = driver
         self._clock = clock
@@ -137,6 +139,7 @@ class RobotiqWire(Wire):
     async def reach(self, rung: str) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and moves then. One
         whose answers are nonsense has power, and keeps still by what was last understood of it."""
+        self.close()  # what was sent on that connection and not taken yet is thrown away with it
         known = self._last
         if known is None:
             return ()

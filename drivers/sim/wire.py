@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from strands_actors.drivers.common.door import protocol as p
 from strands_actors.drivers.common.door.body import Hand
@@ -28,6 +28,8 @@ SAFE_S = 1.0
 
 
 class SimWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, driver: SimDriver, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
@@ -117,9 +119,7 @@ class SimWire(Wire):
         )
 
     def _position(self, sample: p.Sample) -> tuple[float, ...]:
-        """In the driver's units."""
-        units = self._driver.units
-        return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, units, strict=True))
+        return _position(self._driver, sample)
 
 
 class SimSecondPath(SecondPath):
@@ -149,10 +149,16 @@ async def _make_safe(driver: SimDriver, door: DoorClient, rung: str) -> tuple[Mo
     except WireDown as down:
         return _failed(driver, str(down))
     wire = int(Hand.WIRE)
+    targets = _position(driver, sample) if driver.energised(rung) else (None,) * len(driver.axes)
     return tuple(
-        MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "")
-        for axis, motor, hand in zip(driver.axes, driver.ids, sample.hands, strict=True)
+        MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "", target)
+        for axis, motor, hand, target in zip(driver.axes, driver.ids, sample.hands, targets, strict=True)
     )
+
+
+def _position(driver: SimDriver, sample: p.Sample) -> tuple[float, ...]:
+    """In the driver's units."""
+    return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, driver.units, strict=True))
 
 
 def _failed(driver: SimDriver, why: str) -> tuple[MotorReport, ...]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
@@ -33,6 +33,8 @@ ASK_EVERY_NS = 100_000_000
 """How often the robot is asked for its FSM id, or its onboard mode."""
 BATTERY_S = 1.0
 """It is told slowly, on a topic of its own."""
+REACH_S = 0.6
+"""For a robot that is to be stopped, and does not know us yet."""
 SILENT_S = 1.0
 """Without a state for so long the link counts as lost."""
 
@@ -52,7 +54,6 @@ class _Session:
         self.mode: tuple[str, float] | None = None  # and when it was read, seconds
         self.fsm_id: tuple[float, float] | None = None
         self.battery: tuple[float, float] | None = None
-        self.commands = False  # whether the last frame gave torque
         self._asked_ns = 0
         self._seen_ns = -1
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
@@ -132,10 +133,13 @@ class _Session:
 
 
 class UnitreeWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, driver: _Legs, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
         self._session_or_none: _Session | None = None
+        self._last: p.State | None = None  # of the session before, once it is closed
 
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask what controls it."""
@@ -173,18 +177,13 @@ class UnitreeWire(Wire):
 
     @property
     def prompt(self) -> bool:
-        """Until it has been silent for long: then the robot is brought down."""
-        session = self._session_or_none
-        return session is not None and self._clock.now_ns() - session.link.state_ns < SILENT_S / 2 * NS
+        return self._session_or_none is not None
 
     async def _read(self, session: _Session) -> Observation:
         now_ns = self._clock.now_ns()
         session.poll(now_ns)
         silent_s = (now_ns - session.link.state_ns) / NS
         if silent_s > SILENT_S:
-            if session.commands:
-                await bring_down(session.link, "zero_torque")  # who is not heard may hear
-                session.commands = False
             raise WireDown(f"read: no LowState for {silent_s:.1f} s. Check the robot and the network")
         return session.observation()
 
@@ -193,7 +192,6 @@ class UnitreeWire(Wire):
         link = session.link
         payload = link.encode(values)
         permit.check()
-        session.commands = True
         if not link.send(payload):
             raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
 
@@ -201,7 +199,6 @@ class UnitreeWire(Wire):
         session = self._session_or_none
         if session is None:
             return reports(self._driver.model, False, "not connected")
-        session.commands = False
         motors = await bring_down(session.link, rung)
         held_by = "" if all(motor.safe for motor in motors) else session.held_by()
         if not held_by:
@@ -209,6 +206,28 @@ class UnitreeWire(Wire):
         # It takes no commands of ours, so its torque is none of ours either.
         said = f"held by the robot's own controller, {held_by}"
         return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """By the participant that the robot knew, which finds it again by itself; else by a new one, which has to
+        be found first."""
+        session = self._session_or_none
+        if session is not None:
+            return await bring_down(session.link, rung)
+        driver = self._driver
+        try:
+            link = Link(driver.model, driver.port, driver.interface, driver.domain, self._clock)
+        except WireDown as down:
+            return reports(driver.model, False, str(down))
+        try:
+            link.state = self._last
+            link.listen()
+            with trio.move_on_after(REACH_S):
+                while not link.heard:
+                    link.poll()
+                    await trio.sleep(CONTROL_S)
+            return await bring_down(link, rung)
+        finally:
+            link.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``release_sport_mode``: ask until the robot says that no onboard mode is active."""
@@ -234,6 +253,7 @@ class UnitreeWire(Wire):
     def close(self) -> None:
         if self._session_or_none is not None:
             self._session_or_none.link.close()
+            self._last = self._session_or_none.link.state
             self._session_or_none = None
 
     # -- parts
@@ -293,6 +313,7 @@ class UnitreeSecondPath(SecondPath):
         self._driver = driver
         self._clock = clock
         self._link: Link | None = None
+        self._listens = False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         self._link = link = self._new_link()
@@ -310,7 +331,9 @@ class UnitreeSecondPath(SecondPath):
         if link is None:
             return reports(self._driver.model, False, "the root has not found the robot")
         link.send(link.safe_frame(rung == "damp"))  # first; what confirms it is announced after it
-        link.listen()
+        if not self._listens:
+            self._listens = True
+            link.listen()
         return await bring_down(link, rung)
 
     def close(self) -> None:

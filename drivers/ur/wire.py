@@ -174,9 +174,19 @@ class URWire(Wire):
         except ProcessSpent:
             pass  # the next read says so
         if stands:
-            return tuple(MotorReport(joint, at, servoed, servoed, True) for at, joint in _NUMBERED)
+            where = session.sample.position
+            return tuple(
+                MotorReport(joint, at, servoed, servoed, True, target=where[at]) for at, joint in _NUMBERED
+            )
         session.lose("stopped without the SDK")
         return await plain.stop(self._driver.host)
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """The plain ports take a stop unasked."""
+        try:
+            return await plain.stop(self._driver.host)
+        except ValueError as error:
+            return tuple(MotorReport(joint, at, False, False, False, str(error)) for at, joint in _NUMBERED)
 
     def close(self) -> None:
         """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends

@@ -104,6 +104,7 @@ class MotorReport(Message, frozen=True):
     acknowledged: bool  # the motor answered
     safe: bool  # a register read back says so
     detail: str = ""
+    target: float | None = None  # where it was told to hold, in the driver's units
 
 
 class Permit(Protocol):
@@ -133,6 +134,10 @@ class Wire(ABC):
 
     A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's bound. A call
     that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
+
+    interruptible: ClassVar[bool] = False
+    """Whether ``arm``, and ``make_safe`` on a rung that holds, may be cancelled wherever they wait: a stop then
+    cuts them short. Not where an SDK goes on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -179,8 +184,13 @@ class Wire(ABC):
         tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
 
     async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, after ``close``: the link was lost, and no hello has been understood since. For a robot
-        that can be told what it cannot confirm. Default: there is no such way, nothing is written."""
+        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or closed), or before
+        it was ever up. Write to all that can still be written: what is open first, then a port or connection
+        opened for this. The first safe frame leaves before anything is asked, and needs no answer; only where the
+        frame itself could move the robot it asks first. Leave nothing open that would keep another wire from
+        opening. Never raises; may be cancelled wherever it waits; is called again until all motors confirm.
+
+        Default: nothing of its own, and the stop channel (``Driver.second_path`` without descriptors) is used."""
         return ()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
@@ -199,7 +209,9 @@ class Wire(ABC):
 
 class SecondPath(ABC):
     """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
-    the wire is started again. Making one must not raise."""
+    the wire is started again; by the wire process itself when its link is lost. Making one must not raise. It may
+    be asked to make safe again and again, until every motor has confirmed: what it was given may be dead, so it
+    finds the robot anew each time."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """What has to be done before the path is needed, and kept up until it is: discovery, a session.
@@ -364,7 +376,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

@@ -34,7 +34,8 @@ LIMIT = 100.0
 
 
 class Written(NamedTuple):
-    """One frame on the fake wire. ``kind``: setpoint, safe or enable; ``path``: wire or second."""
+    """One frame on the fake wire. ``kind``: setpoint, safe, enable, or read (of a handshake); ``path``: wire or
+    second."""
 
     t_ns: int
     kind: str
@@ -51,6 +52,9 @@ class FakeHardware:
     energised: list[bool] = field(default_factory=lambda: [False] * len(AXES))
     written: list[Written] = field(default_factory=list)
     plugged: bool = True
+    answers: bool = True  # else it hears what is written, and nobody hears it
+    confirm_s: float = 0.002  # what the wire needs to read motors back
+    open_s: float = 0.001  # what a handshake takes
     silent: set[str] = field(default_factory=set)  # axes that do not answer
     read_s: float = 0.001
     write_s: float = 0.0  # how long a write waits before its bytes leave
@@ -78,7 +82,9 @@ class FakeHardware:
             heard = axis not in self.silent
             if heard:
                 self.energised[at] = rung == "hold"
-            reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent"))
+            target = self.position[at] if heard and rung == "hold" else None
+            heard = heard and self.answers
+            reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent", target))
         return tuple(reports)
 
 
@@ -127,6 +133,8 @@ class FakeDriver(Driver):
 
 
 class FakeWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
         self._hardware = hardware
         self._clock = clock
@@ -135,9 +143,16 @@ class FakeWire(Wire):
         if not self._hardware.plugged:
             raise WireDown("the cable is out")
 
-    async def open(self) -> dict[str, Any]:
-        await trio.sleep(0.001)
+    def _check_answer(self) -> None:
         self._check()
+        if not self._hardware.answers:
+            raise WireDown("an axis does not answer")
+
+    async def open(self) -> dict[str, Any]:
+        self._check()
+        self._hardware.record(self._clock, "read", "wire")
+        await trio.sleep(self._hardware.open_s)
+        self._check_answer()
         self._hardware.opens += 1
         return {"fake": True}
 
@@ -156,7 +171,7 @@ class FakeWire(Wire):
         while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is what is wanted
             await trio.sleep(1.0)
         await trio.sleep(self._hardware.read_s)
-        self._check()
+        self._check_answer()
         return self._observe()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -171,8 +186,11 @@ class FakeWire(Wire):
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         reports = self._hardware.make_safe(self._clock, rung, "wire")
-        await trio.sleep(0.002)
+        await trio.sleep(self._hardware.confirm_s)
         return reports
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        return await self.make_safe(rung)
 
     def close(self) -> None:
         pass

@@ -39,13 +39,21 @@ class MemoryPort:
         await trio.sleep_until(self._coming[0][0])
         return heapq.heappop(self._coming)[2]
 
-    def discard_input(self) -> None:
+    def take(self) -> bytes:
         self._check()
+        data = b""
         while self._coming and self._coming[0][0] <= trio.current_time():
-            heapq.heappop(self._coming)
+            data += heapq.heappop(self._coming)[2]
+        return data
+
+    def discard_input(self) -> None:
+        self.take()
 
     def discard_output(self) -> None:
         self._check()
+
+    async def hung_up(self) -> None:
+        await trio.sleep_forever()
 
     def fileno(self) -> int:
         return 99

@@ -93,8 +93,8 @@ class Rig:
 
 
 class FeetechRig(Rig):
-    def __init__(self, robot: str = "so101", **options: Any) -> None:
-        bus = FeetechBus.for_robot(robot, now_s=trio.current_time)
+    def __init__(self, robot: str = "so101", goal_energises: bool = True, **options: Any) -> None:
+        bus = FeetechBus.for_robot(robot, trio.current_time, goal_energises)
         driver = Feetech(robot, "memory", Feetech.resolve(robot, options))
         super().__init__(bus, driver, FeetechWire, feetech, feetech.TORQUE_ENABLE)
 

@@ -141,8 +141,9 @@ def test_arm_sets_the_goal_first_energises_one_by_one_and_arms_every_watchdog_la
         seen = await rig.wire.arm(permission)
 
         moving = rig.requests("safe", "enable", "setpoint", "config")
-        assert [protocol.classify(packet) for packet in moving] == ["config", "safe", *["enable"] * 6, "config"]
-        assert [packet.id for packet in moving[2:8]] == [1, 2, 3, 4, 5, 6]
+        assert [protocol.classify(packet) for packet in moving] == ["config", *["safe", "enable"] * 6, "config"]
+        assert [list(protocol.rows_of(packet)[1]) for packet in moving[1:-1:2]] == [[at] for at in range(1, 7)]
+        assert [packet.id for packet in moving[2:-1:2]] == [1, 2, 3, 4, 5, 6]
         assert moving[-1].params == bytes((98, 0, 1, 0, 1, 15, 2, 15, 3, 15, 4, 15, 5, 15, 6, 15))
         assert rig.requests()[-1].params == bytes((98, 0, 1, 0, 1, 2, 3, 4, 5, 6)), "it is read back"
         assert rig.torque() == [1] * 6
@@ -150,20 +151,20 @@ def test_arm_sets_the_goal_first_energises_one_by_one_and_arms_every_watchdog_la
         for axis, value, servo in zip(rig.driver.joints, seen.position, rig.bus.servos, strict=True):
             assert axis.count(value) == servo.get(table.GOAL_POSITION)
         assert seen.faults == {}
-        assert permission.checks == 8, "before the goals, each motor and the watchdogs"
+        assert permission.checks == 13, "before each goal, each torque and the watchdogs"
 
     virtual(main)
 
 
-@pytest.mark.parametrize("denied_at", range(8))
-def test_a_stop_during_bring_up_wins(denied_at: int) -> None:
+@pytest.mark.parametrize("denied_at", range(13))
+def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
     async def main() -> None:
         rig = DynamixelRig()
         await rig.wire.open()
         permission = Permission(rig.port, denied_at=denied_at)
         with pytest.raises(PermitDenied):
             await rig.wire.arm(permission)
-        assert sum(rig.torque()) == max(0, denied_at - 1)
+        assert sum(rig.torque()) == denied_at // 2
         assert len(rig.port.written) == permission.written_before[-1], "nothing after the denial"
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         assert rig.torque() == [0] * 6

@@ -161,7 +161,7 @@ def test_a_tripped_servo_that_kept_its_torque_loses_it_before_it_is_cleared() ->
         rig.port.written.clear()
         await rig.wire.arm(Permission())
         kinds = [protocol.classify(packet) for packet in rig.requests() if protocol.classify(packet) != "read"]
-        assert kinds == [*["safe"] * 6, "config", "safe", *["enable"] * 6, "config"]
+        assert kinds == [*["safe"] * 6, "config", *["safe", "enable"] * 6, "config"]
         assert rig.torque() == [1] * 6
 
     virtual(main)

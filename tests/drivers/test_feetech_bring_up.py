@@ -167,9 +167,13 @@ def test_the_file_of_another_robot_is_refused(register: protocol.Register, field
 # -- arm
 
 
-def test_arm_sets_the_goal_first_and_energises_one_by_one() -> None:
+both_kinds = pytest.mark.parametrize("goal_energises", [True, False], ids=["a goal energises", "torque alone does"])
+
+
+@both_kinds
+def test_saf_011_arm_sets_the_goal_first_and_energises_one_by_one(goal_energises: bool) -> None:
     async def main() -> None:
-        rig = FeetechRig()
+        rig = FeetechRig(goal_energises=goal_energises)
         await rig.wire.open()
         for servo in rig.bus.servos:
             servo.put(protocol.GOAL_POSITION, 100)  # an old goal: energising on it would be a jump
@@ -178,27 +182,31 @@ def test_arm_sets_the_goal_first_and_energises_one_by_one() -> None:
         seen = await rig.wire.arm(permission)
 
         moving = rig.requests("safe", "enable", "setpoint")
-        assert protocol.classify(moving[0]) == "safe"
-        assert [packet.id for packet in moving[1:]] == [1, 2, 3, 4, 5, 6]
-        assert [packet.params for packet in moving[1:]] == [bytes((40, 1))] * 6
+        assert [protocol.classify(packet) for packet in moving] == ["safe", "enable"] * 6
+        assert [list(protocol.rows_of(packet)[1]) for packet in moving[::2]] == [[at] for at in range(1, 7)]
+        assert [packet.id for packet in moving[1::2]] == [1, 2, 3, 4, 5, 6]
+        assert [packet.params for packet in moving[1::2]] == [bytes((40, 1))] * 6
         assert rig.torque() == [1] * 6
         for axis, value, servo in zip(rig.driver.joints, seen.position, rig.bus.servos, strict=True):
             assert axis.count(value) == servo.get(protocol.GOAL_POSITION)
         assert seen.faults == {}
         assert all(stamp > 0 for stamp in seen.stamp_ns)
-        assert permission.checks == 7, "before the goals and before each motor"
+        assert permission.checks == 12, "before each goal, which may energise already, and before each torque"
 
     virtual(main)
 
 
-def test_a_stop_during_bring_up_wins() -> None:
+@both_kinds
+@pytest.mark.parametrize("denied_at", range(12))
+def test_saf_009_a_stop_during_bring_up_wins(goal_energises: bool, denied_at: int) -> None:
     async def main() -> None:
-        rig = FeetechRig()
+        rig = FeetechRig(goal_energises=goal_energises)
         await rig.wire.open()
-        permission = Permission(rig.port, denied_at=3)
+        permission = Permission(rig.port, denied_at)
         with pytest.raises(PermitDenied):
             await rig.wire.arm(permission)
-        assert rig.torque() == [1, 1, 0, 0, 0, 0]
+        energised = (denied_at + goal_energises) // 2
+        assert rig.torque() == [1] * energised + [0] * (6 - energised)
         assert len(rig.port.written) == permission.written_before[-1], "nothing after the denial"
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         assert rig.torque() == [0] * 6
@@ -210,7 +218,7 @@ def test_a_stop_during_bring_up_wins() -> None:
     ("lost", "says"),
     [
         (lambda packet: packet.id == 4 and packet.code == protocol.WRITE, "does not confirm torque on"),
-        (lambda packet: packet.id == 4 and packet.code == protocol.READ, "does not stay energised"),
+        (lambda packet: packet == (4, protocol.READ, bytes((40, 1))), "does not tell whether it has torque"),
         (lambda packet: packet.code == protocol.SYNC_WRITE, "did not take its present position as goal"),
     ],
 )

@@ -14,6 +14,7 @@ from memory_port import Permission
 from servo_rig import JOINTS, VICTIM, until, verdicts
 from twin_process import TwinProcess, wait_until
 
+from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.wire import FeetechWire
@@ -133,7 +134,7 @@ def test_two_masters_are_refused_and_a_closed_port_can_be_opened_again(twin: Twi
         driver, wire = on(twin)
         await connected(wire)
         other = driver.open_wire(MonotonicClock())
-        with pytest.raises(WireDown, match="cannot open at 1000000 baud"):
+        with pytest.raises(WireDown, match="in use"):
             await other.open()
         kept = os.dup(wire.handover()[0])  # the root's: must not keep us out
         wire.close()
@@ -175,5 +176,59 @@ def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
             wire = Feetech("so101", str(path), Feetech.resolve("so101", {})).open_wire(MonotonicClock())
             with pytest.raises(WireDown, match="cannot open"):
                 await wire.open()
+
+    trio.run(main)
+
+
+def test_a_port_that_hangs_up_is_told_from_one_that_has_data() -> None:
+    async def main() -> None:
+        master, slave = os.openpty()
+        port = open_serial(os.ttyname(slave), 1_000_000)
+        os.close(slave)
+        adopted = adopt_serial(os.dup(port.fileno()))
+        gone = trio.Event()
+
+        async def watch() -> None:
+            await adopted.hung_up()
+            gone.set()
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(watch)
+            os.write(master, b"data that nobody takes here")
+            await trio.sleep(0.1)
+            assert not gone.is_set()
+            assert port.take() == b"data that nobody takes here"
+            assert port.take() == b""
+            os.close(master)
+            with trio.fail_after(5):
+                await gone.wait()
+        adopted.close()
+        port.close()
+
+    trio.run(main)
+
+
+def test_saf_020_the_root_lets_go_of_a_port_that_was_pulled_and_opens_it_again_when_it_is_needed(
+    twin: TwinProcess,
+) -> None:
+    """Who keeps it open would get the adapter another name when it comes back."""
+
+    async def main() -> None:
+        driver, wire = on(twin)
+        await connected(wire)
+        await wire.arm(Permission())
+        path = driver.second_path([os.dup(fd) for fd in wire.handover()], MonotonicClock())
+        with trio.fail_after(10):
+            async with trio.open_nursery() as nursery:
+                await nursery.start(path.serve)
+                twin.command("unplug")
+                wire.close()
+        assert path._port is None  # type: ignore[attr-defined]
+        for report in await path.make_safe("limp"):
+            assert not report.written and not report.safe and twin.port in report.detail
+        twin.command("plug")
+        wait_until(lambda: os.path.exists(twin.port), "it is plugged in")
+        assert all(verdicts(await path.make_safe("limp")).values())
+        path.close()
 
     trio.run(main)

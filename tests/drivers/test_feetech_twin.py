@@ -16,9 +16,9 @@ from strands_actors.drivers.feetech.twin import FeetechBus, main
 class Bench:
     """A bus, its clock, and the registers of its servos."""
 
-    def __init__(self, robot: str = "so101") -> None:
+    def __init__(self, robot: str = "so101", goal_energises: bool = True) -> None:
         self.now_s = 0.0
-        self.bus = FeetechBus.for_robot(robot, lambda: self.now_s)
+        self.bus = FeetechBus.for_robot(robot, lambda: self.now_s, goal_energises)
 
     def ask(self, frame: bytes) -> list[Reply]:
         return [reply for exchange in self.bus.receive(frame, None) for reply in exchange.replies]
@@ -63,11 +63,25 @@ def test_an_unknown_robot_or_option_is_refused_by_name() -> None:
         main("so101", options={"speed": 2})
 
 
-def test_a_goal_moves_the_joint_only_with_torque() -> None:
+def test_a_goal_turns_the_torque_on_as_on_a_real_servo() -> None:
     bench = Bench()
+    bench.put(1, p.GOAL_POSITION, 2500)
+    bench.ask(p.goals({2: 2300}))
+    assert [bench.get(motor, p.TORQUE_ENABLE) for motor in range(1, 7)] == [1, 1, 0, 0, 0, 0]
+    bench.wait(2)
+    assert abs(bench.get(1, p.POSITION) - 2500) < 30
+    bench.ask(p.LIMP)
+    assert bench.get(1, p.TORQUE_ENABLE) == 0
+    bench.put(1, p.TORQUE_LIMIT, 500)
+    assert bench.get(1, p.TORQUE_ENABLE) == 0, "only a goal does"
+
+
+def test_a_goal_moves_the_joint_only_with_torque() -> None:
+    bench = Bench(goal_energises=False)
     bench.put(1, p.GOAL_POSITION, 2500)
     bench.wait(1)
     assert abs(bench.get(1, p.POSITION) - 2048) < 30
+    assert bench.get(1, p.TORQUE_ENABLE) == 0
     bench.energise()
     bench.put(1, p.GOAL_POSITION, 2500)
     bench.wait(0.1)

@@ -263,7 +263,9 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         assert all(report.safe for report in reports), reports
         at, first = rig.port.written[0]
         counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
-        assert at == began and first.startswith(protocol.RESYNC + protocol.hold(counts))
+        goals = {motor.id: axis.count(motor.target) for axis, motor in zip(rig.driver.joints, reports, strict=True)}
+        assert at == began and protocol.hold(counts) not in first, "nobody is pulled back to where it was"
+        assert rig.all_of(protocol.GOAL_POSITION) == list(goals.values())
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []
         await trio.sleep(1)
@@ -293,8 +295,8 @@ def test_hold_asks_again_when_what_it_knows_is_old() -> None:
 def test_hold_names_a_motor_that_is_limp_and_one_that_is_silent() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
-        await rig.wire.read()
         rig.servo(5).power_cycle()
+        await rig.wire.read()
         rig.bus.set_fault(Fault.OFF, VICTIM)
         reports = {report.axis: report for report in await rig.wire.make_safe("hold")}
         assert {key for key, report in reports.items() if not report.safe} == {"elbow_flex", "wrist_roll"}

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable
 
 import pytest
 import trio
-from memory_port import MemoryPort, virtual
+from memory_port import MemoryPort, Peer, virtual
+from trio.testing import MockClock
 
 from strands_actors.drivers.common.half_duplex import (
     BACKOFF_S,
@@ -84,6 +85,48 @@ def test_the_timeout_is_the_time_of_the_bytes_and_a_margin() -> None:
     virtual(main)
 
 
+class StarvedPort(MemoryPort):
+    """On a host that does not get to run for ``starved_s`` while it waits for its first ``times`` answers."""
+
+    def __init__(self, peer: Peer, starved_s: float, times: int = 1) -> None:
+        super().__init__(peer)
+        self._starved_s = starved_s
+        self._times = times
+
+    async def read(self) -> bytes:
+        if self._times:
+            self._times -= 1
+            clock = trio.lowlevel.current_clock()
+            assert isinstance(clock, MockClock)
+            clock.jump(self._starved_s)
+            await trio.lowlevel.checkpoint()
+        return await super().read()
+
+
+def test_an_answer_that_came_in_time_is_taken_however_late_this_host_looks() -> None:
+    async def main() -> None:
+        decoder = protocol.Decoder()
+        port = StarvedPort(lambda data: [(0.001, status(1, 5, 6)) for _ in decoder.feed(data)], 0.3)
+        bus = Bus(port, protocol.Decoder(), VirtualClock(), 1_000_000)
+        replies = await bus.transact(protocol.read(1, 56, 2), {1: 2})
+        assert replies[1].params == b"\x05\x06"
+        assert not bus.quiet
+        assert bus.starved and bus.late_s > 0.2
+        await bus.transact(protocol.read(1, 56, 2), {1: 2})
+        assert not bus.starved, "it is of the last question only"
+
+    virtual(main)
+
+
+def test_a_motor_that_is_silent_is_not_a_host_that_is_late() -> None:
+    async def main() -> None:
+        bus, _ = bus_of(lambda _: [])
+        assert await bus.transact(protocol.ping(1), {1: 0}) == {}
+        assert not bus.starved
+
+    virtual(main)
+
+
 def test_quiet_asks_nothing_but_lets_setpoints_out() -> None:
     async def main() -> None:
         bus, port = bus_of(lambda _: [])
@@ -115,12 +158,36 @@ def test_a_torn_reply_starts_the_quiet_time() -> None:
     virtual(main)
 
 
-def test_a_cancelled_question_starts_the_quiet_time() -> None:
+def test_a_question_that_was_given_up_is_heard_out_before_the_next() -> None:
+    """A stop gives up a reading: what it asks need not wait for longer than that one would have."""
+
     async def main() -> None:
-        bus, _ = bus_of(lambda _: [(0.010, status(1, 5))])
+        bus, port = bus_of(lambda packet: [(0.010, status(1, packet.params[0]))])
+        for given_up_s in (0.0, 0.005, 0.003):
+            with trio.move_on_after(0.005):
+                await bus.transact(protocol.read(1, 40, 1), {1: 1})
+            began_s = trio.current_time()
+            with trio.move_on_after(given_up_s):
+                await bus.transact(protocol.read(1, 41, 1), {1: 1}, wait=True)
+            replies = await bus.transact(protocol.read(1, 42, 1), {1: 1}, wait=True)
+            assert replies[1].params == b"\x2a", "not the answer to another question"
+            assert trio.current_time() - began_s < 0.04
+            bus.send(protocol.LIMP)
+            assert port.written[-1][1] == protocol.LIMP
+
+    virtual(main)
+
+
+def test_a_question_that_was_given_up_and_is_not_answered_starts_the_quiet_time() -> None:
+    async def main() -> None:
+        bus, _ = bus_of(lambda packet: [] if packet.params[0] == 40 else [(0.001, status(1, 7))])
         with trio.move_on_after(0.005):
             await bus.transact(protocol.read(1, 40, 1), {1: 1})
-        assert bus.quiet
+        began_s = trio.current_time()
+        with pytest.raises(Quiet):
+            await bus.transact(protocol.read(1, 41, 1), {1: 1})
+        await bus.transact(protocol.read(1, 41, 1), {1: 1}, wait=True)
+        assert trio.current_time() - began_s > QUIET_S
 
     virtual(main)
 

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trio
 from twin_process import PATIENCE_S, TwinProcess, wait_until
 
 from strands_actors import Robot
 from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.driver import G1Driver
 from strands_actors.drivers.unitree.protocol import CommandCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.twin import rung_of
 from strands_actors.robot import RealRobot
+from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.testing import WireLog
 from strands_actors.testing.wirelog import Entry
 
@@ -198,6 +201,36 @@ def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_p
         g1.twin.command("fault ok")
         wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
         assert g1.log.host("safe")  # what may still be energised is let go first
+
+
+def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        g1.robot.run_policy(Stand(), duration=30.0)
+        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        broken_ns = time.monotonic_ns()
+        g1.twin.command("fault garbage")
+        g1.wait_for_the_end()
+        wait_until(lambda: not g1.status()["connected"], "its link is lost")
+        wait_until(lambda: g1.log.host("safe", broken_ns), "it is let go")
+        time.sleep(1.0)  # it is looked for meanwhile
+        for pause_s in (0.0, 0.8):
+            time.sleep(pause_s)
+            stopped_ns = time.monotonic_ns()
+            g1.robot.stop()
+            g1.log.safe_within(stopped_ns, 1.0)
+            assert g1.log.setpoints_after_safe(stopped_ns) == 0
+        g1.twin.command("fault ok")
+        wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+
+
+def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "unitree_g1", "unitree") as served:
+        wire = G1Driver("unitree_g1", served.port, {}).open_wire(MonotonicClock())
+        motors = trio.run(wire.reach, "zero_torque")
+        assert all(motor.written and motor.safe for motor in motors), motors
+        frames = [entry for entry in WireLog(served.log_path).entries() if entry.sender == "host"]
+        assert [entry.rung for entry in frames if entry.kind in ("safe", "setpoint")][:20] == ["zero_torque"] * 20
+        wire.close()
 
 
 def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:

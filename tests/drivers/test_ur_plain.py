@@ -11,6 +11,8 @@ import trio
 from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.driver import UR
+from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import WireDown
 from strands_actors.testing import Twin
 from tests.answers import until
@@ -47,6 +49,21 @@ def test_hello_says_who_it_is(host: str) -> None:
 
 def test_the_clock_is_seen_to_advance(host: str) -> None:
     trio.run(plain.look, host)
+
+
+def test_saf_020_a_wire_without_a_link_ends_whatever_program_runs(twin: Twin, host: str) -> None:
+    trio.run(play, host)
+    wire = UR("ur5e", host, {}).open_wire(MonotonicClock())
+    began_ns = time.monotonic_ns()
+    reports = trio.run(wire.reach, "stop")
+    assert all(report.written and report.safe for report in reports)
+    assert [entry.data for entry in twin.log.host("safe", began_ns)] == [b"stop\n"]
+
+
+def test_a_wire_without_an_address_reaches_nobody_and_says_so() -> None:
+    wire = UR("ur5e", "192.0.2.10:99", {}).open_wire(MonotonicClock())
+    for report in trio.run(wire.reach, "stop"):
+        assert (report.written, report.safe) == (False, False) and "its ports are fixed" in report.detail
 
 
 def test_saf_005_stop_ends_the_program_and_confirms_each_joint(twin: Twin, host: str) -> None:

@@ -66,6 +66,20 @@ def holds(log: WireLog, since_ns: int = 0) -> list[Entry]:
     return [entry for entry in log.host("safe", since_ns) if entry.data != p.LIMP]
 
 
+def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
+    """The goal with which each servo was armed: of a frame of its own, where it had been measured just before, and
+    before its torque was turned on."""
+    armed: dict[int, int] = {}
+    for entry in log.entries(since_ns):
+        if entry.sender == "host" and entry.kind == "enable":
+            frame = packet(entry)
+            assert frame is not None and frame.id in armed, "torque without a goal before it"
+        elif entry.sender == "host" and entry.kind == "safe" and entry.data != p.LIMP and not entry.rung:
+            assert goals(entry).items() <= measured_before(log, entry.t_ns).items()
+            armed |= goals(entry)
+    return armed
+
+
 def register_now(log: WireLog, register: p.Register, since_ns: int = 0) -> dict[int, int]:
     """By servo: what it last answered of a register, as the wire shows it. Late replies mislead."""
     asked, size, values = 0, 0, {}

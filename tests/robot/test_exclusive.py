@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +27,19 @@ problem = arm.connect_eagerly()
 print(json.dumps({"name": arm.name, "problem": problem}), flush=True)
 sys.stdin.readline()
 arm.cleanup()
+"""
+
+
+SNATCH = """
+import os, sys, threading
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+def take():
+    while True:
+        os.read(port, 64)
+threading.Thread(target=take, daemon=True).start()
+print("open", flush=True)
+sys.stdin.readline()
+os._exit(0)
 """
 
 
@@ -50,6 +64,24 @@ class Program:
         self.process.communicate("\n", timeout=20)
 
 
+def _this_program() -> str:
+    """As another one is told of it, up to where its command line is cut."""
+    line = Path("/proc/self/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    return line[:40]
+
+
+def test_a_program_that_takes_no_lock_is_named(twin: Twin, new_arm: NewArm) -> None:
+    """It takes the answers to the handshake."""
+    with subprocess.Popen(
+        [sys.executable, "-c", SNATCH, twin.port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as snatcher:
+        assert snatcher.stdout is not None and snatcher.stdout.readline() == b"open\n"
+        reason = new_arm(port=twin.port).connect_eagerly() or ""
+        snatcher.communicate(b"\n", timeout=10)
+    assert f"in use by {sys.executable}" in reason and f"(process {snatcher.pid})" in reason
+    assert "two servos" not in reason
+
+
 def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
     arm: RealRobot, twin: Twin, new_arm: NewArm
 ) -> None:
@@ -58,8 +90,7 @@ def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
     second = new_arm(port=twin.port)
     reason = second.connect_eagerly() or ""
     assert twin.port in reason, status(arm)
-    assert "exclusive" in reason or "lock" in reason
-    assert "who else has it" in reason
+    assert f"in use by {_this_program()}" in reason
     assert second.name == "so101-2"
     second.cleanup()
 
@@ -73,7 +104,7 @@ def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
 def test_another_program_is_refused_and_gets_it_afterwards(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     with Program(twin.port) as program:
-        assert "who else has it" in program.told["problem"]
+        assert f"{twin.port}: in use by {_this_program()}" in program.told["problem"]
     assert not twin.log.host("safe", began_ns)
     assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
     json_of(arm.cleanup())

@@ -16,7 +16,7 @@ from strands_actors.testing import Twin
 
 from ..answers import json_of, state, status, task_ended, until, why
 from .conftest import NewArm
-from .helpers import IDS, goals, holds, limps, measured_before, register_now
+from .helpers import IDS, armed_at, goals, limps, register_now, torque_now
 
 TWO_PERIODS_S = 0.5
 """Two periods of the wire are 0.07 s; the rest is for a busy machine."""
@@ -78,14 +78,44 @@ def test_unplugged_while_moving_and_put_back(arm: RealRobot, twin: Twin, mover: 
 
     resumed_ns = time.monotonic_ns()
     json_of(arm.resume())
-    hold = holds(twin.log, resumed_ns)[0]
-    assert goals(hold) == measured_before(twin.log, hold.t_ns)
+    held = armed_at(twin.log, resumed_ns)
+    assert held.keys() == set(IDS.values())
     assert not twin.log.host("setpoint", resumed_ns)
     assert arm.send_action({"gripper": 50.0})["status"] == "success"
     first_setpoint = until(lambda: twin.log.host("setpoint", resumed_ns), "a setpoint")[0]
     assert {servo: goals(first_setpoint)[servo] for servo in (1, 2, 3, 4, 5)} == {
-        servo: goals(hold)[servo] for servo in (1, 2, 3, 4, 5)
+        servo: held[servo] for servo in (1, 2, 3, 4, 5)
     }
+
+
+def test_saf_020_put_back_with_a_servo_that_is_not_understood(arm: RealRobot, twin: Twin, mover: Mover) -> None:
+    """The handshake never succeeds; the arm is let go all the same, and again at each stop."""
+    twin.unplug()
+    until(lambda: not status(arm)["connected"], "it is noticed")
+    mover.stop()
+    twin.fault("garbage:5")
+    plugged_ns = time.monotonic_ns()
+    twin.plug()
+    until(lambda: limps(twin.log, plugged_ns), "it is let go")
+    first = next(entry for entry in twin.log.entries(plugged_ns) if entry.sender == "host")
+    assert first.data == p.LIMP
+    others = {name: servo for name, servo in IDS.items() if servo != 5}
+    until(
+        lambda: (
+            {servo: torque_now(twin.log, plugged_ns).get(servo) for servo in others.values()}
+            == dict.fromkeys(others.values(), 0)
+        ),
+        "the others say so",
+    )
+    until(lambda: "wrist_roll" in status(arm)["connect_error"], "the handshake has failed")
+    assert state(arm) == "lost"
+    stopped_ns = time.monotonic_ns()
+    told = arm.stop()
+    assert "wrist_roll (id 5)" in why(told)
+    assert limps(twin.log, stopped_ns)
+    assert not twin.log.host("enable", plugged_ns)
+    twin.fault("ok:5")
+    until(lambda: state(arm) == "disarmed", "it is understood again")
 
 
 def test_a_rollout_ends_with_the_cable(arm: RealRobot, twin: Twin) -> None:

@@ -27,11 +27,10 @@ from .conftest import NewArm
 from .helpers import (
     COUNTS_PER_DEGREE,
     IDS,
+    armed_at,
     at,
     goals,
-    holds,
     limps,
-    measured_before,
     moves,
     register_now,
     torque_now,
@@ -52,9 +51,7 @@ def test_connecting_energises_every_servo_where_it_is(arm: RealRobot, twin: Twin
     assert state(arm) == "armed"
     assert arm.is_connected
     assert torque_now(twin.log) == dict.fromkeys(IDS.values(), 1)
-    enables = twin.log.host("enable")
-    (hold,) = [entry for entry in holds(twin.log) if entry.t_ns <= enables[0].t_ns]
-    assert sorted(goals(hold)) == sorted(IDS.values())
+    assert sorted(armed_at(twin.log)) == sorted(IDS.values())
     assert not twin.log.host("setpoint")
 
 
@@ -70,7 +67,7 @@ def test_an_action_is_written_and_answered_as_the_drivers_page_says(arm: RealRob
     setpoint = until(lambda: twin.log.host("setpoint"), "a setpoint on the wire")[0]
     targets = goals(setpoint)
     assert targets.pop(1) == round(2047.5 + 10 * COUNTS_PER_DEGREE)
-    resting = goals(holds(twin.log)[-1])
+    resting = armed_at(twin.log)
     assert targets == {servo: resting[servo] for servo in targets}  # the others stay where they are
     at(arm, "shoulder_pan", 10.0)
 
@@ -114,7 +111,7 @@ def test_what_is_refused_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> N
     assert arm.send_action({"gripper": 50.0})["status"] == "success"
     written = until(lambda: twin.log.host("setpoint"), "the good one is on the wire")
     pan = {goals(entry)[1] for entry in written}
-    assert pan == {goals(holds(twin.log)[-1])[1]}  # nothing of a refused action is in a later one
+    assert pan == {armed_at(twin.log)[1]}  # nothing of a refused action is in a later one
     assert status(arm)["refusals"] > 0
 
 
@@ -193,16 +190,14 @@ def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -
 
     resumed_ns = time.monotonic_ns()
     json_of(arm.resume())
-    hold = holds(twin.log, resumed_ns)[0]
-    assert hold.t_ns <= twin.log.host("enable", resumed_ns)[0].t_ns
-    assert goals(hold) == measured_before(twin.log, hold.t_ns)
+    resting = armed_at(twin.log, resumed_ns)
     time.sleep(0.3)  # longer than any lifetime: nothing starts by itself
     assert not twin.log.host("setpoint", resumed_ns)
 
     arm.send_action({"gripper": 40.0})
     first = until(lambda: twin.log.host("setpoint", resumed_ns), "the first setpoint")[0]
     kept = {servo: goal for servo, goal in goals(first).items() if servo != IDS["gripper"]}
-    assert kept == {servo: goals(hold)[servo] for servo in kept}
+    assert kept == {servo: resting[servo] for servo in kept}
 
 
 def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRobot, twin: Twin) -> None:

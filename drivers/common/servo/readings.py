@@ -8,9 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
 from strands_actors.drivers.common.half_duplex import PacketT
+from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Observation
 
 from .axes import Axis
+
+STILL_COUNTS = 11
+"""One degree: a joint that may have gone further since it was read is not where it was."""
 
 _NAN = math.nan
 
@@ -39,18 +43,27 @@ class Readings(ABC, Generic[PacketT]):
         self._velocity = [_NAN] * count
         self._sensors = [[_NAN] * count for _ in self.SENSORS]
         self._limits = dict(limits)
-        self._limp: set[int] = set()
         self._words: dict[int, str] = {}
+        self._asked_ns: dict[int, int] = {}
+        self._speed: dict[int, float] = {}
         self.counts: dict[int, int] = {}
-        """Last measured position by id."""
+        """Last measured position by id, however old."""
+        self.limp: set[int] = set()
+        """Ids of those that had no torque when they last said so."""
 
     @abstractmethod
     def sample(self, axis: Axis, reply: PacketT, base: int) -> Sample:
         """Decode a block that was read from address ``base``."""
 
     def take(
-        self, replies: Mapping[int, PacketT], base: int, now_ns: int, refusals: Mapping[int, str] | None = None
+        self,
+        replies: Mapping[int, PacketT],
+        base: int,
+        asked_ns: int,
+        now_ns: int,
+        refusals: Mapping[int, str] | None = None,
     ) -> None:
+        """``asked_ns``: when they were asked, so not before that did they measure."""
         for at, axis in enumerate(self._axes):
             if refusals and axis.id in refusals:
                 self._words[axis.id] = refusals[axis.id]
@@ -59,6 +72,8 @@ class Readings(ABC, Generic[PacketT]):
                 continue
             sample = self.sample(axis, reply, base)
             self.counts[axis.id] = sample.position
+            self._asked_ns[axis.id] = asked_ns
+            self._speed[axis.id] = sample.velocity
             self._stamp_ns[at] = now_ns
             self._position[at] = axis.value(sample.position)
             self._velocity[at] = sample.velocity / axis.scale
@@ -66,11 +81,21 @@ class Readings(ABC, Generic[PacketT]):
                 row[at] = value
             self._words[axis.id] = sample.words
             if sample.energised is not None:
-                (self._limp.discard if sample.energised else self._limp.add)(axis.id)
+                (self.limp.discard if sample.energised else self.limp.add)(axis.id)
+
+    def known(self, since_ns: int, now_ns: int) -> dict[int, int]:
+        """Positions by id of those that have torque, were asked since then, and cannot have gone far meanwhile."""
+        return {
+            motor: count
+            for motor, count in self.counts.items()
+            if (asked_ns := self._asked_ns[motor]) >= since_ns
+            and motor not in self.limp
+            and abs(self._speed[motor]) * (now_ns - asked_ns) <= STILL_COUNTS * NS
+        }
 
     def energised(self) -> None:
         """All of them, as was read back."""
-        self._limp.clear()
+        self.limp.clear()
 
     def observation(self, now_ns: int, silent: Sequence[int], armed: bool) -> Observation:
         return Observation(
@@ -87,7 +112,7 @@ class Readings(ABC, Generic[PacketT]):
         faults: dict[str, str] = {}
         for axis in self._axes:
             words = [self._words[axis.id]] if self._words.get(axis.id) else []
-            if armed and axis.id in self._limp:
+            if armed and axis.id in self.limp:
                 words.append("limp")
             if axis.id in silent:
                 words.append("silent")

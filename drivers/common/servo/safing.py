@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Generic
 
@@ -52,7 +53,9 @@ class Tally:
         for motor in self.open():
             self._detail[motor] = why
 
-    def reports(self) -> tuple[MotorReport, ...]:
+    def reports(self, goals: Mapping[int, int] | None = None) -> tuple[MotorReport, ...]:
+        """``goals``: what each was told to hold, counts by id."""
+        held = goals or {}
         return tuple(
             MotorReport(
                 axis=axis.key,
@@ -61,13 +64,15 @@ class Tally:
                 acknowledged=axis.id in self._answered,
                 safe=axis.id in self._safe,
                 detail=self._detail[axis.id],
+                target=axis.value(held[axis.id]) if axis.id in held else None,
             )
             for axis in self._axes
         )
 
 
-def unreachable(axes: Sequence[Axis], why: str) -> tuple[MotorReport, ...]:
+def unreachable(axes: Sequence[Axis], why: str, written: bool = False) -> tuple[MotorReport, ...]:
     tally = Tally(axes)
+    tally.written = written
     tally.failed(why)
     return tally.reports()
 
@@ -110,12 +115,19 @@ class Safing(Generic[PacketT]):
 
     def holds(self, block: bytes, base: int, goal: int | None) -> str:
         """Empty when a servo with these registers, from torque to goal, stays where it is; else what it does."""
-        if goal is None:
-            return "position unknown"
         if self._codec.TORQUE_ENABLE.decode(block, base) == 0:
             return LIMP
+        if goal is None:
+            return "position unknown"
         there = self._codec.GOAL_POSITION.decode(block, base)
         return "" if there == goal else f"goal is {there}, not {goal}"
+
+    async def shout(self) -> bool:
+        """Torque off everywhere, to whoever hears it: nothing is asked. Whether it left. Never raises."""
+        tally = Tally(self._axes)
+        with contextlib.suppress(WireDown):  # of a dead port; a part of it may have left
+            await self._burst(self._codec.LIMP, tally)
+        return tally.written
 
     async def limp(self) -> tuple[MotorReport, ...]:
         """Torque off everywhere. Never raises."""
@@ -133,41 +145,38 @@ class Safing(Generic[PacketT]):
             tally.failed(str(error))
         return tally.reports()
 
-    async def hold(self, known: Mapping[int, int], fresh: bool) -> tuple[MotorReport, ...]:
-        """Goals := positions. ``known`` goes out at once; when it is not ``fresh`` a second frame follows
-        with what the servos say now. Never raises."""
+    async def hold(
+        self, known: Mapping[int, int], kept: Mapping[int, int] | None = None
+    ) -> tuple[MotorReport, ...]:
+        """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last goals of those
+        that have torque, told again to the others, since a goal from an older reading would move them. Both go out
+        at once; then the others are asked where they are, and held there. One that does not answer keeps its last
+        goal, and one without torque gets none: a goal may energise it. Never raises."""
         tally = Tally(self._axes)
         goals = self.goals(known)
+        told = {**(kept or {}), **goals}
         try:
-            if goals:
-                await self._burst(self._codec.hold(goals), tally)
-            if not goals or not (fresh or self._bus.quiet):
-                now = self.goals(await self._read_positions(self._ids))
-                goals |= now
-                if now:
-                    await self._burst(self._codec.hold(now), tally)
+            if told:
+                await self._burst(self._codec.hold(told), tally)
             with trio.move_on_after(CONFIRM_S):
                 for attempt in range(ATTEMPTS):
-                    if attempt:
-                        await self._hold_again(goals, tally)
+                    await self._hold_others(goals, tally)
+                    if attempt and (again := {motor: goals[motor] for motor in tally.open() if motor in goals}):
+                        self._bus.send(self._codec.hold(again))
                     await self._read_goals(goals, tally)
                     if not tally.open():
                         break
         except WireDown as error:
             tally.failed(str(error))
-        return tally.reports()
+        return tally.reports({**told, **goals})
 
-    async def _hold_again(self, goals: dict[int, int], tally: Tally) -> None:
-        """Those that are not confirmed, and those that had not said where they are."""
+    async def _hold_others(self, goals: dict[int, int], tally: Tally) -> None:
+        """Ask those without a goal where they are, and hold them there."""
         if lacking := [motor for motor in tally.open() if motor not in goals]:
-            goals |= self.goals(await self._read_positions(lacking))
-        again = {motor: goals[motor] for motor in tally.open() if motor in goals}
-        if not again:
-            return
-        if tally.written:
-            self._bus.send(self._codec.hold(again))
-        else:
-            await self._burst(self._codec.hold(again), tally)
+            found = self.goals(await self._read_positions(lacking, tally))
+            goals |= found
+            if found:
+                await self._burst(self._codec.hold(found), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
         """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer:
@@ -208,18 +217,29 @@ class Safing(Generic[PacketT]):
                 return
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
-    async def _read_positions(self, ids: Sequence[int]) -> dict[int, int]:
-        register = self._codec.POSITION
-        replies = await self._ask(ids, register.address, register.size)
-        return {motor: register.decode(reply.params) for motor, reply in replies.items()}
+    async def _read_positions(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
+        """Of those that have torque."""
+        torque, position = self._codec.TORQUE_ENABLE, self._codec.POSITION
+        base = torque.address
+        replies = await self._ask(ids, base, position.address + position.size - base)
+        for motor, reply in replies.items():
+            if not torque.decode(reply.params, base):
+                tally.answered(motor, False, LIMP)
+        return {
+            motor: position.decode(reply.params, base)
+            for motor, reply in replies.items()
+            if torque.decode(reply.params, base)
+        }
 
-    async def _read_goals(self, goals: Mapping[int, int], tally: Tally) -> None:
+    async def _read_goals(self, goals: dict[int, int], tally: Tally) -> None:
         ids = tally.open()
         address, size = self._state
         replies = await self._ask(ids, address, size)
         for motor, reply in replies.items():
             detail = self.holds(reply.params, address, goals.get(motor))
             tally.answered(motor, not detail, detail)
+            if detail == LIMP:
+                goals.pop(motor, None)  # it is not told again
         self._note_missing(ids, replies, tally)
 
     async def _ask(self, ids: Sequence[int], address: int, size: int) -> dict[int, PacketT]:

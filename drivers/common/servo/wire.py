@@ -13,20 +13,30 @@ import msgspec
 import trio
 
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.drivers.common.port_users import users_of
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, in_use, open_serial
 from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+from strands_actors.runtime.contract import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    SecondPath,
+    Wire,
+    WireDown,
+)
 
 from .axes import COUNTS, Axis
 from .codec import Codec
 from .driver import ServoDriver
-from .hello import ANSWER_S, command, roll_call
+from .hello import ask, command, roll_call, untold
 from .readings import Readings
 from .safing import Safing, unreachable
 
 TORQUE_CHECK_S = 0.5
 LINK_SILENT_S = 0.5
 HOLD_FRESH_S = 0.05
+"""A position that was asked for longer ago is not where the joint is."""
 
 OUTSIDE_DEG = 5.0
 """A servo pulls a joint that rests outside its range back in, at full speed, the moment it is energised.
@@ -58,9 +68,27 @@ class _Session(Generic[PacketT]):
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
         self.torque_due_ns = 0
         self.silent_since_ns: int | None = None
+        self.goals: dict[int, int] = {}  # the last that were written
+        self.aimed_ns = 0  # when they changed
+
+    def to_tell(self, counts: Mapping[int, int]) -> dict[int, int]:
+        """Less those that are not heard, and may have lost their torque, and those that have."""
+        left_out = self.readings.limp.union(self.health.mute())
+        return {motor: count for motor, count in counts.items() if motor not in left_out}
+
+    def told(self, goals: Mapping[int, int]) -> None:
+        if self.goals != {**self.goals, **goals}:
+            self.goals |= goals
+            self.aimed_ns = self.bus.clock.now_ns()
+
+    def known(self) -> dict[int, int]:
+        """Where those that have torque are now: read since they were last sent elsewhere."""
+        now_ns = self.bus.clock.now_ns()
+        return self.readings.known(max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS)), now_ns)
 
 
 class ServoWire(Wire, Generic[PacketT]):
+    interruptible: ClassVar[bool] = True
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
     FEEDBACK: ClassVar[Range]
@@ -102,8 +130,10 @@ class ServoWire(Wire, Generic[PacketT]):
         try:
             await roll_call(bus, codec, driver.robot, self.axes, f"{driver.port} at {driver.baud} baud")
             hello = await self.hello(bus)
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if isinstance(error, WireDown) and (users := users_of(driver.port)):
+                raise WireDown(f"connect: {in_use(driver.port, users)}") from error  # and garbles what it hears
             raise
         safing = self.SAFING(bus, codec, self.axes, hello.travel)
         self._session_or_none = _Session(bus, driver.ids, hello, safing)
@@ -115,30 +145,16 @@ class ServoWire(Wire, Generic[PacketT]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
+        """Motor by motor, each where it is at that moment: a goal alone energises a Feetech servo."""
         session = self.session
-        bus = session.bus
         await self.before_arming(permit)
         replies = await self.ask_all(*self.FEEDBACK, "its position")
-        session.readings.take(replies, self.FEEDBACK[0], self.clock.now_ns())
-        positions = dict(session.readings.counts)
-        goals = session.safing.goals(positions)
-        self._refuse_outside(positions)
-
-        permit.check()
-        bus.send(self.CODEC.hold(goals))
-        goal = self.CODEC.GOAL_POSITION
-        replies = await self.ask_all(goal.address, goal.size, "its goal")
+        session.readings.take(replies, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
         for axis in self.axes:
-            taken = goal.decode(replies[axis.id].params)
-            if taken != goals[axis.id]:
-                raise WireDown(
-                    f"arm: {axis.label} did not take its present position as goal "
-                    f"({taken}, not {goals[axis.id]}). Try again; if it stays, check its cable"
-                )
+            self._refuse_outside(axis, session.readings.counts[axis.id])
         self._armed = True
         for axis in self.axes:
-            permit.check()
-            await self._energise(axis)
+            await self._energise(axis, permit)
         await self.after_arming(permit)
         session.readings.energised()
         session.health = Health(self.driver.ids)
@@ -154,22 +170,48 @@ class ServoWire(Wire, Generic[PacketT]):
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        bus = self.session.bus
-        frame = self.CODEC.goals(
-            {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
-        )
-        permit.check()
-        bus.send(frame)
+        """To those that are heard and have torque: a goal would give it back to a servo that has lost it."""
+        session = self.session
+        if not self._armed:
+            raise PermitDenied("not armed")
+        wanted = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
+        counts = session.to_tell(wanted)
+        if counts:
+            frame = self.CODEC.goals(counts)
+            permit.check()
+            session.bus.send(frame)
+            session.told(counts)
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return unreachable(self.axes, "not connected")
         if rung == "hold":
-            age_ns = self.clock.now_ns() - session.observation.t_ns
-            return await session.safing.hold(session.readings.counts, fresh=age_ns <= HOLD_FRESH_S * NS)
+            return await self._hold(session)
         self._armed = False
         return await session.safing.limp()
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """The old descriptor may still take what nobody answers; a new one reaches what was plugged in again."""
+        old, driver = self._port, self.driver
+        shouted = False
+        try:
+            if old is not None and rung != "hold":
+                shouted = await self._safing_on(old).shout()
+        finally:
+            self.close()
+        try:
+            port = self._open_port(driver.port, driver.baud)
+        except WireDown as error:
+            return unreachable(self.axes, str(error), shouted)
+        try:
+            safing = self._safing_on(port)
+            return await safing.hold({}) if rung == "hold" else await safing.limp()
+        finally:
+            port.close()
+
+    def _safing_on(self, port: BytePort) -> Safing[PacketT]:
+        return safing_on(port, self.driver, self.CODEC, self.SAFING, self.clock)
 
     def handover(self) -> Sequence[int]:
         return () if self._port is None else (self._port.fileno(),)
@@ -196,14 +238,25 @@ class ServoWire(Wire, Generic[PacketT]):
     async def ask_all(self, address: int, size: int, what: str) -> dict[int, PacketT]:
         """A sync read that every servo must answer, before any of them is energised. Raise ``WireDown``."""
         ids, bus = self.driver.ids, self.session.bus
-        request = self.CODEC.sync_read(ids, address, size)
-        replies = await bus.transact(request, dict.fromkeys(ids, size), ANSWER_S, wait=True)
+        replies = await ask(bus, self.CODEC.sync_read(ids, address, size), dict.fromkeys(ids, size))
         if missing := [axis.label for axis in self.axes if axis.id not in replies]:
-            why = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""
-            raise WireDown(f"arm: {', '.join(missing)} does not tell {what}{why}. Check its cable and power")
+            raise WireDown(untold(bus, ", ".join(missing), what))
         return replies
 
     # -- details
+
+    async def _hold(self, session: _Session[PacketT]) -> tuple[MotorReport, ...]:
+        if not self._armed:
+            return await session.safing.hold({})  # who has torque all the same is asked
+        reports = await session.safing.hold(session.known(), session.to_tell(session.goals))
+        session.told(
+            {
+                axis.id: axis.count(report.target)
+                for axis, report in zip(self.axes, reports, strict=True)
+                if report.target is not None
+            }
+        )
+        return reports
 
     async def _measure(self, session: _Session[PacketT]) -> None:
         now_ns = self.clock.now_ns()
@@ -216,7 +269,7 @@ class ServoWire(Wire, Generic[PacketT]):
         replies = await bus.transact(self.CODEC.sync_read(asked, base, size), dict.fromkeys(asked, size))
         now_ns = self.clock.now_ns()
         session.health.update(asked, {*replies, *bus.refusals}, now_ns)
-        session.readings.take(replies, base, now_ns, bus.refusals)
+        session.readings.take(replies, base, bus.sent_ns, now_ns, bus.refusals)
         session.observation = session.readings.observation(now_ns, session.health.silent(), self._armed)
         if replies or bus.refusals:
             session.silent_since_ns = None
@@ -229,57 +282,113 @@ class ServoWire(Wire, Generic[PacketT]):
                 "Check power and the bus cable, then reconnect"
             )
 
-    async def _energise(self, axis: Axis) -> None:
-        register = self.CODEC.TORQUE_ENABLE
-        bus = self.session.bus
+    async def _energise(self, axis: Axis, permit: Permit) -> None:
+        """Its position as goal, which may energise it; torque when that was taken, for an old goal in its place
+        would be a jump; and that read back."""
+        codec, session = self.CODEC, self.session
+        goal_register, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
+        reply = await self._of(axis, *self.FEEDBACK, "its position")
+        session.readings.take({axis.id: reply}, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
+        position = session.readings.counts[axis.id]
+        self._refuse_outside(axis, position)
+        goal = session.safing.goals({axis.id: position})[axis.id]
+        permit.check()
+        session.bus.send(codec.hold({axis.id: goal}))
+        session.told({axis.id: goal})
+        reply = await self._of(axis, goal_register.address, goal_register.size, "its goal")
+        taken = goal_register.decode(reply.params)
+        if taken != goal:
+            raise WireDown(
+                f"arm: {axis.label} did not take its present position as goal "
+                f"({taken}, not {goal}). Try again; if it stays, check its cable"
+            )
+        permit.check()
         try:
-            await command(bus, axis, self.CODEC.torque(axis.id, True), "torque on")
+            await command(session.bus, axis, codec.torque(axis.id, True), "torque on")
         except WireDown:
-            why = f" ({bus.refusals[axis.id]})" if axis.id in bus.refusals else ""
+            refusals = session.bus.refusals
+            why = f" ({refusals[axis.id]})" if axis.id in refusals else ""
             raise WireDown(
                 f"arm: {axis.label} does not confirm torque on{why}. Check its cable and power"
             ) from None
-        request = self.CODEC.read(axis.id, register.address, register.size)
-        replies = await bus.transact(request, {axis.id: register.size}, ANSWER_S, wait=True)
-        if axis.id not in replies or replies[axis.id].params[0] != 1:
+        reply = await self._of(axis, torque.address, torque.size, "whether it has torque")
+        if torque.decode(reply.params) != 1:
             raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
 
-    def _refuse_outside(self, positions: Mapping[int, int]) -> None:
-        for axis in self.axes:
-            low, high = self.session.reach[axis.id]
-            count = positions[axis.id]
-            outside_deg = (count - min(max(count, low), high)) * 360 / COUNTS
-            if abs(outside_deg) > OUTSIDE_DEG:
-                raise WireDown(
-                    f"arm: {axis.label} rests {abs(outside_deg):.1f} deg outside its range and would be "
-                    "pulled in. Move it inside by hand"
-                )
+    async def _of(self, axis: Axis, address: int, size: int, what: str) -> PacketT:
+        """What one servo has there. Raise ``WireDown``."""
+        bus = self.session.bus
+        replies = await ask(bus, self.CODEC.read(axis.id, address, size), {axis.id: size})
+        if axis.id not in replies:
+            raise WireDown(untold(bus, axis.label, what))
+        return replies[axis.id]
+
+    def _refuse_outside(self, axis: Axis, count: int) -> None:
+        low, high = self.session.reach[axis.id]
+        outside_deg = (count - min(max(count, low), high)) * 360 / COUNTS
+        if abs(outside_deg) > OUTSIDE_DEG:
+            raise WireDown(
+                f"arm: {axis.label} rests {abs(outside_deg):.1f} deg outside its range and would be "
+                "pulled in. Move it inside by hand"
+            )
 
 
 class ServoSecondPath(SecondPath, Generic[PacketT]):
-    """The root's way to the servos: the same open port, after its owner is gone for good."""
+    """The root's way to the servos: the same open port, after its owner is gone for good; or, where that one is
+    dead or there never was one, the port opened anew by its path."""
 
     def __init__(
-        self, driver: ServoDriver, codec: Codec[PacketT], safing: type[Safing[PacketT]], fd: int, clock: Clock
+        self,
+        driver: ServoDriver,
+        codec: Codec[PacketT],
+        safing: type[Safing[PacketT]],
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
     ) -> None:
-        self._axes = driver.joints
-        self._baud = driver.baud
+        self._driver = driver
         self._clock = clock
         self._codec = codec
         self._safing = safing
-        self._port: BytePort = adopt_serial(fd, driver.port)
+        self._open_port = open_port
+        self._port: BytePort | None = adopt_serial(descriptors[0], driver.port) if descriptors else None
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another name when it
+        comes back."""
+        task_status.started()
+        port = self._port
+        if port is not None:
+            await port.hung_up()
+            self.close()
 
     async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        codec = self._codec
-        bus = HalfDuplexBus(self._port, codec.Decoder(), self._clock, self._baud, overhead=codec.OVERHEAD)
-        safing = self._safing(bus, codec, self._axes)
+        axes = self._driver.joints
+        if self._port is not None:
+            reports = await self._by(self._port, rung)
+            if any(report.written for report in reports):
+                return reports
+            self.close()
         try:
-            self._port.discard_output()
-            self._port.discard_input()
+            self._port = self._open_port(self._driver.port, self._driver.baud)
         except WireDown as error:
-            return unreachable(self._axes, str(error))
+            return unreachable(axes, str(error))
+        return await self._by(self._port, rung)
+
+    async def _by(self, port: BytePort, rung: str) -> tuple[MotorReport, ...]:
+        safing = safing_on(port, self._driver, self._codec, self._safing, self._clock)
         # nothing is known here of where the servos are: a hold begins with asking them
-        return await safing.hold({}, fresh=False) if rung == "hold" else await safing.limp()
+        return await safing.hold({}) if rung == "hold" else await safing.limp()
 
     def close(self) -> None:
-        self._port.close()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+def safing_on(
+    port: BytePort, driver: ServoDriver, codec: Codec[PacketT], safing: type[Safing[PacketT]], clock: Clock
+) -> Safing[PacketT]:
+    """On a port about which nothing is known."""
+    bus = HalfDuplexBus(port, codec.Decoder(), clock, driver.baud, overhead=codec.OVERHEAD)
+    return safing(bus, codec, driver.joints)

@@ -1,0 +1,274 @@
+"""A link that is lost while the robot is energised, in virtual time: the safe frame goes first and waits for
+nothing (SAF-020)."""
+
+from __future__ import annotations
+
+import pytest
+import trio
+
+from strands_actors.runtime.contract import Reason, Wire, WireDown
+from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.messages import Accepted, Resume, Resumed, RootGone, Stop, StopReport
+from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing.fake import FakeSecondPath, FakeWire
+
+from .writer import armed
+
+MS = 1_000_000
+
+
+def first_kinds(hardware: FakeHardware, since_ns: int) -> list[str]:
+    return [entry.kind for entry in hardware.written if entry.t_ns >= since_ns]
+
+
+async def lost(tree: InlineTree) -> int:
+    """Armed, moving, and heard no more; from when on."""
+    writer = await armed(tree)
+    assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+    await trio.sleep(0.05)
+    tree.hardware.answers = False
+    lost_ns = tree.node.clock.now_ns()
+    await tree.until("lost", within_s=0.1)
+    return lost_ns
+
+
+def test_saf_020_a_robot_that_is_no_longer_heard_is_made_safe_at_once() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            lost_ns = await lost(tree)
+            await trio.sleep(0.05)
+            safe = tree.hardware.of("safe", lost_ns)
+            assert safe and safe[0].rung == "limp"
+            assert safe[0].t_ns - lost_ns < 2.5e9 / tree.driver.timing.control_hz
+            kinds = [kind for kind in first_kinds(tree.hardware, lost_ns) if kind != "setpoint"]
+            assert kinds[0] == "safe", "before anything is asked"
+            assert tree.hardware.energised == [False, False]
+            status = await tree.status()
+            assert status.mode == "lost", "written, not confirmed"
+            assert status.last_stop is not None and not status.last_stop.confirmed
+            assert all(motor.written for motor in status.last_stop.motors)
+
+    run_virtual(run)
+
+
+def test_saf_020_each_attempt_to_open_a_lost_link_begins_with_the_safe_frame() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            lost_ns = await lost(tree)
+            await trio.sleep(5.0)
+            kinds = [kind for kind in first_kinds(tree.hardware, lost_ns) if kind != "setpoint"]
+            assert kinds.count("read") > 3
+            assert kinds == ["safe", "read"] * kinds.count("read")
+            tree.hardware.answers = True
+            await tree.until("disarmed", within_s=5.0)
+            assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("reason", [Reason.STOP, Reason.ESTOP, Reason.CALLER, Reason.CLEANUP])
+def test_saf_020_a_stop_is_written_in_the_middle_of_a_handshake(reason: Reason) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await lost(tree)
+            tree.hardware.open_s = 3.0
+            await trio.sleep(2.0)
+            tree.hardware.energised = [True, True]
+            stopped_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(reason), 1.0)
+            assert isinstance(report, StopReport) and not report.confirmed
+            assert [motor.written for motor in report.motors] == [True, True]
+            assert tree.hardware.of("safe", stopped_ns)[0].t_ns - stopped_ns <= 20 * MS
+            assert tree.hardware.energised == [False, False]
+            assert len(tree.places) == 1
+
+    run_virtual(run)
+
+
+def test_saf_020_the_first_frame_after_the_cable_is_put_back_is_the_safe_one_though_nobody_answers() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.plugged = False
+            await trio.sleep(1.5)
+            tree.hardware.answers = False
+            tree.hardware.plugged = True
+            plugged_ns = tree.node.clock.now_ns()
+            await trio.sleep(2.5)
+            assert first_kinds(tree.hardware, plugged_ns)[:2] == ["safe", "read"]
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_020_a_wire_that_starts_on_a_lost_link_begins_with_the_safe_frame() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.plugged = False
+            tree.place._scope.cancel()
+            await trio.sleep(2.6)  # the guardian tries for two seconds first
+            assert len(tree.places) > 1
+            tree.hardware.plugged = True
+            plugged_ns = tree.node.clock.now_ns()
+            await tree.until("disarmed", within_s=5.0)
+            assert first_kinds(tree.hardware, plugged_ns)[:2] == ["safe", "read"]
+
+    run_virtual(run)
+
+
+def test_saf_020_a_wire_whose_root_is_gone_makes_safe_what_it_has_lost() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await lost(tree)
+            tree.hardware.open_s = 3.0
+            await trio.sleep(2.0)
+            tree.hardware.energised = [True, True]
+            gone_ns = tree.node.clock.now_ns()
+            tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
+            with trio.fail_after(1.0):
+                await tree.place.ended()
+            safe = tree.hardware.of("safe", gone_ns)
+            assert safe[0].path == "wire" and safe[0].t_ns - gone_ns <= 20 * MS
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_020_a_stop_before_the_loss_is_noticed_is_tried_on_a_new_way() -> None:
+    """The cable was out and is back before the next reading: the way that is open is dead."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
+            wire = transport._wire  # type: ignore[attr-defined]
+
+            async def nothing(rung: str) -> object:
+                return ()
+
+            wire.make_safe = nothing
+            stopped_ns = tree.node.clock.now_ns()
+            wire.reach = lambda rung: type(wire).make_safe(wire, rung)
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert tree.hardware.of("safe", stopped_ns)[0].t_ns - stopped_ns <= 20 * MS
+            await tree.until("disarmed", within_s=5.0)
+
+    run_virtual(run)
+
+
+def test_what_was_stopped_and_confirmed_is_asked_before_it_is_written_to() -> None:
+    """Nothing of ours is energised: somebody else may hold the robot meanwhile."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            tree.hardware.plugged = False
+            await tree.until("down", within_s=0.2)
+            tree.hardware.plugged = True
+            plugged_ns = tree.node.clock.now_ns()
+            await tree.until("disarmed", within_s=5.0)
+            assert first_kinds(tree.hardware, plugged_ns) == ["read"]
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize(
+    ("reason", "written"), [(Reason.STOP, True), (Reason.ESTOP, True), (Reason.CLEANUP, False)]
+)
+def test_saf_020_a_robot_that_was_never_connected_is_stopped_by_who_says_so(reason: Reason, written: bool) -> None:
+    """What an earlier program left energised can be let go; a script that ends releases nothing of others."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            tree.hardware.answers = False
+            await tree.until("down", within_s=0.2)
+            await trio.sleep(1.0)
+            tree.hardware.energised = [True, True]
+            stopped_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(reason), 1.0)
+            assert isinstance(report, StopReport) and not report.confirmed
+            assert bool(tree.hardware.of("safe", stopped_ns)) == written
+            assert tree.hardware.energised == [not written] * 2
+
+    run_virtual(run)
+
+
+def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.confirm_s = 1.0
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(tree.gate.ask, Stop(Reason.POLICY), 3.0)
+                await trio.sleep(0.1)
+                stopped_ns = tree.node.clock.now_ns()
+                report = await tree.gate.ask(Stop(Reason.STOP), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.rung == "limp"
+            limp = [entry for entry in tree.hardware.of("safe", stopped_ns) if entry.rung == "limp"]
+            assert limp[0].t_ns - stopped_ns <= 20 * MS
+            assert tree.hardware.energised == [False, False]
+            assert (await tree.status()).mode == "disarmed"
+
+    run_virtual(run)
+
+
+def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() -> None:
+    """An axis that is not heard keeps its last target, also when another one is commanded after the hold."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=5.0, b=5.0), Accepted)
+            await trio.sleep(0.05)
+            tree.hardware.silent.add("b")
+            tree.hardware.position[1] = -30.0  # where it was when it was last heard, not where it is
+            await trio.sleep(0.05)
+            await tree.gate.ask(Stop(Reason.LEASE), 1.0)
+            assert (await tree.status()).target == (5.0, 5.0)
+            await writer.acquire()
+            answer = await writer.send(a=6.0)
+            assert not isinstance(answer, Refused)
+            await trio.sleep(0.01)
+            assert tree.hardware.of("setpoint")[-1].values == (6.0, 5.0)
+
+    run_virtual(run)
+
+
+def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(FakeWire, "reach", Wire.reach)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            lost_ns = await lost(tree)
+            await trio.sleep(0.05)
+            assert {(entry.path, entry.rung) for entry in tree.hardware.of("safe", lost_ns)} == {("second", "limp")}
+            assert tree.hardware.energised == [False, False]
+            tree.hardware.energised = [True, True]
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and all(motor.written for motor in report.motors)
+            assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_saf_020_a_stop_channel_that_finds_nobody_breaks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def nobody(self: object, task_status: object = None) -> None:
+        raise WireDown("the robot is not found")
+
+    monkeypatch.setattr(FakeWire, "reach", Wire.reach)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await lost(tree)
+            monkeypatch.setattr(FakeSecondPath, "serve", nobody, raising=False)
+            report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            assert isinstance(report, StopReport) and not report.confirmed
+            assert len(tree.places) == 1
+
+    run_virtual(run)
