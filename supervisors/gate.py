@@ -63,7 +63,14 @@ class Gate(Actor):
     what led there."""
 
     def __init__(
-        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State, cause: str = ""
+        self,
+        driver: Driver,
+        transport: str,
+        watchdog: str,
+        guardian: str,
+        start: failsafe.State,
+        cause: str = "",
+        locked_since: str = "",
     ) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
@@ -74,7 +81,7 @@ class Gate(Actor):
         self._target_ns = 0
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
-        self._lock = LockKept(0)  # the newest that was kept
+        self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
