@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.contract import MotorReport, Reason
 from strands_actors.runtime.processor import Standing
 from strands_actors.supervisors.failsafe import ENDING_REASONS, Mode
 from strands_actors.supervisors.guardian import START_DEADLINE_S
@@ -152,6 +152,43 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
             assert tree.hardware.of("safe")[-1].path == "second"
+
+    run_virtual(run)
+
+
+def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> None:
+    """Its stop was reported as confirmed; its exit code does not say so."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.place.let_go = tree.place._scope.cancel  # type: ignore[method-assign]
+            await end(tree, confirmed=True)
+            assert tree.hardware.energised == LIMP
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+
+    run_virtual(run)
+
+
+def test_saf_005_a_second_path_that_fails_is_tried_again() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            second = tree.keeper._second
+            assert second is not None
+            make_safe = second.make_safe
+
+            async def fails(rung: str) -> tuple[MotorReport, ...]:
+                second.make_safe = make_safe  # type: ignore[method-assign]
+                raise RuntimeError("a fault was asked for")
+
+            second.make_safe = fails  # type: ignore[method-assign]
+            await kill(tree)
+            report = tree.keeper.last_report
+            assert report is not None and "a fault was asked for" in report.motors[0].detail
+            await trio.sleep(INSIST_S / 2)
+            assert tree.hardware.energised == LIMP
+            assert tree.node.cells[tree.guardian.address].incarnations == 1
 
     run_virtual(run)
 
