@@ -21,6 +21,9 @@ WIRES = {
     "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
     "ur": "strands_actors.drivers.ur.driver:UR",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
+    "xarm": "strands_actors.drivers.xarm.driver:XArm",
+    "kuka": "strands_actors.drivers.kuka.driver:Kuka",
+    "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

@@ -194,10 +194,7 @@ class Gate(Actor):
         state = GateState(
             now_ns, observation, self._target, self._target_ns, message.period_s > 0, message.period_s
         )
-        if message.columns:
-            candidate = self._driver.parse_columns(message.columns, state)
-        else:
-            candidate = self._driver.parse(message.action, state)
+        candidate = self._driver.parse(message.action, state)
         if isinstance(candidate, Refused):
             return candidate
         for gate in self._driver.gates:

@@ -78,8 +78,6 @@ class Setpoint(Message, frozen=True):
     action: dict[str, Any]  # checked by the driver: a wrong value is refused by its name
     period_s: float = 0.0  # of the stream this is part of; 0 for a one-shot
     latched: bool = False
-    columns: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
-    """Instead of ``action``: of every axis, in order (``by_column``)."""
     channel: str = ""
 
 

@@ -37,8 +37,7 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
-from .lines import Switchboard
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .lock_keeper import LockKeeper
 from .locks import Locks
 from .mesh_place import MeshPlace
@@ -140,7 +139,7 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
-        self.tasks = Tasks(self.robot, spawner.start)
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(
@@ -171,7 +170,7 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
-            "caller": self.args["caller"],
+            "policy_listen": self.args["policy_listen"],
             "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
@@ -192,7 +191,8 @@ class Tree:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
-        return TapKeeper(names, Attached(self.args["driver"], driver.axes, driver.unit), dull=_DULL)
+        description = without_secrets(self.args["driver"], type(driver))
+        return TapKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
@@ -224,7 +224,6 @@ class Tree:
         cells = [
             cell(at.path("tasks"), lambda: self.tasks),
             cell(at.path("root"), lambda: Root(self)),
-            cell(at.path("switchboard"), lambda: Switchboard(at.wire_end)),
             cell(at.census("root"), CensusTaker, "census"),
             cell(at.tap("root"), self.tap_keeper, "tap"),
         ]

@@ -17,13 +17,13 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
-from . import addresses, channels
+from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .gate import Gate
 from .guardian import Guardian
 from .lease import refuse_by_deadline
-from .lines import keep_line
 from .loading import load
 from .messages import (
     Fence,
@@ -52,9 +52,12 @@ class Tasks(Actor):
         self,
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
+        endpoint: str,
     ) -> None:
+        """``endpoint``: where the wire lets policies in."""
         self._robot = robot
         self._start_process = start
+        self._endpoint = endpoint
         self.process: ChildProcess | None = None
         self.starts = 0
         self.status = TaskStatus()
@@ -90,6 +93,7 @@ class Tasks(Actor):
                 return Refused("busy", "start_task: the process of the last task does not end", "try again")
         args = {
             "robot": self._robot,
+            "gate": self._endpoint,
             "provider": message.provider,
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
@@ -202,7 +206,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
-    node = Node(f"{robot}.policy.{os.getpid()}", MonotonicClock())
+    node = Node(policy_access.node_name(robot, os.getpid()), MonotonicClock())
     rollout = msgspec.convert(args["rollout"], Rollout)
     tasks = node.ref(at.tasks, Tasks)
     ended = trio.Event()
@@ -224,7 +228,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
-        nursery.start_soon(keep_line, node, robot)
+        mesh = await ZenohMesh.open(connect=[args["gate"]])
+        mesh.attach(node)
+        await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
         nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)

@@ -154,7 +154,7 @@ class Watchdog(Actor):
         if now_ns >= self._cycle_at_ns:
             self._start_cycle(now_ns)
         if self._chain_answered(now_ns):
-            self.context.saw(now_ns)
+            self.context.saw((now_ns,))  # a number alone, in a replay, is what was heard of the root
             self._pulse.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:

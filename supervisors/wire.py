@@ -14,7 +14,6 @@ from typing import Any
 import trio
 
 from strands_actors.runtime.actor import describe
-from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.child import report_failure
 from strands_actors.runtime.clock import Clock, MonotonicClock
 from strands_actors.runtime.contract import Driver, Reason
@@ -29,12 +28,11 @@ from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses, channels
+from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
-from .lines import WireEnd
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .messages import RootGone
 from .stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
 from .tap import Attached, TapKeeper, name_of
@@ -97,7 +95,8 @@ def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: s
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
     names = {address: name_of(address) for address in (at.gate, at.watchdog)}
-    return TapKeeper(names, Attached(description, driver.axes, driver.unit), remember)
+    attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
+    return TapKeeper(names, attached, remember)
 
 
 class ProcessPlace:
@@ -226,10 +225,6 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     node.linked = root_channel.hosts or frozenset()
     link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
-    def channel_of(writer: str) -> Channel:
-        """Of a line: a policy's has a name."""
-        return channels.of_policy(robot, writer) if writer else channels.of_caller(robot, args["caller"])
-
     root = os.getppid()
     pulse = on_page(args["page"], WIRE_END)
     transports: list[Transport] = []
@@ -238,6 +233,12 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])
         mesh.channel = channels.of_user(robot)
         mesh.attach(node)
+        await mesh.run()
+
+    async def let_policies_in() -> None:
+        mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        mesh.channel = channels.of_policy(robot, policy_access.WRITER)
+        mesh.let_in(node, at.gate)
         await mesh.run()
 
     try:
@@ -253,9 +254,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
                 run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root),
                 transports.append,
             )  # fmt: skip
-            await nursery.start(node.cell(at.path("wire_end"), lambda: WireEnd(channel_of)).run)
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)
+            nursery.start_soon(let_policies_in)
             nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
             tap = node.cell(at.tap("wire"), lambda: tap_keeper(node, driver, args["driver"], robot), "tap")
             nursery.start_soon(tap.run)

@@ -16,6 +16,7 @@ from time import monotonic_ns
 import trio
 from msgspec.structs import replace
 
+from ..processes import NotConnected
 from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
 from ..runtime.process import wait_for_end_of
@@ -25,7 +26,6 @@ from ..supervisors.transport import BACKOFF_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
 from ..tree import RobotTree
-from ..tree_processes import NotConnected
 from .certificate import Figure
 
 RELEASE = "release_sport_mode"

@@ -25,7 +25,6 @@ from strands_actors.contract.axis import Axis, Part, axes_of, first_target, pars
 from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
-from .columns import Columns, by_axis
 from .messages import Message, Refused
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -270,11 +269,15 @@ class Driver(ABC):
     ALIASES: ClassVar[Mapping[str, str]] = {}
     """Other names to robots of ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
+    PORT_OPTIONAL: ClassVar[bool] = False
+    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SECRETS: ClassVar[frozenset[str]] = frozenset()
+    """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
@@ -335,15 +338,6 @@ class Driver(ABC):
         """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
         jumps, and rest for velocity axes, so that nothing drives off."""
         return first_target(self.table, observation.position) if self.parts else observation.position
-
-    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
-        """As ``parse``, of an action by column. Default: it is turned, and parsed."""
-        count = len(self.axes)
-        for name, column in columns.items():
-            if len(column) != count:
-                why = f"move: {len(column)} numbers named {name}"
-                return Refused("columns", why, f"send {count}, one an axis", f"{len(column)}", f"{count}")
-        return self.parse(by_axis(columns, self.axes), state)
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""

@@ -6,11 +6,15 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from typing import Any
 
 from strands_actors import Robot
 
 from .registering import register
+
+ON_THE_WIRE_S = 0.1
+"""By then a setpoint has left, on a wire too that may only answer its robot once in a cycle."""
 
 
 def main(text: str) -> None:
@@ -25,6 +29,7 @@ def main(text: str) -> None:
         axis, here = next(iter(seen.items()))
         _must(math.isfinite(here), f"{axis} was not measured")
         _must_do(robot.send_action({axis: here}), "the measured position is refused as a target")
+        time.sleep(ON_THE_WIRE_S)
         _must_do(robot.stop(), "stop")
         _must(robot.send_action({axis: here})["status"] == "error", "after a stop a command is accepted")
         _must_do(robot.resume(), "resume")

@@ -36,7 +36,10 @@ STEPS = {
     "so101": WITH_POLICY,
     "koch": WITH_POLICY,
     "ur5e": WITH_POLICY,
+    "xarm7": WITH_POLICY,
+    "kinova_gen3": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
+    "kuka_iiwa": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

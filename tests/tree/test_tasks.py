@@ -107,7 +107,7 @@ async def tasks_of(tree: InlineTree, start_s: float = 0.0) -> AsyncIterator[Ref]
             nursery.start_soon(process.run)
             return process
 
-        made = Tasks(robot_of(tree), start)
+        made = Tasks(robot_of(tree), start, "")
         cell = tree.node.cell(path, lambda: made)
         await nursery.start(Supervisor([ChildSpec("tasks", cell.run)]).run)
         yield tree.node.ref(cell.address, Tasks)

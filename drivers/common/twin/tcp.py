@@ -147,7 +147,8 @@ class TcpServer:
 
     def unplug(self) -> None:
         """Pull the cable. The robot itself does not notice."""
-        self._plugged = trio.Event()
+        if self._plugged.is_set():  # else it is out already, and somebody waits for it to be put back
+            self._plugged = trio.Event()
         for listener in self._listeners:
             trio.lowlevel.notify_closing(listener)
             listener.close()

@@ -1,4 +1,4 @@
-"""A script's commands go past the loop of its process, and mean what they mean by way of it."""
+"""A script's thread asks the gate itself, past the loop of its process, and it means what it means by way of it."""
 
 from __future__ import annotations
 
@@ -41,10 +41,6 @@ def no_loop() -> Iterator[None]:
         over.set()
 
 
-def has_line(arm: RealRobot) -> None:
-    until(lambda: arm._tree is not None and arm._tree._processes.thread_line is not None, "there is a line")
-
-
 def wire_of(arm: RealRobot) -> int:
     tree = arm.tree()
     assert tree is not None
@@ -53,7 +49,6 @@ def wire_of(arm: RealRobot) -> int:
 
 
 def test_a_loop_that_is_held_up_holds_up_no_command(arm: RealRobot, twin: Twin) -> None:
-    has_line(arm)
     target = far(arm)
     with no_loop():
         began_s = time.monotonic()
@@ -68,7 +63,6 @@ def test_a_loop_that_is_held_up_holds_up_no_command(arm: RealRobot, twin: Twin) 
 
 
 def test_what_is_refused_is_refused_in_the_same_words(arm: RealRobot) -> None:
-    has_line(arm)
     with no_loop():
         unknown = why(arm.send_action({"elbow": 1.0}))
     assert "elbow" in unknown
@@ -79,7 +73,6 @@ def test_what_is_refused_is_refused_in_the_same_words(arm: RealRobot) -> None:
 
 def test_after_a_stop_nothing_is_moved_and_after_resume_it_is(arm: RealRobot, twin: Twin) -> None:
     """The lease that the thread knows is stale both times: the loop takes it anew, or is told why not."""
-    has_line(arm)
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     arm.stop()
     stopped_ns = time.monotonic_ns()
@@ -92,7 +85,6 @@ def test_after_a_stop_nothing_is_moved_and_after_resume_it_is(arm: RealRobot, tw
 
 
 def test_a_rollout_is_not_spoken_between(arm: RealRobot) -> None:
-    has_line(arm)
     here = arm.get_observation()
     json_of(arm.run_policy(lambda _: here, duration=20.0))
     assert "stop_task()" in why(arm.send_action({"shoulder_pan": 0.0}))
@@ -100,9 +92,49 @@ def test_a_rollout_is_not_spoken_between(arm: RealRobot) -> None:
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
+def test_saf_006_a_stop_leaves_in_the_thread_that_calls_whatever_the_loop_does(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.send_action({"shoulder_pan": far(arm)}))
+    with no_loop():
+        began_ns = time.monotonic_ns()
+        stopping = threading.Thread(target=arm.stop)
+        stopping.start()
+        until(lambda: twin.log.first_safe(began_ns) is not None, "it is safe")
+        assert time.monotonic_ns() - began_ns < HELD_UP_S * 1e9 / 2
+    stopping.join()
+    assert twin.log.setpoints_after_safe(began_ns) == 0
+
+
+def test_a_thread_that_waits_is_woken_when_the_robot_is_cleaned_up(arm: RealRobot) -> None:
+    """Its question has reached a wire that does not answer any more."""
+    wire = wire_of(arm)
+    answers: list[str] = []
+    os.kill(wire, signal.SIGSTOP)
+    asking = threading.Thread(target=lambda: answers.append(why(arm.send_action({"shoulder_pan": 0.0}))))
+    asking.start()
+    time.sleep(0.02)
+    arm.cleanup()
+    asking.join(5.0)
+    assert answers and "move:" in answers[0]
+
+
+def test_a_forked_child_has_no_robot_and_takes_none_away(arm: RealRobot) -> None:
+    """Its handle is that of a robot of another process."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            said = why(arm.send_action({"shoulder_pan": 0.0}))
+            seen = arm.get_observation()
+            arm.cleanup()
+            code = 7 if "not connected" in said and seen == {} else 2
+        finally:
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    json_of(arm.send_action({"shoulder_pan": far(arm)}))
+
+
 def test_two_threads_command_one_robot(arm: RealRobot) -> None:
     """Neither is refused for the other's sake."""
-    has_line(arm)
     here = arm.get_observation()["wrist_roll"]
     answers: list[str] = []
 
@@ -118,7 +150,6 @@ def test_two_threads_command_one_robot(arm: RealRobot) -> None:
 
 
 def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, twin: Twin) -> None:
-    has_line(arm)
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     killed_ns = time.monotonic_ns()
     os.kill(wire_of(arm), signal.SIGKILL)
@@ -129,14 +160,12 @@ def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, tw
     assert twin.log.setpoints_after_safe(killed_ns) == 0
     until(lambda: arm.resume()["status"] == "success", "the new wire is armed")
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
-    has_line(arm)
     with no_loop():
         json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
 def test_saf_002_a_command_to_a_frozen_wire_is_not_done_late(arm: RealRobot, twin: Twin) -> None:
     """It waits in the socket of a process that stands still; that process never reads it."""
-    has_line(arm)
     wire, target = wire_of(arm), far(arm)
     frozen_ns = time.monotonic_ns()
     os.kill(wire, signal.SIGSTOP)
@@ -150,7 +179,6 @@ def test_saf_002_a_command_to_a_frozen_wire_is_not_done_late(arm: RealRobot, twi
 def test_a_robot_that_was_cleaned_up_says_so(twin: Twin, new_arm: NewArm) -> None:
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
-    has_line(arm)
     arm.cleanup()
     assert "cleaned up" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert arm.get_observation() == {}
@@ -158,7 +186,6 @@ def test_a_robot_that_was_cleaned_up_says_so(twin: Twin, new_arm: NewArm) -> Non
 
 def test_a_service_goes_past_the_loop_and_is_refused_by_it_when_it_must_be() -> None:
     with Robot("so101") as sim:
-        has_line(sim)
         with no_loop():
             first = json_of(sim.step(10))["sim_time_s"]
             assert json_of(sim.step(10))["sim_time_s"] >= first + 0.02
