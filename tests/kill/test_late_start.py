@@ -13,6 +13,7 @@ import pytest
 
 from strands_actors import rollouts
 from strands_actors.robot import RealRobot
+from strands_actors.supervisors.messages import StartTask
 from strands_actors.testing import Twin
 
 Start = Callable[..., tuple[RealRobot, Twin]]
@@ -61,10 +62,12 @@ def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robo
 def test_saf_010_a_task_whose_caller_has_given_up_moves_nothing(
     strands_robot: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The root answers, and too late: what it has begun by then is ended, and gets no lease."""
+    """The root answers, and too late: what it has begun by then is ended, and gets no lease. It is given no deadline
+    here, so that it does begin."""
     arm, twin = strands_robot("so101")
     began_ns = time.monotonic_ns()
     monkeypatch.setattr(rollouts, "START_S", 1e-4)
+    monkeypatch.setattr(rollouts, "StartTask", lambda *message: StartTask(*message[:3]))
     refused = start(arm)
     assert refused["status"] == "error" and "nothing of it will begin" in str(refused), refused
     time.sleep(LATE_S)
