@@ -217,6 +217,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
+    driver.preload_wire()
     if driver.timing.realtime:
         run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)

@@ -28,12 +28,13 @@ def main(text: str) -> None:
         _must(bool(seen), "an armed robot shows no observation")
         axis, here = next(iter(seen.items()))
         _must(math.isfinite(here), f"{axis} was not measured")
-        _must_do(robot.send_action({axis: here}), "the measured position is refused as a target")
+        still = dict(seen) if robot.driver.WHOLE_ACTIONS else {axis: here}
+        _must_do(robot.send_action(still), "the measured position is refused as a target")
         time.sleep(ON_THE_WIRE_S)
         _must_do(robot.stop(), "stop")
-        _must(robot.send_action({axis: here})["status"] == "error", "after a stop a command is accepted")
+        _must(robot.send_action(still)["status"] == "error", "after a stop a command is accepted")
         _must_do(robot.resume(), "resume")
-        _must_do(robot.send_action({axis: here}), "after a resume")
+        _must_do(robot.send_action(still), "after a resume")
     finally:
         robot.cleanup()
     print(f"{len(seen)} axes, stopped, resumed")

@@ -40,6 +40,7 @@ STEPS = {
     "kinova_gen3": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
     "kuka_iiwa": WITH_POLICY,
+    "panda": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

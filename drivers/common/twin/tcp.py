@@ -40,6 +40,14 @@ class Connection:
         self.log = log
         self.frost = frost
 
+    @property
+    def peer_host(self) -> str:
+        """The client's address; empty once it is gone."""
+        try:
+            return str(self._sock.getpeername()[0])
+        except OSError:
+            return ""
+
     def bits_per_s(self) -> int | None:
         return None
 
@@ -127,6 +135,10 @@ class TcpServer:
     def address(self) -> str:
         host, port = self._names[0]
         return f"{host}:{port}"
+
+    @property
+    def host(self) -> str:
+        return self._names[0][0]
 
     @property
     def body(self) -> Body:

@@ -45,6 +45,17 @@ class Bench:
     def nudge(self, joint: str = "joint_1", step: float = STEP_RAD) -> Mapping[str, object]:
         return self.arm.send_action({joint: self.arm.get_observation().get(joint, 0.0) + step})
 
+    def works(self) -> None:
+        """It moves; on a busy machine after a second try: what was read 75 ms ago is no position."""
+
+        def moves() -> bool:
+            if self.nudge()["status"] == "success":
+                return True
+            self.arm.resume()
+            return False
+
+        until(moves, "it moves")
+
     def connect(self) -> None:
         until(lambda: self.arm.connect_eagerly() is None, "it is connected")
 
@@ -81,7 +92,7 @@ class Bench:
         resumed = json_of(self.arm.resume())["position"]
         seen = self.arm.get_observation()
         assert all(abs(resumed[joint] - seen[joint]) < 0.01 for joint in AXES)
-        json_of(self.nudge())
+        self.works()
         until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
 
 
@@ -166,7 +177,7 @@ def test_a_policy_runs_at_40_hz_and_ends_in_a_hold_that_the_next_command_leaves(
     held_ns = time.monotonic_ns()
     time.sleep(0.3)
     assert not bench.log.host("setpoint", held_ns)
-    json_of(bench.nudge())
+    bench.works()
     assert state(bench.arm) == "armed"
 
 
@@ -179,7 +190,7 @@ def test_an_emergency_stop_locks(bench: Bench) -> None:
     bench.safe_within(since_ns, SLACK_S)
     assert "e-stopped by" in why(bench.nudge())
     json_of(bench.arm.resume())
-    json_of(bench.nudge())
+    bench.works()
 
 
 # -- the base
@@ -250,7 +261,7 @@ def test_saf_003_the_root_process_dies_or_freezes(bench: Bench, fault: signal.Si
     os.kill(root, fault)
     bench.safe_within(since_ns, 0.125 + SLACK_S)
     until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
-    json_of(bench.nudge())
+    bench.works()
 
 
 def test_saf_003_the_stop_channel_stands_before_anything_is_energised(bench: Bench) -> None:
@@ -314,7 +325,7 @@ def test_it_comes_back_however_often_it_is_unplugged(bench: Bench) -> None:
         bench.twin.command("plug")
         until(lambda: state(bench.arm) == "disarmed", "it is back")
         json_of(bench.arm.resume())
-    json_of(bench.nudge())
+    bench.works()
 
 
 def test_the_power_is_cut(bench: Bench) -> None:
@@ -340,7 +351,7 @@ def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
     bench.twin.command("fault ok")
     task_ended(bench.arm)
     until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
-    json_of(bench.nudge())
+    bench.works()
 
 
 # -- in numbers
