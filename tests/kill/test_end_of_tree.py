@@ -78,7 +78,8 @@ def nothing_is_energised(log: WireLog, since_ns: int) -> None:
     safe = log.first_safe(since_ns)
     assert safe is not None and safe.rung == "limp"
     time.sleep(0.5)  # what must not happen has no event to wait for
-    log.silent_after(safe.t_ns, "enable", "setpoint")
+    log.no_setpoint_after_safe(since_ns)
+    log.silent_after(safe.t_ns + 1, "enable")
 
 
 @pytest.mark.parametrize("delay_s", DELAYS_S)
