@@ -402,7 +402,7 @@ class Gate(Actor):
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
         self._writes, self._reads = message.writes, message.reads
-        if self._state.mode in (Mode.UNCONFIRMED, Mode.ENDING) and self._last_stop is not None:
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
