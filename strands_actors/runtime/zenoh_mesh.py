@@ -29,6 +29,9 @@ _WAKE_BATCH = 512
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
 
+EVERYBODY = f"{PREFIX}/**/alive"
+"""The tokens of all actors and nodes."""
+
 
 class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
@@ -71,7 +74,7 @@ class ZenohMesh:
         self.node = node
         self.announce(address, True)
 
-    def attach(self, node: Node, tokens: str = f"{PREFIX}/**/alive") -> None:
+    def attach(self, node: Node, tokens: str = EVERYBODY) -> None:
         """``tokens``: of whom it may reach, where access rules do not let it see all."""
         self.node = node
         node.mesh = self
