@@ -20,8 +20,12 @@ WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
     "dynamixel": "strands_actors.drivers.dynamixel.driver:Dynamixel",
     "ur": "strands_actors.drivers.ur.driver:UR",
+    "franka": "strands_actors.drivers.franka.driver:Franka",
     "robotiq": "strands_actors.drivers.robotiq.driver:Robotiq",
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
+    "kuka": "strands_actors.drivers.kuka.driver:Kuka",
+    "kinova": "strands_actors.drivers.kinova.driver:Kinova",
+    "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

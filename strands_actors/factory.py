@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
@@ -39,7 +39,7 @@ class Plan:
     driver_class: type[Driver]
     port: str
     transport: str | None
-    options: dict[str, Any]
+    options: dict[str, Any] = field(repr=False)  # may hold a password
     engine: Engine | None = None
     owns_engine: bool = True
     data_config: Any = None
@@ -69,7 +69,7 @@ class Wanted:
     drill_age_s: float | None
     at: str | None
     lifetime_s: float | None
-    options: dict[str, Any]
+    options: dict[str, Any] = field(repr=False)
 
     def given(self) -> dict[str, Any]:
         """What only hardware has a use for."""
@@ -301,7 +301,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
     if transport is not None and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
-    if transport is None and wanted.port is None and hasattr(driver_class, "PORT_KIND"):
+    needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
+    if transport is None and wanted.port is None and needs_port:
         raise ValueError(_missing_port(wanted.robot, driver_class))
 
 

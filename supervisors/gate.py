@@ -192,7 +192,13 @@ class Gate(Actor):
         if refusal is not None:
             return refusal
         state = GateState(
-            now_ns, observation, self._target, self._target_ns, message.period_s > 0, message.period_s
+            now_ns,
+            observation,
+            self._target,
+            self._target_ns,
+            message.period_s > 0,
+            message.period_s,
+            self._live_until_ns,
         )
         candidate = self._driver.parse(message.action, state)
         if isinstance(candidate, Refused):
@@ -203,11 +209,14 @@ class Gate(Actor):
                 return refusal
         self._advance(Event.SETPOINT)
         self._target, self._target_ns = candidate.values, now_ns
-        self._live_until_ns = -1 if message.latched else message.deadline_ns
+        until_ns = 0 if message.latched else message.deadline_ns
+        if candidate.until_ns:
+            until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
+        self._live_until_ns = until_ns or -1
         if self._leases.held is not None:
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
-        expires_ns = 0 if message.latched else message.deadline_ns
-        self._transport.tell(Write(message.epoch, message.deadline_ns, candidate.values, expires_ns))
+        deadline_ns = min(message.deadline_ns, until_ns or message.deadline_ns)
+        self._transport.tell(Write(message.epoch, deadline_ns, candidate.values, until_ns))
         return Accepted(self._state.epoch, candidate.values)
 
     def _refuse_by_mode(self) -> Refused | None:

@@ -37,7 +37,7 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .lock_keeper import LockKeeper
 from .locks import Locks
 from .mesh_place import MeshPlace
@@ -191,7 +191,8 @@ class Tree:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
-        return TapKeeper(names, Attached(self.args["driver"], driver.axes, driver.unit), dull=_DULL)
+        description = without_secrets(self.args["driver"], type(driver))
+        return TapKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:

@@ -32,7 +32,7 @@ from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .messages import RootGone
 from .stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
 from .tap import Attached, TapKeeper, name_of
@@ -95,7 +95,8 @@ def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: s
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
     names = {address: name_of(address) for address in (at.gate, at.watchdog)}
-    return TapKeeper(names, Attached(description, driver.axes, driver.unit), remember)
+    attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
+    return TapKeeper(names, attached, remember)
 
 
 class ProcessPlace:
@@ -216,6 +217,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
+    driver.preload_wire()
     if driver.timing.realtime:
         run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)

@@ -79,6 +79,26 @@ class TcpPort:
             raise self._gone(None)
         return data
 
+    def fileno(self) -> int:
+        """To be given to another process. While that has it, ``close`` does not end the connection."""
+        return self._sock.fileno()
+
+    @property
+    def own_host(self) -> str:
+        """Return our address on the way to the peer. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getsockname()[0])
+        except OSError as error:
+            raise self._gone(error) from None
+
+    @property
+    def peer_host(self) -> str:
+        """Return the peer's address as a number. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getpeername()[0])
+        except OSError as error:
+            raise self._gone(error) from None
+
     def close(self) -> None:
         self._sock.close()
 

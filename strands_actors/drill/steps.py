@@ -193,7 +193,7 @@ class Drill:
         if isinstance(observation, Refused):
             raise Failed(observation.text)
         axes = iter(self._driver.as_json(observation.position).items())
-        here = dict([next(axes)])
+        here = dict(axes) if self._driver.WHOLE_ACTIONS else dict([next(axes)])
         accepted = 0
         while True:
             answer = await self._tree.send_action(here)

@@ -236,6 +236,7 @@ class GateState(msgspec.Struct, frozen=True, gc=False):
     target_ns: int  # when that was accepted
     stream: bool  # part of a stream of setpoints, whose period is known
     period_s: float = 0.0  # the stream's period; 0 for a one-shot
+    live_until_ns: int = 0  # when the live setpoint ends; 0: none is live; -1: latched
 
 
 class Candidate(msgspec.Struct, frozen=True, gc=False):
@@ -243,6 +244,7 @@ class Candidate(msgspec.Struct, frozen=True, gc=False):
 
     values: tuple[float, ...]  # the whole target, axis order; then what modifies it, where there is such
     named: tuple[int, ...]  # indices of the axes the action names
+    until_ns: int = 0  # it ends then at the latest: it goes on with motion that was promised so long; 0: its own
 
 
 GateCheck = Callable[[Candidate, GateState], Refused | None]
@@ -269,11 +271,15 @@ class Driver(ABC):
     ALIASES: ClassVar[Mapping[str, str]] = {}
     """Other names to robots of ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
+    PORT_OPTIONAL: ClassVar[bool] = False
+    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SECRETS: ClassVar[frozenset[str]] = frozenset()
+    """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
@@ -283,6 +289,8 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
+    WHOLE_ACTIONS: ClassVar[bool] = False
+    """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
@@ -359,6 +367,9 @@ class Driver(ABC):
     def preload(self) -> None:  # noqa: B027  # most have nothing to load
         """Import what ``open_wire`` and ``second_path`` need, if it is small. Called in the root and in the wire
         process before they begin to beat: on a busy machine an import takes longer than they may be silent."""
+
+    def preload_wire(self) -> None:  # noqa: B027  # most load the same in both
+        """As ``preload``, of what the root is to be spared: called in the wire process alone."""
 
     @abstractmethod
     def open_wire(self, clock: Clock) -> Wire:

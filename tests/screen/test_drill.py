@@ -37,7 +37,10 @@ STEPS = {
     "koch": WITH_POLICY,
     "ur5e": WITH_POLICY,
     "xarm7": WITH_POLICY,
+    "kinova_gen3": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
+    "kuka_iiwa": WITH_POLICY,
+    "panda": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -67,17 +67,41 @@ def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
         yield connected
 
 
+ATTEMPTS = 5
+"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
+
+
 @pytest.fixture
 def moving(arm: RealRobot, twin: Twin) -> RealRobot:
-    for _ in range(3):  # a machine that pauses ends a rollout before anything was broken
+    set_moving(arm, twin)
+    return arm
+
+
+def set_moving(arm: RealRobot, twin: Twin) -> None:
+    for _ in range(ATTEMPTS):
         began_ns = time.monotonic_ns()
-        if state(arm) not in ("armed", "holding"):
-            until(lambda: arm.resume()["status"] == "success", "it is armed")
+        make_ready(arm)
         json_of(arm.run_policy(wave(), duration=60.0))
         task = until(functools.partial(runs, arm, twin, began_ns), "it moves or has ended")
         if task["running"]:
-            return arm
+            return
     pytest.fail(f"it does not move: {task}")
+
+
+def make_ready(arm: RealRobot) -> None:
+    if state(arm) not in ("armed", "holding"):
+        until(lambda: arm.resume()["status"] == "success", "it is armed")
+
+
+def run_for(arm: RealRobot, seconds: float) -> dict[str, Any]:
+    """Move for so long, to the end; what the rollout says then."""
+    for _ in range(ATTEMPTS):
+        make_ready(arm)
+        json_of(arm.run_policy(wave(), duration=seconds))
+        task = task_ended(arm)
+        if task["exit_reason"] == "duration":
+            return task
+    pytest.fail(f"it does not move for {seconds:g} s: {task}")
 
 
 def runs(arm: RealRobot, twin: Twin, since_ns: int) -> dict[str, Any] | None:
@@ -182,9 +206,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
 
 
 def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
-    json_of(arm.run_policy(wave(), duration=2.0))
-    task = task_ended(arm)
-    assert task["exit_reason"] == "duration", task
+    task = run_for(arm, 2.0)
     assert task["steps"] > 60, "a third of what a free machine does"
     assert state(arm) == "holding"
     held_ns = time.monotonic_ns()
@@ -221,13 +243,12 @@ def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
 ) -> None:
     """The tree notices whatever it does, makes safe, says why, and nothing goes on by itself."""
     if how == "moves":
-        json_of(arm.run_policy(wave(), duration=60.0))
-        until(lambda: json_of(arm.get_task_status())["steps"] > 20, "it moves")
+        set_moving(arm, twin)
     elif how == "stands":
         json_of(nudge(arm))
     else:
-        json_of(arm.run_policy(wave(), duration=0.2))
-        until(lambda: state(arm) == "holding", "it holds")
+        run_for(arm, 0.2)
+        assert state(arm) == "holding"
     ordered_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(arm) == "disarmed", "it is disarmed")

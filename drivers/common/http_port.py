@@ -1,0 +1,150 @@
+"""One kept connection to a service, as small as a stop channel must be: HTTP/1.1 over ``tcp_port``.
+
+A request is handed to the system in ``send``, at once or never: nothing waits to be sent, and nothing is sent
+again by itself. Responses come in the order of the requests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+import trio
+
+from strands_actors.runtime.contract import WireDown
+
+from .http_messages import Response, ResponseDecoder, encode_request
+from .malformed import MalformedFrame
+from .tcp_port import ByteStream, open_tcp
+
+OpenStream = Callable[[str, int], Awaitable[ByteStream]]
+
+REOPEN_S = 0.2
+"""Pause before a connection that the service has closed is made anew."""
+
+
+KEPT = 8
+"""Responses that nobody has asked for yet."""
+
+
+class HttpPort:
+    """``serve`` keeps a connection open, where the next request has to leave without a wait."""
+
+    def __init__(self, host: str, port: int, open_stream: OpenStream = open_tcp) -> None:
+        self._where = host, port
+        self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self._open_stream = open_stream
+        self._stream: ByteStream | None = None
+        self._decoder = ResponseDecoder()
+        self._sent = self._heard = 0  # requests, and responses to them, on this connection
+        self._responses: dict[int, Response] = {}  # the newest few, by number
+        self._reader: trio.CancelScope | None = None  # whoever reads does it for all
+        self._news = trio.Event()
+
+    @property
+    def is_open(self) -> bool:
+        return self._stream is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether a request has not been answered."""
+        return self._sent != self._heard
+
+    async def open(self) -> None:
+        """Connect anew. Raise ``WireDown``."""
+        self.close()
+        stream = await self._open_stream(*self._where)
+        self.close()  # somebody else may have been quicker
+        self._stream, self._decoder = stream, ResponseDecoder()
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown`` without one."""
+        await self.open()
+        task_status.started()
+        while True:
+            try:
+                if self._stream is None:
+                    await self.open()
+                while self._stream is not None:
+                    await self._hear()
+            except WireDown:
+                self.close()
+            await trio.sleep(REOPEN_S)
+
+    def send(self, method: str, target: str, body: bytes = b"") -> int:
+        """Hand a request over now; return its number on this connection. Raise ``WireDown``."""
+        if self._stream is None:
+            raise WireDown(f"{self.name}: not connected. Reconnect")
+        try:
+            self._stream.write(encode_request(method, target, self.name, body))
+        except WireDown:
+            self.close()
+            raise
+        self._sent += 1
+        return self._sent
+
+    async def answer(self, number: int, within_s: float) -> Response:
+        """Return the response to that request. Raise ``WireDown``, and close the connection, when none comes in
+        time or what comes is no HTTP."""
+        stream = self._stream
+        with trio.move_on_after(within_s):
+            while stream is not None and self._stream is stream and self._heard < number:
+                await self._hear()
+            if self._stream is stream and number in self._responses:
+                return self._responses[number]
+            raise WireDown(f"{self.name}: the connection was closed before the answer. Check the service")
+        if self._stream is stream:
+            self.close()  # a late answer could pass for the next
+        raise WireDown(f"{self.name}: no answer within {within_s * 1e3:.0f} ms. Check the service and its network")
+
+    async def ask(self, method: str, target: str, body: bytes = b"", *, within_s: float) -> Response:
+        """``send`` and ``answer``, on a connection made for it where there is none. Raise ``WireDown``."""
+        if self._stream is None:
+            await self.open()
+        return await self.answer(self.send(method, target, body), within_s)
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        if self._reader is not None:
+            self._reader.cancel()
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = None
+        self._sent = self._heard = 0
+        self._responses.clear()
+        self._wake()
+
+    async def _hear(self) -> None:
+        """Take in what comes next, or wait until somebody else did. Raise ``WireDown``."""
+        stream, data = self._stream, b""
+        if self._reader is not None:
+            await self._news.wait()
+            return
+        if stream is None:
+            return
+        try:
+            with trio.CancelScope() as self._reader:
+                data = await stream.read()
+        except WireDown:
+            if self._stream is stream:
+                self._reader = None
+                self.close()
+            raise
+        finally:
+            self._reader = None
+            self._wake()
+        if self._stream is not stream:
+            return
+        try:
+            for response in self._decoder.feed(data):
+                self._heard += 1
+                if self._heard > self._sent:
+                    raise MalformedFrame("response to no request")
+                self._responses[self._heard] = response
+                self._responses.pop(self._heard - KEPT, None)
+        except MalformedFrame as malformed:
+            self.close()
+            raise WireDown(f"{self.name}: {malformed}. Check what is served there") from None
+
+    def _wake(self) -> None:
+        news, self._news = self._news, trio.Event()
+        news.set()

@@ -1,0 +1,61 @@
+"""A robot behind an HTTP service: requests in, responses out, with the twin mechanism's faults. No framework."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Protocol
+
+from strands_actors.drivers.common.http_messages import Request, RequestDecoder, encode_response
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .faults import Fault, Faults, Reply
+from .server import Exchange
+from .tcp import ClientGone, Handler, answering
+
+
+class Answer(NamedTuple):
+    """What the service does with a request. ``kind`` and ``rung``: the request, in the words of the wire log."""
+
+    status: int
+    body: bytes
+    kind: str = "read"
+    rung: str | None = None
+
+
+class Service(Protocol):
+    """One service for all its clients."""
+
+    faults: Faults
+
+    def answer(self, request: Request) -> Answer:
+        """Do what a request says. Without supply (``Fault.OFF``) it is heard by nobody: not called."""
+        ...
+
+
+class HttpSession:
+    """What hears one client."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._decoder = RequestDecoder()
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        try:
+            for request in self._decoder.feed(data):
+                yield self._exchange(request)
+        except MalformedFrame:
+            raise ClientGone from None  # as a server does with what it cannot follow
+
+    def _exchange(self, request: Request) -> Exchange:
+        service = self._service
+        if service.faults.of(None) is Fault.OFF:
+            return Exchange("other", request.raw, ())
+        answer = service.answer(request)
+        reply = service.faults.apply(Reply(0.0, encode_response(answer.status, answer.body)))
+        return Exchange(answer.kind, request.raw, () if reply is None else (reply,), answer.rung)
+
+
+def serving(service: Service) -> Handler:
+    """Return the handler of the port at which a service listens."""
+    new_session: Callable[[], HttpSession] = lambda: HttpSession(service)  # noqa: E731
+    return answering(new_session)

@@ -1,0 +1,139 @@
+"""Bases behind a service: a twist with a lifetime, zero when it ends, and zero again until the base says it stands.
+
+Such a base runs its last command until it hears another one, and an answer says that a command was passed on, not
+that the base has it. So a stop is not confirmed by its answer, but by what the base reports afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+import trio
+
+from strands_actors.contract.axis import Axis, AxisMode, parse_action
+from strands_actors.runtime.contract import Candidate, Driver, GateState, MotorReport, WireDown
+from strands_actors.runtime.messages import Refused
+
+from .http_port import HttpPort
+from .malformed import MalformedFrame
+
+LIFETIME_S = 0.3
+"""Of a command to a base."""
+
+ANSWER_S = 0.2
+"""How long one zero, or one look at the base, waits for its answer before the next is sent on a new connection."""
+
+AGAIN_S = 0.05
+"""Pause between two zeros."""
+
+OK = 200
+
+
+def parse_twist(
+    action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
+) -> Candidate | Refused:
+    """Return the whole target. What moves the base rests unless it is named; but an action that names nothing that
+    moves it (a lamp) goes on with the twist that is live, for as long as that was promised and no longer."""
+    parsed = parse_action(action, robot, axes, index, state.target)
+    if isinstance(parsed, Refused):
+        return parsed
+    values, named = parsed
+    moving = [at for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
+    until_ns = state.live_until_ns
+    is_live = until_ns == -1 or until_ns > state.now_ns
+    if not is_live or any(at in named for at in moving):
+        return Candidate(values, named)
+    if all(state.target[at] == axes[at].rest for at in moving):
+        return Candidate(values, named)
+    kept = tuple(state.target[at] if at in moving else value for at, value in enumerate(values))
+    return Candidate(kept, named, max(0, until_ns))
+
+
+class Standing(NamedTuple):
+    """What a base reports of itself."""
+
+    stamp_s: float  # the base's clock
+    speed: float
+
+
+class Zero(Protocol):
+    """How one service is told to stop, and asked whether its base does."""
+
+    @property
+    def target(self) -> str:
+        """Of the ``POST`` that stops."""
+        ...
+
+    @property
+    def body(self) -> bytes: ...
+    @property
+    def state_target(self) -> str:
+        """Of the ``GET`` that tells how the base stands."""
+        ...
+
+    def standing(self, body: bytes) -> Standing:
+        """Raise ``MalformedFrame``."""
+        ...
+
+
+class Outcome(NamedTuple):
+    """Of a stop. ``detail``: why the base is not known to stand; empty when it is."""
+
+    written: bool
+    acknowledged: bool
+    detail: str
+
+    def reports(self, driver: Driver, targets: Sequence[float | None] = ()) -> tuple[MotorReport, ...]:
+        """Return one report an axis. ``targets``: where each was told to stay."""
+        told = tuple(targets) or (None,) * len(driver.axes)
+        return tuple(
+            MotorReport(axis, number, self.written, self.acknowledged, not self.detail, self.detail, target)
+            for axis, number, target in zip(driver.axes, driver.ids, told, strict=True)
+        )
+
+
+def nothing_pending() -> bool:
+    """Of who cannot know of earlier commands."""
+    return False
+
+
+async def stop_base(
+    port: HttpPort, zero: Zero, within_s: float, pending: Callable[[], bool] = nothing_pending
+) -> Outcome:
+    """Send zero, again and again, until a newer report shows speed 0. Never raises. Where a connection is open, the
+    first zero leaves before the first wait.
+
+    ``pending``: whether a command sent earlier, on another connection, has not been answered: it may be carried out
+    after a zero, so what is reported before it was answered proves nothing.
+    """
+    written = acknowledged = False
+    detail = "silent"
+    since_s: float | None = None  # of the first report that was asked for after a zero was taken
+    with trio.move_on_after(within_s):
+        while True:
+            try:
+                if not port.is_open:
+                    await port.open()
+                number = port.send("POST", zero.target, zero.body)
+                written = True
+                told = await port.answer(number, ANSWER_S)
+                if told.status != OK:
+                    raise WireDown(f"{port.name}: a stop is answered with status {told.status}. Check the service")
+                acknowledged = True
+                answer = await port.ask("GET", zero.state_target, within_s=ANSWER_S)
+                stands = zero.standing(answer.body)
+                if pending():
+                    since_s, detail = None, "not confirmed: an earlier command has not been answered"
+                elif since_s is None:
+                    since_s, detail = stands.stamp_s, "not confirmed: it has reported nothing since"
+                elif stands.stamp_s > since_s:
+                    if stands.speed == 0:
+                        return Outcome(True, True, "")
+                    detail = f"not confirmed: it reports speed {stands.speed:g}"
+            except MalformedFrame as malformed:
+                detail = f"not confirmed: {malformed}"
+            except WireDown as down:
+                detail = f"not confirmed: {down}"
+            await trio.sleep(AGAIN_S)
+    return Outcome(written, acknowledged, detail)

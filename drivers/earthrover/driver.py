@@ -1,0 +1,175 @@
+"""FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
+
+Safe, for whatever reason, is zero: the wheels stand, the lamp stays as it is. The service answers when it has
+passed a command on, not when the rover has it, so zero is repeated until a newer report shows speed 0. A command
+lives 300 ms. After that a new one may go on; after a stop only ``resume()`` lets it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
+from strands_actors.contract.axis_gates import axis_gates
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.runtime.tool_verbs import STATUS, STOP, ToolVerb
+
+from .protocol import PORT
+from .robots import TABLES
+
+if TYPE_CHECKING:
+    from .wire import EarthRoverWire
+
+SPOKEN = 200
+"""Characters of a text to speak, at most [assumed]."""
+
+_SPEED = {"type": "number", "minimum": -1, "maximum": 1}
+
+
+class EarthRoverOptions(DriverOptions, frozen=True):
+    timeout_s: Annotated[
+        float, option("seconds within which the service must tell its first data", gt=0, le=60)
+    ] = 10.0
+    turn_sign: Annotated[
+        float, option("1.0, or -1.0 for a rover that turns right for a positive angular", ge=-1, le=1)
+    ] = 1.0
+
+
+class EarthRover(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = "strands_actors.drivers.earthrover.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(EarthRoverOptions)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("battery", {"pct": "battery_pct"}),
+        Sensor("pose", {"gps": "latitude_longitude_deg", "heading": "heading_deg"}),
+    )
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
+        ToolVerb(
+            "move",
+            "action",
+            "Drive for 0.3 s, then stand. Call again to go on.",
+            {
+                "linear": {**_SPEED, "description": "fraction of full speed, forward positive"},
+                "angular": {**_SPEED, "description": "fraction of full turning speed, left positive"},
+            },
+            action={"linear": 0.0, "angular": 0.0},
+        ),
+        ToolVerb(
+            "lamp",
+            "action",
+            "Light the lamp, or put it out; the rover drives on as it does.",
+            {"lamp": {**_SPEED, "description": "lit from 0.5 on"}},
+            ("lamp",),
+        ),
+        READ_SENSORS,
+        STATUS,
+        STOP,
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "speak": Service("say a text by the rover's speaker", within_s=5.0, arguments={"text": ""})
+    }
+
+    unit = "fractions of full speed, -1 to 1 (lamp: lit from 0.5 on)"
+    timing = Timing(
+        control_hz=10.0,
+        keepalive_s=0.1,  # the SDK process stops the rover by itself when it hears nothing for 3 s
+        stream_ttl_s=LIFETIME_S,
+        oneshot_ttl_s=LIFETIME_S,
+        state_ttl_s=0.5,
+        call_s=0.8,
+        safe_s=2.0,
+    )
+    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
+    firmware_watchdog = (
+        "the rover runs its last command until a new one; the SDK process sends zero after 3 s without one, "
+        "unless its CONTROL_WATCHDOG_S says otherwise, which cannot be read back [assumed: 3 s]"
+    )
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        read = read_options(robot, EarthRoverOptions, options)
+        if abs(read.turn_sign) != 1.0:
+            raise ValueError(f"{robot}: turn_sign is {read.turn_sign!r}. Give 1.0 or -1.0")
+        return plain(read)
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        resolved = self.resolve(robot, options)
+        self.robot = TABLES.canonical(robot)
+        self.port = port
+        self.timeout_s: float = resolved["timeout_s"]
+        self.declare(
+            Part(
+                PartKind.BASE,
+                (
+                    _axis("linear", 1, AxisMode.VELOCITY),
+                    _axis("angular", 2, AxisMode.VELOCITY, sign=resolved["turn_sign"]),
+                    _axis("lamp", 3, AxisMode.POSITION),
+                ),
+            )
+        )
+        timing = type(self).timing
+        self.timing = Timing(
+            **{name: getattr(timing, name) for name in timing.__struct_fields__ if name != "open_s"},
+            open_s=self.timeout_s + timing.handover_s + 1.0,
+        )
+        self.gates = axis_gates(self.table, self.timing.state_ttl_s)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return parse_twist(action, self.robot, self.table, self._index, state)
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
+        if refusal is not None:
+            return refusal
+        text = arguments.get("text", "")
+        if isinstance(text, str) and 0 < len(text) <= SPOKEN:
+            return None
+        limit = f"1..{SPOKEN} characters"
+        return Refused(
+            "bad_argument", f"{service}: text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit
+        )
+
+    def address(self) -> tuple[str, int]:
+        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a service."""
+        scheme, found, rest = self.port.partition("://")
+        if not found:
+            scheme, rest = "http", self.port
+        rest = rest.removesuffix("/")
+        if scheme != "http" or not rest or any(sign in rest for sign in "/?#@ "):
+            raise ValueError(
+                f"port is {self.port!r}. Give the address of the SDK process: 192.0.2.10:{PORT} or "
+                f"http://192.0.2.10:{PORT}, without a user or a path. It speaks no https"
+            )
+        return parse_address(rest, PORT)
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.stop")
+
+    def preload_wire(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
+
+    def open_wire(self, clock: Clock) -> EarthRoverWire:
+        from .wire import EarthRoverWire
+
+        return EarthRoverWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .stop import EarthRoverStopChannel
+
+        return EarthRoverStopChannel(self)
+
+
+def _axis(key: str, number: int, mode: AxisMode, sign: float = 1.0) -> Axis:
+    return Axis(key=key, unit="", low=-1.0, high=1.0, mode=mode, sign=sign, id=number)

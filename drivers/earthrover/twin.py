@@ -1,0 +1,195 @@
+"""The vendor's SDK process as a twin: its HTTP service with a rover behind it.
+
+As the real one, it answers a command when it has taken it, and a rover that has no fix reports latitude 1000.
+"""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, Unpack
+
+import msgspec
+
+from strands_actors.contract.axis import finite
+from strands_actors.drivers.common.door.body import Felt, Hand
+from strands_actors.drivers.common.door.protocol import TIMESTEP_S
+from strands_actors.drivers.common.http_messages import Request
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin.http import Answer, serving
+
+from . import protocol as p
+from .mechanism import Rover
+from .robots import TABLES
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "TCP port (default: any free one)",
+    "watchdog_s": "seconds without a command after which the SDK process sends zero; 0: never (default 3)",
+    "fix": "whether the rover has a GPS fix (default true)",
+    "rear": "whether it has a rear camera (default true)",
+}
+
+_HOME_DEG = 22.75, 114.09
+_M_PER_DEG = 111_320.0
+_PICTURE = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffd9")
+"""A JPEG without a picture: start, header, end."""
+
+
+class RoverTwin:
+    """One service for all clients."""
+
+    def __init__(
+        self,
+        table: Mapping[str, Any],
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        watchdog_s: float | None = None,
+        fix: bool = True,
+        rear: bool = True,
+    ) -> None:
+        watchdog = float(table["watchdog_s"]) if watchdog_s is None else float(watchdog_s)
+        self.rover = Rover(table, watchdog, now_s)
+        self.body = RoverBody(self.rover, table)
+        self.faults = Faults()
+        self._fix = fix
+        self._rear = rear
+        self._stuck: bytes | None = None
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        self.rover.pass_time()
+        self._stuck = self.data() if fault is Fault.STUCK else None
+        self.rover.stuck = fault is Fault.STUCK
+        self.faults.set(fault)
+        if fault is Fault.OFF:
+            self.rover.reset()
+
+    def power_cycle(self) -> None:
+        self.rover.reset()
+
+    def answer(self, request: Request) -> Answer:
+        self.rover.pass_time()
+        match request.method, request.target:
+            case "POST", p.CONTROL:
+                return self._control(request.body)
+            case "POST", p.SPEAK:
+                return Answer(p.OK, b'{"message":"Text sent"}', "other")
+            case "GET", p.DATA:
+                return Answer(p.OK, self._stuck or self.data())
+            case "GET", ("/v2/front" | "/v2/rear") as target:
+                return self._picture(target.removeprefix("/v2/"))
+        return Answer(p.NOT_FOUND, b'{"detail":"Not Found"}', "other")
+
+    def _control(self, body: bytes) -> Answer:
+        try:
+            command = p.decode_command(body)
+        except MalformedFrame:
+            command = None
+        if command is None:
+            return Answer(p.BAD_REQUEST, b'{"detail":"Command not provided"}', "other")
+        linear, angular, lamp = (finite(command.get(name, 0)) or 0.0 for name in ("linear", "angular", "lamp"))
+        self.rover.tell(linear, angular, lamp, Hand.WIRE if linear or angular else Hand.NONE)
+        kind, rung = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
+        return Answer(p.OK, b'{"message":"Command sent successfully"}', kind, rung)
+
+    def _picture(self, view: str) -> Answer:
+        if view == "rear" and not self._rear:
+            return Answer(p.NOT_FOUND, b'{"detail":"Rear camera is not available"}')
+        told = {f"{view}_frame": base64.b64encode(_PICTURE).decode(), "timestamp": self.rover.time_s}
+        return Answer(p.OK, msgspec.json.encode(told))
+
+    def data(self) -> bytes:
+        """Return what ``GET /data`` is answered with now."""
+        rover = self.rover
+        stamp = rover.reported_s
+        speed = rover.reported_speed + (0.5 if self.faults.of(None) is Fault.WRONG else 0.0)
+        latitude, longitude = _HOME_DEG if self._fix else (1000.0, 1000.0)
+        if self._fix:
+            latitude, longitude = latitude + rover.y_m / _M_PER_DEG, longitude + rover.x_m / _M_PER_DEG
+        return msgspec.json.encode(
+            {
+                "battery": 88,
+                "signal_level": 5,
+                "orientation": round(rover.reported_heading_deg) % 360,
+                "lamp": int(rover.lamp >= p.LIT),
+                "speed": round(speed, 3),
+                "gps_signal": 30.0 if self._fix else 0.0,
+                "latitude": latitude,
+                "longitude": longitude,
+                "vibration": 0.0,
+                "timestamp": stamp,
+                "accels": [[0.0, 0.0, 1.0, stamp]],
+                "gyros": [[0.0, 0.0, 0.0, stamp]],
+                "mags": [[0.0, 0.0, 0.0, stamp]],
+                "rpms": [[0.0, 0.0, 0.0, 0.0, stamp]],
+            }
+        )
+
+
+class RoverBody:
+    """The rover as a simulation: what the wire drives follows the wire."""
+
+    axes = ("linear", "angular", "lamp")
+
+    def __init__(self, rover: Rover, table: Mapping[str, Any]) -> None:
+        self._rover = rover
+        self._table = table
+        self.pass_time = rover.pass_time
+
+    @cached_property
+    def spec(self) -> Any:
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+
+        return build(self._table)
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return (self._rover.hand,) * len(self.axes)
+
+    def felt(self) -> Felt:
+        rover = self._rover
+        still = (0.0,) * len(self.axes)
+        return Felt(rover.time_s, (*rover.told, rover.lamp), still, still, self.hands)
+
+    def pose(self) -> Sequence[float]:
+        return [self._rover.x_m, self._rover.y_m, self._rover.heading_rad]
+
+    def take(self, on: bool) -> None:
+        rover = self._rover
+        if rover.hand is (Hand.NONE if on else Hand.SIM):
+            rover.tell(0.0, 0.0, rover.lamp, Hand.SIM if on else Hand.NONE)
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self._rover.hand is Hand.SIM:
+            linear, angular, lamp = values
+            self._rover.tell(linear, angular, lamp, Hand.SIM)
+
+    def hold(self) -> None:
+        self.aim((0.0, 0.0, self._rover.lamp))
+
+    def step(self, steps: int) -> None:
+        self._rover.run(steps * TIMESTEP_S)
+
+    def reset(self) -> None:
+        self._rover.reset()
+
+
+def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RoverTwin:
+    """Return the twin of a robot of ``robots.toml``; ``options`` without host and port."""
+    return RoverTwin(TABLES.table(robot), now_s, **options)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", 0))
+    twin = twin_of(robot, **given)
+
+    def build(wire_log: WireLog) -> TcpServer:
+        return TcpServer(twin, {port: serving(twin)}, wire_log, host)
+
+    run_server(build, **start)

@@ -1,0 +1,230 @@
+"""The service in the wire process: commands on one connection, what the rover reports on another, stops on a third.
+
+A command is written when the one before has been answered; one that is not answered within half a second ends the
+link. As long as an answer is owed no stop is confirmed: what was sent may still be carried out. So zero follows it
+on its own connection, where neither overtakes the other, before it goes out on a new one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import msgspec
+import trio
+
+from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.velocity_base import Outcome, stop_base
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.runtime.messages import Refused
+
+from . import protocol as p
+from .stop import STOP_S, RoverZero, open_port
+
+if TYPE_CHECKING:
+    from .driver import EarthRover
+
+COMMAND_S = 0.5
+"""Within which a command must be answered, or the link counts as lost."""
+
+WAIT_S = 0.2
+"""How long a command waits for the answer to the one before."""
+
+OWED_S = 0.03
+"""How long a stop waits for the answer to a command that has just been sent."""
+
+REPORT_S = 0.3
+"""How long one ``GET /data`` waits."""
+
+ARM_S = 1.0
+
+SILENT_S = 1.0
+"""Without data for so long the link counts as lost."""
+
+
+class EarthRoverWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, driver: EarthRover, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._stop: HttpPort | None = None
+        self._commands: HttpPort | None = None
+        self._nursery: trio.Nursery | None = None  # of ``serve``
+        self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
+        self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # what the rover was last told, in axis order
+        self._seen: Observation | None = None
+        self._problem = "it has told nothing yet"
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        driver = self._driver
+        port = self._port()
+        try:
+            answer = await port.ask("GET", p.DATA, within_s=driver.timeout_s)
+            data = self._data(answer.status, answer.body)
+        except MalformedFrame as malformed:
+            raise WireDown(f"{port.name}: GET {p.DATA}: {malformed}. Check what is served there") from None
+        self._told = (0.0, 0.0, 1.0 if data.lamp > 0 else 0.0)
+        self._observe(data)
+        return {"service": f"http://{port.name}", "watchdog_assumed_s": 3.0}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        url = f"http://{self._port().name}"
+        reports = HttpClient(url)
+        commands = self._commands = open_port(self._driver)
+        try:
+            async with trio.open_nursery() as nursery:
+                await nursery.start(self._port().serve)
+                await nursery.start(commands.serve)
+                self._nursery = nursery
+                task_status.started()
+                async for _ in self._clock.ticks(1 / self._driver.timing.control_hz):
+                    await self._hear(reports)
+        finally:
+            self._nursery = None
+            with trio.CancelScope(shield=True):
+                await reports.aclose()
+
+    async def arm(self, permit: Permit) -> Observation:
+        port = self._port()
+        if not port.is_open:
+            await port.open()
+        permit.check()
+        answer = await port.answer(port.send("POST", p.CONTROL, p.encode_stop(self._told[2])), ARM_S)
+        if answer.status != p.OK:
+            raise WireDown(f"arm: zero is answered with status {answer.status}. Look at the SDK process")
+        return await self.read()
+
+    async def read(self) -> Observation:
+        await trio.lowlevel.checkpoint()
+        seen = self._seen
+        if seen is None or self._clock.now_ns() - seen.t_ns > SILENT_S * NS:
+            raise WireDown(f"read: no data for {SILENT_S:g} s ({self._problem}). Check the SDK process")
+        return msgspec.structs.replace(seen, position=self._told)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        nursery, port = self._nursery, self._commands
+        if nursery is None or port is None:
+            raise WireDown("write: not connected. Open it first")
+        if not await self._answered(WAIT_S):
+            raise PermitDenied("the command before has not been answered")
+        if not port.is_open:  # the service has closed it, as it may
+            await port.open()
+        linear, angular, lamp = (axis.sign * value for axis, value in zip(self._driver.table, values, strict=True))
+        body = p.encode_setpoint(linear, angular, lamp)
+        permit.check()
+        number = port.send("POST", p.CONTROL, body)
+        self._told, self._owed = values, trio.Event()
+        nursery.start_soon(self._take_answer, port, number, self._owed)
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        lamp = self._told[2]
+        self._told = (0.0, 0.0, lamp)
+        zero = RoverZero(lamp)
+        try:
+            if self._owed is not None:
+                self._follow(zero)
+                if not await self._answered(OWED_S):
+                    self._port().close()  # a new connection is heard after those that wait
+            outcome = await stop_base(self._port(), zero, STOP_S, lambda: self._owed is not None)
+        except WireDown as down:
+            outcome = Outcome(False, False, str(down))
+        return outcome.reports(self._driver, self._told)
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer; zero follows its
+        command all the same."""
+        if self._owed is not None:
+            self._follow(RoverZero(self._told[2]))
+            self._owed = None
+        if self._stop is not None:
+            self._stop.close()
+        return await self.make_safe(rung)
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        client = HttpClient(f"http://{self._port().name}")
+        try:
+            body = msgspec.json.encode({"text": arguments["text"]})
+            answer = await client.post(p.SPEAK, body, self._driver.SERVICES[service].within_s, permit)
+        finally:
+            with trio.CancelScope(shield=True):
+                await client.aclose()
+        if answer.status_code != p.OK:
+            return Refused("service", f"{service}: the SDK process answers status {answer.status_code}")
+        return {"spoken": arguments["text"]}
+
+    def close(self) -> None:
+        for port in (self._stop, self._commands):
+            if port is not None:
+                port.close()
+        self._owed = self._seen = None
+
+    # -- what runs beside the calls
+
+    async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
+        with trio.move_on_after(COMMAND_S):
+            answer = await port.answer(number, math.inf)
+            if self._owed is owed:
+                self._owed = None
+            owed.set()
+            if answer.status != p.OK:
+                raise WireDown(f"write: the answer is status {answer.status}. Look at the SDK process")
+            return
+        raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the SDK process")
+
+    async def _answered(self, within_s: float) -> bool:
+        """Wait until no answer to a command is owed."""
+        with trio.move_on_after(within_s):
+            while self._owed is not None:
+                await self._owed.wait()
+        return self._owed is None
+
+    def _follow(self, zero: RoverZero) -> None:
+        """Send zero behind the command that is owed an answer, on its connection, if that still is one."""
+        if self._commands is not None:
+            with contextlib.suppress(WireDown):
+                self._commands.send("POST", zero.target, zero.body)
+
+    async def _hear(self, reports: HttpClient) -> None:
+        try:
+            answer = await reports.get(p.DATA, REPORT_S)
+            self._observe(self._data(answer.status_code, answer.content))
+        except (WireDown, MalformedFrame) as problem:
+            self._problem = str(problem)  # ``read`` tells when it lasts
+
+    def _data(self, status: int, body: bytes) -> p.Data:
+        if status != p.OK:
+            raise MalformedFrame(f"status {status}")
+        return p.decode_data(body)
+
+    def _observe(self, data: p.Data) -> None:
+        now_ns = self._clock.now_ns()
+        readings = {
+            "battery_pct": data.battery_pct,
+            "signal_level": data.signal_level,
+            "speed": data.speed,
+            "heading_deg": data.heading_deg,
+            "vibration": data.vibration,
+            "lamp": data.lamp,
+            "report_stamp_s": data.stamp_s,
+        }
+        sensors: dict[str, tuple[float, ...]] = {
+            name: (value,) for name, value in readings.items() if not math.isnan(value)
+        }
+        sensors["latitude_longitude_deg"] = (data.latitude_deg, data.longitude_deg)
+        self._seen = Observation(
+            t_ns=now_ns,
+            position=self._told,
+            stamp_ns=(now_ns,) * len(self._told),
+            sensors={**sensors, **data.vectors},
+        )
+
+    def _port(self) -> HttpPort:
+        self._stop = self._stop or open_port(self._driver)
+        return self._stop

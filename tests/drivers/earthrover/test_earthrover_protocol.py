@@ -1,0 +1,164 @@
+"""The rover's JSON and the HTTP around it: exact bodies, and no exception but the codec's own, whatever comes."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.drivers.common import http_messages as http
+from strands_actors.drivers.common.http_messages import RequestDecoder, ResponseDecoder
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.earthrover import protocol as p
+
+DATA: dict[str, Any] = {
+    "battery": 88,
+    "signal_level": 5,
+    "orientation": 12,
+    "lamp": 1,
+    "speed": 0.25,
+    "gps_signal": 30.0,
+    "latitude": 22.75,
+    "longitude": 114.09,
+    "vibration": 0.1,
+    "timestamp": 1724189733.2,
+    "accels": [[0.0, 0.1, 1.0, 1.0], [0.2, 0.3, 0.9, 2.0]],
+    "rpms": [[1, 2, 3, 4, 5.0]],
+}
+DISTURBED = 20_000
+
+
+def data(**changes: Any) -> p.Data:
+    return p.decode_data(json.dumps({**DATA, **changes}).encode())
+
+
+def test_a_setpoint_is_written_in_fractions_and_a_stop_in_whole_numbers() -> None:
+    assert p.encode_setpoint(0.5, -0.25, 0.5) == b'{"command":{"linear":0.5,"angular":-0.25,"lamp":1}}'
+    assert p.encode_stop(0.0) == b'{"command":{"linear":0,"angular":0,"lamp":0}}'
+    assert p.encode_stop(1.0) == b'{"command":{"linear":0,"angular":0,"lamp":1}}'
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+def test_no_setpoint_passes_for_a_stop(linear: float, angular: float, lamp: float) -> None:
+    command = p.decode_command(p.encode_setpoint(linear, angular, lamp))
+    assert command is not None and not p.is_stop(command)
+    assert (command["linear"], command["angular"]) == (linear, angular)
+    stop = p.decode_command(p.encode_stop(lamp))
+    assert stop is not None and p.is_stop(stop) and stop["lamp"] == command["lamp"]
+
+
+@pytest.mark.parametrize("body", [b"{}", b'{"command":{}}', b'{"command":1}', b'{"linear":1}'])
+def test_a_body_without_a_command_is_none(body: bytes) -> None:
+    assert p.decode_command(body) is None
+
+
+def test_data_is_read_with_its_newest_rows() -> None:
+    told = data()
+    assert (told.stamp_s, told.speed, told.battery_pct, told.lamp) == (1724189733.2, 0.25, 88.0, 1.0)
+    assert told.vectors == {"accels": (0.2, 0.3, 0.9), "rpms": (1.0, 2.0, 3.0, 4.0)}
+
+
+@pytest.mark.parametrize("latitude", [1000, -1000, 90.1, None, "x", True])
+def test_a_position_without_a_fix_is_none(latitude: object) -> None:
+    told = data(latitude=latitude)
+    assert math.isnan(told.latitude_deg) and math.isnan(told.longitude_deg)
+    assert (data().latitude_deg, data().longitude_deg) == (22.75, 114.09)
+
+
+@pytest.mark.parametrize("name", ["speed", "timestamp"])
+@pytest.mark.parametrize("value", [None, "fast", True, [1]])
+def test_data_that_cannot_confirm_a_stop_is_refused(name: str, value: object) -> None:
+    with pytest.raises(MalformedFrame, match="timestamp or a speed"):
+        data(**{name: value})
+
+
+def test_disturbed_bodies_raise_nothing_but_the_codecs_own() -> None:
+    chance = random.Random(1)
+    good = [json.dumps(DATA).encode(), p.encode_stop(0), b"[" * 5000, b'{"timestamp":1e999,"speed":0}', b"\xff\xfe"]
+    for _ in range(DISTURBED):
+        body = disturbed(chance, chance.choice(good))
+        for decode in (p.decode_data, p.decode_command):
+            try:
+                decode(body)  # type: ignore[operator]
+            except MalformedFrame:
+                continue
+
+
+def disturbed(chance: random.Random, data: bytes) -> bytes:
+    bytes_ = bytearray(data)
+    for _ in range(chance.randint(1, 4)):
+        at = chance.randrange(len(bytes_) + 1)
+        match chance.randrange(3):
+            case 0:
+                bytes_[at : at + 1] = bytes([chance.randrange(256)])
+            case 1:
+                del bytes_[at : at + chance.randint(1, 8)]
+            case _:
+                bytes_[at:at] = bytes_[: chance.randint(0, 12)]
+    return bytes(bytes_) or b"x"
+
+
+# -- the HTTP around it
+
+
+RESPONSE = http.encode_response(200, b'{"a":1}')
+CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n4;x=y\r\ndefg\r\n0\r\n\r\n"
+REQUEST = http.encode_request("POST", "/control", "192.0.2.1:8000", b'{"command":{}}')
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 1000])
+def test_messages_are_whole_however_they_are_cut(size: int) -> None:
+    stream = RESPONSE + CHUNKED + b"HTTP/1.1 204 No Content\r\n\r\n" + RESPONSE
+    decoder = ResponseDecoder()
+    heard = [one for at in range(0, len(stream), size) for one in decoder.feed(stream[at : at + size])]
+    assert [(one.status, one.body) for one in heard] == [
+        (200, b'{"a":1}'), (200, b"abcdefg"), (204, b""), (200, b'{"a":1}'),
+    ]  # fmt: skip
+    assert not decoder.has_part
+    requests = RequestDecoder()
+    both = REQUEST + http.encode_request("GET", "/data", "h")
+    asked = [one for at in range(0, len(both), size) for one in requests.feed(both[at : at + size])]
+    assert [(one.method, one.target, one.body) for one in asked] == [
+        ("POST", "/control", b'{"command":{}}'), ("GET", "/data", b""),
+    ]  # fmt: skip
+    assert b"".join(one.raw for one in asked) == both
+
+
+@pytest.mark.parametrize("head", [
+    b"HTTP/1.1 200 OK\r\nContent-Length: -1",
+    b"HTTP/1.1 200 OK\r\nContent-Length: 1\r\nContent-Length: 2",
+    b"HTTP/1.1 200 OK\r\nContent-Length: 99999999999",
+    b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\nTransfer-Encoding: chunked",
+    b"HTTP/1.1 200 OK\r\nTransfer-Encoding: gzip",
+    b"HTTP/1.1 200 OK",  # ends with its connection
+    b"HTTP/2 200 OK\r\nContent-Length: 0",
+    b"HTTP/1.1 2x0 OK\r\nContent-Length: 0",
+    b"HTTP/1.1 200 OK\r\nNo colon",
+    b"\xff\xff",
+])  # fmt: skip
+def test_a_message_that_leaves_a_doubt_is_malformed(head: bytes) -> None:
+    with pytest.raises(MalformedFrame):
+        list(ResponseDecoder().feed(head + b"\r\n\r\n"))
+
+
+def test_what_never_ends_is_bounded() -> None:
+    for endless in (b"x" * 1000, b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + b"x" * 1000):
+        decoder = ResponseDecoder()
+        with pytest.raises(MalformedFrame):
+            for _ in range(10_000):
+                list(decoder.feed(endless))
+
+
+def test_disturbed_messages_raise_nothing_but_the_codecs_own() -> None:
+    chance = random.Random(2)
+    for _ in range(DISTURBED):
+        for decoder, good in ((ResponseDecoder(), chance.choice([RESPONSE, CHUNKED])), (RequestDecoder(), REQUEST)):
+            try:
+                list(decoder.feed(disturbed(chance, good)))
+            except MalformedFrame:
+                continue
