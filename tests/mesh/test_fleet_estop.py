@@ -22,6 +22,7 @@ MOVES = {
     "koch": ("shoulder_pan", 20.0),
     "ur5e": ("shoulder_pan_joint", 0.01),
     "robotiq_2f85": ("gripper", 0.5),
+    "earthrover": ("linear", 0.2),
 }
 """What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
 RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}

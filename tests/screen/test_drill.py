@@ -37,6 +37,7 @@ STEPS = {
     "koch": WITH_POLICY,
     "ur5e": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
+    "earthrover": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -199,9 +201,6 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
 def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: RealRobot, twin: Twin) -> None:
     mapped = {role: Path(f"/proc/{pid(rover, role)}/maps").read_text() for role in ("root", "wire")}
     assert all("zenoh" in text for text in mapped.values())
-    import subprocess
-    import sys
-
     script = (
         "from strands_actors.drivers.earthrover.driver import EarthRover\n"
         "from strands_actors.runtime.clock import MonotonicClock\n"
