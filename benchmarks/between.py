@@ -15,15 +15,15 @@ QUESTION = Question(
         Goal("ask_p50_us", "zenoh", at_most=1.15),
         Goal("ask_p99_us", "zenoh", at_most=1.15),
         Goal("ask_p50_us", "ray", at_most=0.35),
-        Goal("tell_per_s", "ray", at_least=100.0),
+        Goal("tell_per_s", "ray", at_least=10.0),
     ),
     limit="""Plain zenoh answers from the callback, on zenoh's own thread. Who keeps the state of a process in
 one loop hands each message over, there and back: `zenoh into trio` is the least of that, a callback, trio's own
 way to wake its loop, a deadline, and it takes a quarter longer than ours, which has actors, types and lanes
-besides. So the library's limit is 2.3 to 2.6 times a put and its answer, and 0.45 to 0.6 of Ray. A tell takes 2
-µs, on both sides at once (a hundred times Ray leaves 2.6): 0.9 here, where each is encoded by itself; 0.6 there,
-where those of one frame are decoded by one call and queued by one; the rest is zenoh's, and the wait for the last
-ones. A put for each and a loop that decodes and counts them, `zenoh into trio`, is 30 times slower.""",
+besides. So the library's limit is 2.3 to 2.6 times a put and its answer, and 0.45 to 0.6 of Ray. A tell is a put of
+its own, which zenoh batches when many are under way: 17 µs, nearly all of it zenoh's call of our callback, which
+takes the interpreter's lock for each. (Many in one frame took 2 µs, and a second form of a message that no robot
+needs: legs tell 500 times a second.)""",
     short=False,
     ground="zenoh into trio",
     rounds=3,

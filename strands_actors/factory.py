@@ -5,8 +5,10 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+import msgspec
 
 from .drill.certificate import parse_age_s
 from .drivers import (
@@ -22,6 +24,7 @@ from .engine import SIM, Engine
 from .mesh.config import MeshConfig
 from .runtime.contract import Driver
 from .supervisors.loading import load, place_of
+from .supervisors.messages import MAX_LIFETIME_S
 
 MODES = ("sim", "real", "auto")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
@@ -36,13 +39,17 @@ class Plan:
     driver_class: type[Driver]
     port: str
     transport: str | None
-    options: dict[str, Any]
+    options: dict[str, Any] = field(repr=False)  # may hold a password
     engine: Engine | None = None
     owns_engine: bool = True
     data_config: Any = None
     mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
     drill_age_s: float | None = None
     """No motion without a stop drill that is younger."""
+    at: str = ""
+    """Where the robot is, when it is another host's; ``mesh`` says how to get there."""
+    lifetime_s: float | None = None
+    """Of a setpoint of a rollout, at least."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +67,14 @@ class Wanted:
     data_config: Any
     mesh: MeshConfig
     drill_age_s: float | None
-    options: dict[str, Any]
+    at: str | None
+    lifetime_s: float | None
+    options: dict[str, Any] = field(repr=False)
 
     def given(self) -> dict[str, Any]:
         """What only hardware has a use for."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim, "cameras": self.cameras}
-        own["require_drill"] = self.drill_age_s
+        own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
         return {key: value for key, value in own.items() if value is not None} | self.options
 
 
@@ -79,7 +88,7 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
         )
     if wanted.mode == "sim":
         return _simulated(wanted, driver_class)
-    return _real(wanted, driver_class)
+    return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
 
 
 def standalone(name: str, mode: str = "sim", **keywords: Any) -> Any:
@@ -90,6 +99,8 @@ def standalone(name: str, mode: str = "sim", **keywords: Any) -> Any:
         return None
     if wanted.mode == "sim":
         raise ValueError(f"Robot: {driver_class.__name__} has no simulation of {name}. use mode='real'")
+    if wanted.at:
+        raise ValueError(f"Robot: {driver_class.__name__} is not run as a tree, and not reached from another host")
     _check_hardware(wanted, driver_class)
     own = {"port": wanted.port, "transport": wanted.transport, "sim": wanted.sim}
     more = {key: value for key, value in own.items() if value is not None} | wanted.options
@@ -109,6 +120,8 @@ def _read(
     data_config: Any = None,
     mesh: MeshConfig | None = None,
     require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
     chosen_mode = str(mode).lower()
@@ -122,13 +135,30 @@ def _read(
     _check_keywords(driver_class, options)
     if mesh is None:
         mesh = MeshConfig.from_environment()
+    if at is not None:
+        mesh = msgspec.structs.replace(mesh, connect=at, listen=())
     mesh.check()
+    if lifetime is not None and not 0 < lifetime <= MAX_LIFETIME_S:
+        raise ValueError(f"Robot: lifetime is {lifetime!r}. give seconds, above 0 and at most {MAX_LIFETIME_S:g}")
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
-        port, chosen_mode = _look_around(driver_class, port, transport)
+        port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
     return (
         Wanted(
-            name, robot, chosen_mode, chosen, port, transport, sim, cameras, data_config, mesh, drill_age_s, options
+            name,
+            robot,
+            chosen_mode,
+            chosen,
+            port,
+            transport,
+            sim,
+            cameras,
+            data_config,
+            mesh,
+            drill_age_s,
+            at,
+            lifetime,
+            options,
         ),
         driver_class,
     )
@@ -231,6 +261,29 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         wanted.data_config,
         wanted.mesh,
         wanted.drill_age_s,
+        lifetime_s=wanted.lifetime_s,
+    )
+
+
+def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    """Of another host: what is about its hardware was said there."""
+    assert wanted.at is not None
+    own = ("port", "transport", "sim", "cameras", "require_drill")
+    if ignored := [key for key in wanted.given() if key in own]:
+        raise TypeError(
+            f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
+        )
+    return Plan(
+        wanted.robot,
+        wanted.tool_name,
+        driver_class,
+        "",
+        None,
+        driver_class.resolve(wanted.robot, wanted.options),
+        data_config=wanted.data_config,
+        mesh=wanted.mesh,
+        at=wanted.at,
+        lifetime_s=wanted.lifetime_s,
     )
 
 
@@ -248,7 +301,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
     if transport is not None and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
-    if transport is None and wanted.port is None and hasattr(driver_class, "PORT_KIND"):
+    needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
+    if transport is None and wanted.port is None and needs_port:
         raise ValueError(_missing_port(wanted.robot, driver_class))
 
 

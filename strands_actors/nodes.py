@@ -17,13 +17,14 @@ from .runtime.zenoh_mesh import ZenohMesh
 async def open_node(
     name: str, listen: Sequence[str] = (), connect: Sequence[str] = ()
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """As long as the block runs; what runs in the nursery ends with it."""
+    """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it, too."""
     node = Node(name, MonotonicClock())
     mesh = await ZenohMesh.open(listen, connect)
     try:
         async with open_background() as nursery:
             await nursery.start(node.run)
             mesh.attach(node)
+            mesh.serve_threads()
             await nursery.start(mesh.run)
             yield node, nursery
     finally:

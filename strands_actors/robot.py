@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
@@ -30,7 +31,7 @@ from .simulation import SimulationError, World
 from .supervisors.loading import build_driver
 from .supervisors.messages import Status, TaskStatus
 from .tree import RobotTree
-from .verbs import Verb, answered
+from .verbs import Verb, VerbHere, answered, answered_here
 
 if TYPE_CHECKING:
     import numpy
@@ -60,10 +61,12 @@ def Robot(  # a factory named as on the drivers page
     ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
     of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
     ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
-    have. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a policy.
-    ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is not this program)
-    uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords are the driver's
-    own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    have. ``at``: the robot is run by another host, which listens there (``"tls/arm.example:7447"``); ``mesh=``
+    has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
+    rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
+    for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
+    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
+    are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     other = standalone(name, mode, **keywords)
     if other is not None:
@@ -87,7 +90,8 @@ class RealRobot(RobotTool):
         self._plan = plan
         self._approval = approval or Approval(plan.driver_class.GUARDED)
         self._liveness = Liveness()
-        self._tree: RobotTree | None = None
+        self._opened: RobotTree | None = None
+        self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
 
@@ -119,7 +123,13 @@ class RealRobot(RobotTool):
         return self._plan.data_config
 
     def __repr__(self) -> str:
-        return f"<Robot {self.tool_name} ({self._plan.robot}, {self._plan.transport or self._plan.port})>"
+        where = self._plan.at or self._plan.transport or self._plan.port
+        return f"<Robot {self.tool_name} ({self._plan.robot}, {where})>"
+
+    @property
+    def _tree(self) -> RobotTree | None:
+        """None in a forked child, too: the tree is its parent's."""
+        return self._opened if self._pid == os.getpid() else None
 
     # -- the loop
 
@@ -133,6 +143,15 @@ class RealRobot(RobotTool):
         if isinstance(tree, str):
             return answers.error(f"{name}: {tree}")
         return self._call(answered, name, verb, tree, *args)
+
+    def _verb_here(self, here: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
+        """As ``_verb``, but in this thread, unless the loop has to."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            answer = answered_here(name, here, tree, *args)
+        return self._call(answered, name, verb, tree, *args) if answer is None else answer
 
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
@@ -156,10 +175,10 @@ class RealRobot(RobotTool):
     async def _connect(self) -> str | None:
         if self._tree is None:
             shared = portal()
-            self._tree = RobotTree(
-                shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look, by_threads=True
-            )
-        return await self._tree.connect()
+            self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._pid = os.getpid()
+        assert self._opened is not None
+        return await self._opened.connect()
 
     @property
     def is_connected(self) -> bool:
@@ -169,10 +188,12 @@ class RealRobot(RobotTool):
 
     def cleanup(self) -> Answer:
         """Make the robot safe and end everything that was started for it. Harmless when called again."""
-        tree, self._tree, self._closed = self._tree, None, True
+        tree, self._opened, self._closed = self._tree, None, True
         if tree is None:
             return answers.success({"stopped": True, "reason": "nothing was running"})
         report = self._call(tree.cleanup)
+        if isinstance(report, Refused):
+            return answers.refused(report)
         return answers.success({"stopped": True}) if report is None else answers.stopped(report)
 
     def __enter__(self) -> RealRobot:
@@ -189,12 +210,7 @@ class RealRobot(RobotTool):
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written."""
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                answer = tree.direct.send_action(action)
-            if answer is not None:
-                return verbs.commanded(tree, action, answer)
-        return self._verb(verbs.send_action, "move", action)
+        return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
     def release(self) -> Answer:
         """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
@@ -212,12 +228,7 @@ class RealRobot(RobotTool):
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
         ``action``: a command that is written first; when it is refused, so is the service."""
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                answer = tree.direct.perform(name, arguments, action)
-            if answer is not None:
-                return verbs.performed(answer)
-        return self._verb(verbs.service, name, name, arguments, action)
+        return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """The driver's own services as methods."""
@@ -226,7 +237,7 @@ class RealRobot(RobotTool):
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
-        return self._now_or_soon(lambda: self._verb(verbs.stop, "stop"), verbs.stop, "stop")
+        return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
@@ -314,12 +325,7 @@ class RealRobot(RobotTool):
     # -- helpers
 
     def _get_observation(self) -> Answer:
-        if (tree := self._tree) is not None:
-            with self._liveness:
-                seen = tree.direct.observe()
-            if seen is not None:
-                return verbs.observed(tree, seen)
-        return self._verb(verbs.get_observation, "observe")
+        return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
 
     def _status(self) -> Status | None:
         tree = self._tree

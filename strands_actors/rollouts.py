@@ -6,29 +6,34 @@ One at a time. It writes under the caller's lease; its status is the same wherev
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 import trio
 
+from .processes import Processes
 from .runtime.contract import Driver, Reason
-from .runtime.messages import Refused
-from .runtime.node import AskTimeout, Unreachable
+from .runtime.messages import Message, Refused
+from .runtime.node import ActorRef, AskTimeout, Unreachable
 from .supervisors import addresses
 from .supervisors.failsafe import Mode
+from .supervisors.loading import load
 from .supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
-from .tree_processes import ASK_S, STOP_S, TreeProcesses
 from .writer import Writer
+
+START_S = 2.0
+"""For a policy's process to be started."""
 
 
 class Rollouts:
     """All methods belong to the trio loop of the tree."""
 
-    def __init__(self, processes: TreeProcesses, writer: Writer, driver: Driver) -> None:
+    def __init__(self, processes: Processes, writer: Writer, driver: Driver) -> None:
         self._processes = processes
         self._writer = writer
         self._driver = driver
         self._task = TaskStatus()
-        self._is_remote = False
+        self._has_process = False
         self._scope: trio.CancelScope | None = None
         """Of a policy of this process."""
 
@@ -40,14 +45,16 @@ class Rollouts:
             refusal = await self._may_start("run_policy")
             if refusal is not None:
                 return refusal
-            rollout = self._rollout(instruction, duration_s, n_steps, hz)
-            self._is_remote = False
-            self._task = TaskStatus(running=True, instruction=instruction)
-            self._scope = trio.CancelScope()
-            self._processes.nursery.start_soon(self._run_policy, rollout, policy, self._scope)
-            return self._task
+            return self._begin(self._rollout(instruction, duration_s, n_steps, hz), lambda: policy)
 
-    async def _run_policy(self, rollout: Rollout, policy: Any, scope: trio.CancelScope) -> None:
+    def _begin(self, rollout: Rollout, make: Callable[[], Any]) -> TaskStatus:
+        self._has_process = False
+        self._task = TaskStatus(running=True, instruction=rollout.instruction)
+        self._scope = trio.CancelScope()
+        self._processes.nursery.start_soon(self._run_policy, rollout, make, self._scope)
+        return self._task
+
+    async def _run_policy(self, rollout: Rollout, make: Callable[[], Any], scope: trio.CancelScope) -> None:
         from .supervisors.policy import Policy
 
         ended = trio.Event()
@@ -59,7 +66,8 @@ class Rollouts:
 
         node = self._processes.node
         path = addresses.of(self._processes.robot).path("policy")
-        cell = node.cell(path, lambda: Policy(rollout, lambda: policy, report))
+        gate, ask_s = self._processes.gate, self._processes.patience.ask_s
+        cell = node.cell(path, lambda: Policy(rollout, make, report, gate, ask_s))
         try:
             with scope:
                 async with trio.open_nursery() as nursery:
@@ -72,16 +80,29 @@ class Rollouts:
     async def start_task(
         self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
     ) -> TaskStatus | Refused:
-        """Run a named policy in a process of its own. Returns at once."""
+        """Run a named policy in a process of its own; for a robot of another host in this one. Returns at once."""
         async with self._writer.turn:
             refusal = await self._may_start("start_task")
             if refusal is not None:
                 return refusal
-            message = StartTask(provider, options, self._rollout(instruction, duration_s, 0, hz))
-            answer = await self._processes.tasks.ask(message, ASK_S * 4)
+            rollout, tasks = self._rollout(instruction, duration_s, 0, hz), self._processes.tasks
+            if tasks is None:
+                return self._begin(rollout, lambda: load(provider)(**options))
+            deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)
+            try:
+                answer = await tasks.ask(StartTask(provider, options, rollout, deadline_ns), START_S)
+            except (AskTimeout, Unreachable) as failure:
+                return await self._never_started(tasks, failure)
             if isinstance(answer, TaskStatus):
-                self._task, self._is_remote = answer, True
+                self._task, self._has_process = answer, True
         return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+
+    async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
+        """What was not answered in time must not be done late. The stop ends the lease that it would write under,
+        so that whatever began, or still begins, gets none."""
+        tasks.tell(StopTask())
+        await self._hold()
+        return Refused("timeout", f"start_task: {failure}; nothing of it will begin", "try again")
 
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
@@ -100,15 +121,17 @@ class Rollouts:
         driver, lease = self._driver, self._writer.lease
         period_s = 1.0 / (hz or driver.timing.control_hz)
         over = lease.id if lease else 0
-        ttl_s = max(driver.timing.stream_ttl_s, 2 * period_s)
+        lifetime_s = self._processes.plan.lifetime_s or driver.timing.stream_ttl_s
+        ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
         return Rollout(robot, driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
 
     async def task(self) -> TaskStatus:
         """The present task's status, or the last one's."""
-        if self._is_remote and self._task.running:
+        tasks = self._processes.tasks
+        if tasks is not None and self._has_process and self._task.running:
             try:
-                answer = await self._processes.tasks.ask(GetTask(), 0.1)
+                answer = await tasks.ask(GetTask(), 0.1)
             except (AskTimeout, Unreachable):
                 return self._task
             if isinstance(answer, TaskStatus):
@@ -134,24 +157,35 @@ class Rollouts:
         processes.require()
         if not (await self.task()).running:
             return self._task
-        local = processes.node.ref(addresses.of(processes.robot).policy, Policy)
-        ref = processes.tasks if self._is_remote else local
+        ref: ActorRef = processes.node.ref(addresses.of(processes.robot).policy, Policy)
+        if processes.tasks is not None and self._has_process:
+            ref = processes.tasks
         try:
-            answer = await ref.ask(StopTask(), ASK_S * 2)
+            answer = await ref.ask(StopTask(), 2 * processes.patience.ask_s)
         except (AskTimeout, Unreachable):
-            answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), STOP_S)
+            answer = await self._hold()
             self.end("stopped")
         if isinstance(answer, TaskStatus):
             self._task = answer
         return self._task
 
+    async def _hold(self) -> Message:
+        """End what a policy of ours commanded, by the gate, else by the root."""
+        processes = self._processes
+        try:
+            answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return answer or await processes.make_safe(Reason.POLICY, processes.holder, False)
+
     async def end_overtaken(self) -> None:
         """The lease is the caller's anew: a rollout from before has lost its own, whether it has noticed or not."""
         if not (await self.task()).running:
             return
-        if self._is_remote:
+        tasks = self._processes.tasks
+        if tasks is not None and self._has_process:
             with contextlib.suppress(AskTimeout, Unreachable):  # then the next task() tells
-                await self._processes.tasks.ask(StopTask(), ASK_S * 2)
+                await tasks.ask(StopTask(), 2 * self._processes.patience.ask_s)
         else:
             self.end("stop")
 

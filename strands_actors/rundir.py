@@ -40,6 +40,7 @@ class Note(msgspec.Struct):
     endpoints: list[str]  # of its actors
     mesh: list[str] = []  # of its topics: what a subscriber connects to
     problem: str = ""
+    unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
 
 
 def run_dir() -> Path:
@@ -99,8 +100,13 @@ class Name:
             raise ValueError(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
         return path
 
+    @property
+    def note(self) -> Path:
+        """Where it is published."""
+        return run_dir() / f"{self.name}.json"
+
     def publish(self, note: Note) -> None:
-        target = run_dir() / f"{self.name}.json"
+        target = self.note
         draft = target.with_suffix(".tmp")
         draft.write_bytes(msgspec.json.encode(note))
         draft.replace(target)

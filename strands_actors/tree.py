@@ -1,6 +1,7 @@
 """The caller's end of one robot's tree, on trio: connects it, writes to it, stops it, resumes it.
 
-``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program.
+``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in ``_here`` is for any
+thread of the program but the loop's, and asks the gate from there.
 """
 
 from __future__ import annotations
@@ -10,35 +11,30 @@ from typing import Any
 
 import trio
 
-from .direct import Direct
+from .commanding import Commanding, Order, Orders
 from .factory import Plan
+from .portal import portal
+from .processes import NotConnected, Processes, unreachable
 from .rollouts import Rollouts
 from .runtime.contract import Driver, Observation, Reason
 from .runtime.messages import Message, Refused
 from .runtime.node import AskTimeout, Node, Unreachable
-from .supervisors.actions import plain, refuse_shape
 from .supervisors.failsafe import Mode
 from .supervisors.loading import build_driver
 from .supervisors.messages import (
     Accepted,
-    Fence,
     GetObservation,
-    Lease,
-    Perform,
     Performed,
     Resume,
     Resumed,
-    Setpoint,
     Status,
     Stop,
     StopReport,
     TreeReport,
 )
-from .tree_processes import ASK_S, FENCE_S, STOP_S, NotConnected, TreeProcesses, unreachable
-from .writer import STALE, Writer
+from .tree_processes import TreeProcesses
+from .writer import Writer
 
-COMMAND_S = 0.25
-"""A command that has not reached the wire by then never will."""
 RETRY_S = 3.0
 """The wire's longest pause between two attempts to open it, and one attempt."""
 
@@ -53,18 +49,17 @@ class RobotTree:
         endpoint: str,
         plan: Plan,
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
-        by_threads: bool = False,
     ) -> None:
-        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``. ``by_threads``: for ``Direct``."""
+        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``."""
         self.plan = plan
         self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
-        self._node = node
-        self._processes = TreeProcesses(node, nursery, endpoint, plan, by_threads)
+        self._processes = processes_of(node, nursery, endpoint, plan, self.driver)
         self._writer = Writer(self._processes, liveness)
         self.rollouts = Rollouts(self._processes, self._writer, self.driver)
-        self.direct = Direct(self, self._processes, self._writer)
+        self._orders = Orders(self.driver, node.clock, self._processes.patience)
+        self._commanding = Commanding(self._processes, self._writer, self.rollouts)
         self._stops = 0
         self._starting = trio.Lock()
 
@@ -109,7 +104,7 @@ class RobotTree:
                 raise
         if not arm:
             return None
-        if status.mode not in (Mode.ARMED, Mode.HOLDING):
+        if status.mode != Mode.ARMED and (status.mode != Mode.HOLDING or processes.elsewhere):
             if status.locked_by:
                 since = f", {status.locked_since}" if status.locked_since else ""
                 return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
@@ -120,17 +115,17 @@ class RobotTree:
             refusal = await self._writer.acquire()
         return None if refusal is None else refusal.text
 
-    async def cleanup(self) -> StopReport | None:
+    async def cleanup(self) -> StopReport | Refused | None:
         """Make safe, end the tree. The report, or None when nothing was running."""
-        self._processes.closed = True
+        self._processes.close()
         self.rollouts.end("cleanup")
         report = await self._end()
         if self.plan.engine is not None and self.plan.owns_engine:
             await self.plan.engine.close()
         return report
 
-    async def _end(self) -> StopReport | None:
-        report = await self._processes.end()
+    async def _end(self) -> StopReport | Refused | None:
+        report = await self._processes.end(self._writer.lease is not None)
         self._writer.lease = None
         return report
 
@@ -149,105 +144,65 @@ class RobotTree:
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """One command: gated, then written, then kept for as long as the driver says."""
-        self._processes.require()
-        refusal = refuse_shape(action)
-        if refusal is not None:
-            return refusal
-        answer = await self._command("move", lambda lease: self.setpoint(lease, action), ASK_S)
-        return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
+        return _accepted(await self._command(self._orders.move(action)))
+
+    def send_action_here(self, action: Mapping[str, Any]) -> Accepted | Refused | None:
+        """The same in the thread that calls; None when the loop has to do it."""
+        answer = self._command_here(self._orders.move(action))
+        return None if answer is None else _accepted(answer)
 
     async def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused:
         """One of the driver's own services (``Driver.SERVICES``), under this caller's lease. ``action``: a command
         that is written first; when it is refused, so is the service."""
+        return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
+
+    def perform_here(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+    ) -> Performed | Refused | None:
+        """The same in the thread that calls; None when the loop has to do it."""
+        answer = self._command_here(self._orders.perform(service, arguments, action))
+        return None if answer is None else _performed(service, answer)
+
+    async def _command(self, order: Order | Refused) -> Message | None:
         self._processes.require()
-        refusal = self.refuse_service(service, arguments, action)
-        if refusal is not None:
-            return refusal
-        answer = await self._command(
-            service, lambda lease: self.performing(lease, service, arguments, action), self.within_s(service)
-        )
-        return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+        return order if isinstance(order, Refused) else await self._commanding.ask(order)
 
-    def refuse_service(
-        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
-    ) -> Refused | None:
-        """What can be refused before the gate is asked. Of any thread."""
-        refusal = self.driver.check_service(service, arguments)
-        return refusal or (None if action is None else refuse_shape(action))
-
-    def setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
-        """Of any thread."""
-        ttl_s = self.driver.timing.oneshot_ttl_s
-        deadline_ns = self._node.clock.now_ns() + round(1e9 * (COMMAND_S if ttl_s is None else ttl_s))
-        return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
-
-    def performing(
-        self, lease: Lease, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
-    ) -> Perform:
-        """Of any thread."""
-        first = None if action is None else self.setpoint(lease, action)
-        return Perform(lease.id, lease.epoch, service, plain(arguments), first)
-
-    def within_s(self, service: str) -> float:
-        """How long one of the driver's own services is waited for."""
-        return self.driver.SERVICES[service].within_s + ASK_S
-
-    async def _command(self, verb: str, make: Callable[[Lease], Message], within_s: float) -> Message | None:
-        """Ask the gate for what needs the lease. One that is no longer good (the robot was held since, the wire
-        restarted, somebody else has it) may be taken anew by an explicit new command; a robot that is disarmed or
-        locked out refuses it all the same."""
-        writer = self._writer
-        async with writer.turn:
-            refusal = await self.rollouts.refuse(verb)
-            if refusal is not None:
-                return refusal
-            if writer.lease is not None:
-                answer = await self._ask(verb, make(writer.lease), within_s)
-                if not (isinstance(answer, Refused) and answer.code in STALE):
-                    return answer
-            refusal = await writer.acquire()
-            if refusal is not None or writer.lease is None:
-                return refusal or Refused("lease", f"{verb}: no lease")
-            return await self._ask(verb, make(writer.lease), within_s)
-
-    async def _ask(self, verb: str, message: Message, within_s: float) -> Message | None:
-        try:
-            return await self._processes.gate.ask(message, within_s)
-        except AskTimeout as timeout:
-            return await self.late(verb, timeout)
-        except Unreachable as failure:
-            return unreachable(verb, failure)
-
-    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """What was not answered in time must not be done late: fence and stop."""
-        await self._fence(Reason.WIRE, f"{verb} timed out")
-        return Refused("timeout", f"{verb}: {timeout}; the robot was stopped", "resume()")
+    def _command_here(self, order: Order | Refused) -> Message | None:
+        self._processes.require()
+        return order if isinstance(order, Refused) else self._commanding.ask_here(order)
 
     # -- stop and resume
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
+        stop = self._stopping(reason, lock)
+        try:
+            answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return await self._stopped(stop, answer)
+
+    def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+        """The same in the thread that calls: the order leaves in it, whatever the loop does."""
+        stop = self._stopping(reason, lock)
+        try:
+            answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return portal().call(self._stopped, stop, answer)
+
+    def _stopping(self, reason: Reason, lock: bool) -> Stop:
         self._processes.require()
         self._stops += 1
-        holder = self._processes.holder
-        try:
-            answer = await self._processes.gate.ask(Stop(reason, holder, lock), STOP_S)
-        except (AskTimeout, Unreachable):
-            answer = await self._fence(reason, holder, lock)
-        self.rollouts.end("stop")
-        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+        return Stop(reason, self._processes.holder, lock)
 
-    async def _fence(self, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
-        try:
-            answer = await self._processes.guardian.ask(Fence(reason, by, lock), FENCE_S)
-        except (AskTimeout, Unreachable) as failure:
-            # Neither the wire nor the root answers. Without its root the wire makes itself safe.
-            await self._processes.fence()
-            why = f"neither wire nor root answers ({failure}); the root was ended"
-            named = ", ".join(self.driver.axes)
-            return Refused("unconfirmed", f"stop: {why}. not confirmed by {named}", "look at the robot")
+    async def _stopped(self, stop: Stop, answer: Message | None) -> StopReport | Refused:
+        """``answer``: the gate's; None when there was none."""
+        if answer is None:
+            answer = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
+        self.rollouts.end("stop")
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
@@ -259,14 +214,9 @@ class RobotTree:
 
     async def _resume(self, lift: bool) -> Resumed | Refused:
         stops = self._stops
-        if not await self._processes.answers():
-            if not lift:  # whether it was locked is no longer known
-                remedy = "an operator's resume() starts it again"
-                return Refused("not_connected", "resume: the tree does not answer", remedy)
-            if self._processes.started:
-                await self._processes.discard()
-                self._writer.lease = None
-            await self._processes.start(self._writer.beat)
+        refused = await self._processes.revive(lift, self._writer.beat)
+        if refused is not None:
+            return refused
         await self._processes.wait_linked()
         answer = await self._energise(stops, lift)
         if isinstance(answer, Resumed):
@@ -309,10 +259,17 @@ class RobotTree:
     async def observe(self) -> Observation | Refused:
         self._processes.require()
         try:
-            answer = await self._processes.gate.ask(GetObservation(), ASK_S)
+            return _observed(await self._processes.gate.ask(GetObservation(), self._processes.patience.ask_s))
         except (AskTimeout, Unreachable) as failure:
-            return Refused("unreachable", f"observe: {failure}", "resume() when the robot is back")
-        return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "no answer")
+            return unreachable("observe", failure)
+
+    def observe_here(self) -> Observation | Refused:
+        """The same in the thread that calls."""
+        self._processes.require()
+        try:
+            return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
+        except (AskTimeout, Unreachable) as failure:
+            return unreachable("observe", failure)
 
     async def status(self) -> Status | None:
         """None when the wire does not answer."""
@@ -321,3 +278,24 @@ class RobotTree:
     async def describe(self) -> TreeReport | None:
         """Processes and actors of the tree; None when the root does not answer."""
         return await self._processes.describe()
+
+
+def processes_of(node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> Processes:
+    """Those that a plan is about."""
+    if not plan.at:
+        return TreeProcesses(node, nursery, endpoint, plan, driver)
+    from .mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere
+
+    return RemoteProcesses(nursery, plan, driver)
+
+
+def _accepted(answer: Message | None) -> Accepted | Refused:
+    return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
+
+
+def _performed(service: str, answer: Message | None) -> Performed | Refused:
+    return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+
+
+def _observed(answer: Message | None) -> Observation | Refused:
+    return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "observe: no answer")

@@ -13,15 +13,17 @@ from . import answers
 from .answers import Answer
 from .factory import Plan
 from .policies import choose_provider, robot_facts
+from .processes import NotConnected
 from .runtime.contract import Driver, Observation
 from .runtime.messages import Refused
 from .runtime.node import AskTimeout, Unreachable
 from .supervisors.messages import Accepted, Performed, Resumed, Status, StopReport, TaskStatus
 from .tree import RobotTree
-from .tree_processes import NotConnected
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
-"""On a tree, with what else it takes."""
+"""On a tree, with what else it takes; in the tree's loop."""
+VerbHere = Callable[..., Answer | None]
+"""The same in a thread of the program; None when nothing was done and the loop has to do it."""
 
 
 async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
@@ -32,23 +34,38 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
         return answers.error(f"{name}: {failure}")
 
 
+def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
+    """The same for a verb in the thread that calls."""
+    try:
+        return here(tree, *args)
+    except NotConnected as failure:
+        return answers.error(f"{name}: {failure}")
+
+
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
-    return commanded(tree, action, await tree.send_action(action))
+    return _commanded(tree, action, await tree.send_action(action))
 
 
-def commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Refused) -> Answer:
-    """The envelope of ``send_action``."""
+def send_action_here(tree: RobotTree, action: Mapping[str, Any]) -> Answer | None:
+    answer = tree.send_action_here(action)
+    return None if answer is None else _commanded(tree, action, answer)
+
+
+def _commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.commanded(action, answer.values))
 
 
 async def get_observation(tree: RobotTree) -> Answer:
-    return observed(tree, await tree.observe())
+    return _observed(tree, await tree.observe())
 
 
-def observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
-    """The envelope of ``get_observation``."""
+def get_observation_here(tree: RobotTree) -> Answer:
+    return _observed(tree, tree.observe_here())
+
+
+def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.as_json(answer.position))
@@ -100,16 +117,29 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
-    return performed(await tree.perform(name, arguments, action))
+    return _performed(await tree.perform(name, arguments, action))
 
 
-def performed(answer: Performed | Refused) -> Answer:
-    """The envelope of a service."""
+def service_here(
+    tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+) -> Answer | None:
+    answer = tree.perform_here(name, arguments, action)
+    return None if answer is None else _performed(answer)
+
+
+def _performed(answer: Performed | Refused) -> Answer:
     return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
 
 
 async def stop(tree: RobotTree) -> Answer:
-    answer = await tree.stop()
+    return _stopped(await tree.stop())
+
+
+def stop_here(tree: RobotTree) -> Answer:
+    return _stopped(tree.stop_here())
+
+
+def _stopped(answer: StopReport | Refused) -> Answer:
     return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
 
 

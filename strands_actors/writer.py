@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import trio
 
+from .processes import Processes
 from .runtime.messages import Refused
 from .supervisors.messages import Acquire, Beat, Lease, Release
-from .tree_processes import ASK_S, TreeProcesses
 
 BEAT_S = 0.04
 STALE = ("stale_epoch", "no_lease", "lease")
@@ -19,7 +19,7 @@ STALE = ("stale_epoch", "no_lease", "lease")
 class Writer:
     """All methods belong to the trio loop of the tree."""
 
-    def __init__(self, processes: TreeProcesses, liveness: Callable[[], tuple[bool, float]]) -> None:
+    def __init__(self, processes: Processes, liveness: Callable[[], tuple[bool, float]]) -> None:
         """``liveness``: whether the caller's program lives, and how many seconds ago it last answered."""
         self.lease: Lease | None = None
         self.turn = trio.Lock()
@@ -30,7 +30,8 @@ class Writer:
 
     async def acquire(self) -> Refused | None:
         """Take the lease, or take it again. None, or why not."""
-        answer = await self._processes.gate.ask(Acquire(self._processes.holder, pid=os.getpid()), ASK_S)
+        processes = self._processes
+        answer = await processes.gate.ask(Acquire(processes.holder, pid=os.getpid()), processes.patience.ask_s)
         if isinstance(answer, Lease):
             self.lease = answer
             return None
@@ -40,7 +41,7 @@ class Writer:
         """Give the lease up, if it is held."""
         lease, self.lease = self.lease, None
         if lease is not None:
-            await self._processes.gate.ask(Release(lease.id), ASK_S)
+            await self._processes.gate.ask(Release(lease.id), self._processes.patience.ask_s)
 
     async def beat(self) -> None:
         """For ever: while the caller's program lives, so does the lease."""

@@ -14,10 +14,10 @@ class Addresses:
         self.guardian = self.address("guardian")
         self.safety = self.address("safety")
         self.commands = self.address("commands")
+        self.gateway = self.address("gateway")
+        self.gateway_stop = self.address("gateway/stop")
         self.telemetry = self.address("telemetry")
         self.root = self.address("root")
-        self.switchboard = self.address("switchboard")
-        self.wire_end = self.address("wire_end")
         self.tasks = self.address("tasks")
         self.policy = self.address("policy")
 

@@ -21,6 +21,10 @@ class Break(Message, frozen=True):
     how: str
 
 
+class Broken(BaseException):
+    """What a process was asked to end by. No supervisor contains it, as it would any other exception."""
+
+
 def fall(how: str) -> None:
     """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else does nothing."""
     if how == "exception":
@@ -47,5 +51,7 @@ class CensusTaker(Actor):
     def _break(self, how: str) -> Refused | None:
         if os.environ.get(ALLOW_FAULTS) != "1":
             return Refused("not_allowed", "break: faults are not allowed", f"set {ALLOW_FAULTS}=1")
+        if how == "exception":
+            raise Broken("a fault was asked for")
         fall(how)
         return Refused("unknown_fault", f"break: {how} is no fault", "exception, exit or spin")

@@ -12,9 +12,7 @@ from strands_actors.runtime.messages import Refused
 
 from .lease import refuse_by_deadline
 from .mesh_json import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender
-
-CLOCK_TTL_S = 30.0
-"""A clock that was read is good for this long: two quartzes drift apart by 0.1 ms a second at worst."""
+from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
 
@@ -83,6 +81,7 @@ class Shared:
         self.clocks = Clocks()
         self.resumed_epoch = 0  # in which the robot was last resumed over the mesh
         self.taken = 0  # commands that were read, good and bad
+        self.sessions = Sessions()  # of callers of other hosts
 
 
 def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | tuple[Sender | None, Refused]:

@@ -162,7 +162,7 @@ class Commands(Actor):
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
             return _no_answer(status)
-        refused = self._refuse_by_mode(status)
+        refused = refuse_by_mode(status, self._shared.resumed_epoch)
         if refused is not None:
             return refused
         lease = await self._gate.ask(messages.Acquire(f"{sender} on the mesh"), ASK_S)
@@ -179,16 +179,6 @@ class Commands(Actor):
             "stream_ttl_s": timing.stream_ttl_s,
             "oneshot_ttl_s": timing.oneshot_ttl_s,
         }
-
-    def _refuse_by_mode(self, status: messages.Status) -> Refused | None:
-        if status.locked_by:
-            return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
-        if status.mode not in WRITABLE:
-            cause = f" ({status.cause})" if status.cause else ""
-            return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
-        if status.mode == Mode.HOLDING and status.epoch != self._shared.resumed_epoch:
-            return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
-        return None
 
     async def _move(self, move: mesh_json.Move) -> dict[str, Any] | Refused:
         if move.epoch != self._lease.epoch:
@@ -234,3 +224,16 @@ class Commands(Actor):
 
 def _no_answer(answer: Message | None) -> Refused:
     return answer if isinstance(answer, Refused) else Refused("no_answer", "the gate gave no answer", "try again")
+
+
+def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
+    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because somebody on the
+    mesh wanted it to. ``resumed_epoch``: in which that was last so."""
+    if status.locked_by:
+        return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
+    if status.mode not in WRITABLE:
+        cause = f" ({status.cause})" if status.cause else ""
+        return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
+    if status.mode == Mode.HOLDING and status.epoch != resumed_epoch:
+        return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
+    return None

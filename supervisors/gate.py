@@ -200,10 +200,7 @@ class Gate(Actor):
             message.period_s,
             self._live_until_ns,
         )
-        if message.columns:
-            candidate = self._driver.parse_columns(message.columns, state)
-        else:
-            candidate = self._driver.parse(message.action, state)
+        candidate = self._driver.parse(message.action, state)
         if isinstance(candidate, Refused):
             return candidate
         for gate in self._driver.gates:
@@ -230,6 +227,8 @@ class Gate(Actor):
             )
         if mode in failsafe.WRITABLE:
             return None
+        if mode in failsafe.OVER:
+            return self._refuse_at_the_end("move")
         if mode not in failsafe.LINKED:
             why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
             return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
@@ -237,6 +236,9 @@ class Gate(Actor):
             return Refused("arming", "move: the robot is being energised", "try again when it is armed")
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_at_the_end(self, what: str) -> Refused:
+        return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
 
     def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
         refusal = self._leases.refuse(what, message.lease, message.channel)
@@ -267,6 +269,8 @@ class Gate(Actor):
         state = self._state
         if state.locked_by:
             return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode in failsafe.OVER:
+            return self._refuse_at_the_end(service)
         if state.mode not in failsafe.LINKED:
             return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
@@ -296,7 +300,7 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
-        answer = self._leases.acquire(message, self.context.received_ns)
+        answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
     def _release(self, message: Release) -> Deferred | None:
@@ -365,27 +369,33 @@ class Gate(Actor):
     def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
         rung = safe_state or self._driver.ladder[reason]
-        holds = reason in HOLDING_REASONS and self._driver.energised(rung)
-        event = Event.HOLD if holds else Event.STOP
+        if reason in failsafe.ENDING_REASONS:
+            event = Event.END
+        elif reason in HOLDING_REASONS and self._driver.energised(rung):
+            event = Event.HOLD
+        else:
+            event = Event.STOP
         return self._step(event, rung, reason, cause, lock)
 
     def _step(self, event: Event, rung: str, reason: Reason, cause: str, lock: str = "") -> bool:
-        row = failsafe.TRANSITIONS.get((self._state.mode, event))
-        if row is not None and row.action is Action.MAKE_SAFE:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        makes_safe = action is Action.MAKE_SAFE
+        if makes_safe:
             self._cause = cause
-        if self._advance(event, lock) is not Action.MAKE_SAFE:
-            return False
-        self._live_until_ns = 0
-        for resume in self._resumes:
-            resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
-        self._resumes.clear()
-        self._transport.tell(MakeSafe(self._state.epoch, rung, reason))
-        return True
+            self._live_until_ns = 0
+            self._transport.tell(MakeSafe(self._state.epoch, rung, reason))  # before anybody else is told
+            for resume in self._resumes:
+                resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+            self._resumes.clear()
+        if self._state != before:
+            self._tell_state()
+        return makes_safe
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
         self._writes, self._reads = message.writes, message.reads
-        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+        if self._state.mode in (Mode.UNCONFIRMED, Mode.ENDING) and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
@@ -427,6 +437,8 @@ class Gate(Actor):
             return Refused("locked_out", why, "an operator's resume() lifts the lockout")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
+            if mode in failsafe.OVER:
+                return self._refuse_at_the_end("resume")
             if mode not in failsafe.LINKED:
                 return Refused("not_connected", f"resume: not connected: {self._connect_error}")
             return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")

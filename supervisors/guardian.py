@@ -1,8 +1,12 @@
 """The guardian keeps the wire group, and holds the second path to the hardware.
 
-When the wire process dies or stops beating: **fence** it (SIGKILL, and wait for its end: a paused owner
-that resumes would write again), *then* write the safe frames by its own descriptors, then confirm, then
-let the supervisor start the wire anew, closed.
+When the wire process stops beating: write the safe frame by the root's own descriptors, then **fence** the wire
+(SIGKILL, and wait for its end: a paused owner that resumes would write again), then write again and have every
+motor confirm it. The first frame is for a root that dies in between: before it the wire is alive and acts when its
+root is gone, after it the robot has been told.
+
+What is not confirmed is tried again: for a while before the next wire is started, closed; when there is no next
+one, because the tree ends, for ``LINGER_S``.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Driver, MotorReport, Reason, SecondPath, WireDown
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import Ref
-from strands_actors.runtime.processor import Standing, is_stopped
+from strands_actors.runtime.processor import Life, Standing, life_of
 from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Silence
 
@@ -36,11 +40,19 @@ from .messages import (
     Stopped,
     StopReport,
 )
-from .stoppage import LOOK_EVERY, Stoppage
+from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from .stoppage import LOOK_EVERY, LOOKS, Stoppage
 from .watchdog import Tick
 
-START_DEADLINE_S = 10.0
+START_DEADLINE_S = 5.0
+"""From a wire process' start to its first beat: a quarter of a second of computing, half for one that imports an
+SDK, on a machine that gives it a tenth of a processor. One that is stopped is noticed at once, and one that has
+handed its port over is listened to as if it had beaten: what it may have energised waits for no deadline."""
 RENEW_PAUSE_S = 0.05
+END_S = 0.5
+"""For a wire that has confirmed its stop to end by itself: it is fenced then."""
+SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
+"""In which nothing of ours is energised, by the gate's word."""
 
 
 class WireBroken(Exception):
@@ -50,12 +62,28 @@ class WireBroken(Exception):
 class Place(Protocol):
     """Where the wire group lives: a process of its own, or this one (tests)."""
 
+    @property
+    def alive(self) -> bool:
+        """Whether it can still write."""
+        ...
+
+    @property
+    def left_safe(self) -> bool:
+        """Whether it has ended by itself, after it had read back every motor and obeyed nobody since. Not by its
+        own word in a message: a message can be forged."""
+        ...
+
     async def ended(self) -> str:
         """Return when it has ended by itself, with the reason."""
         ...
 
-    async def fence(self) -> None:
-        """Return when it can never write again."""
+    async def fence(self) -> bool:
+        """Return when it can never write again, and what it said before has been heard; whether its end was seen.
+        After a second in which it was not it runs no code of its own, but a system call of its may not be over."""
+        ...
+
+    def let_go(self) -> None:
+        """Close its link: it makes safe what is not, and ends."""
         ...
 
     def standing(self) -> Standing | None:
@@ -66,7 +94,8 @@ class Place(Protocol):
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
     its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped, and when the
-    lock of an e-stop is kept by the ``keeper``."""
+    lock of an e-stop is kept by the ``keeper``. ``on_report`` is told what became of each attempt to make the robot
+    safe, ``on_dying`` of a writer that has been killed and waits for a processor to die on."""
 
     def __init__(
         self,
@@ -77,6 +106,8 @@ class Guardian(Actor):
         gate: str = "",
         writers: Callable[[], Iterable[int]] = tuple,
         keeper: LockKeeper | None = None,
+        on_report: Callable[[StopReport], None] | None = None,
+        on_dying: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._pulse = pulse
@@ -84,22 +115,30 @@ class Guardian(Actor):
         self._on_state = on_state
         self._gate_address = gate
         self._writers = writers
-        self._stoppage = Stoppage(is_stopped)
+        self._on_report = on_report
+        self._on_dying = on_dying
+        self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
+        self._stoppage = Stoppage(lambda pid: self._lives[pid].stopped)
         self._second: SecondPath | None = None
         self._second_scope = trio.CancelScope()
         self._keeper = keeper
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
-        self._orderly = self._leaving = False
+        self._leaving = self._released = False
         self._ticks = 0
+        self._place: Place | None = None  # of the wire that lives
+        self._stopped_looks = 0
         self._silence = self._listen()
         self._silent_until_ns = 0
         self._renews = False  # this life of the wire ends because its process is spent
         self._broken = trio.Event()
         self._why = (Reason.WIRE, "")
-        self.idle = trio.Event()  # no wire group runs, and the last one was made safe
+        self.idle = trio.Event()  # no wire group runs, and nothing more is done about what the last one left
         self.idle.set()
+        self.reported = trio.Event()  # since the present wire's end, or there is none to report
+        self.reported.set()
+        self._again = trio.Event()
         self._waiting: list[Deferred] = []
 
     async def started(self) -> None:
@@ -120,12 +159,14 @@ class Guardian(Actor):
                 self._renews = True
                 self._break(Reason.WIRE, message.why)
             case StateIs():
-                self.state = message
-                self._confirmed = message.mode in (Mode.DOWN, Mode.DISARMED)
-                self._keep_lock()
-                if self._on_state is not None:
-                    self._on_state(message)
+                if self._place is not None:  # the dead say nothing any more
+                    self.state = message
+                    self._confirmed = message.mode in SAFE_MODES
+                    self._keep_lock()
+                    if self._on_state is not None:
+                        self._on_state(message)
             case Handover():
+                self._silence.heard(self.context.received_ns)
                 return self._take(message)
             case Fence():
                 return self._fence(message)
@@ -142,10 +183,27 @@ class Guardian(Actor):
         self._silence.heard(self._pulse.heard_ns)
         self._ticks += 1
         if self._ticks % LOOK_EVERY == 0:
-            for pid in self._stoppage.look(self._writers()):
-                self._gate.tell(Stopped(pid))
+            self._look_at_writers()
+            self._look_at_start()
         if now_ns >= self._silent_until_ns and self._silence.tick(now_ns):
             self._break(Reason.WIRE, f"the wire process stopped answering ({self._silence.told(now_ns)})")
+
+    def _look_at_writers(self) -> None:
+        self._lives = lives = {pid: life_of(pid) for pid in self._writers()}
+        for pid in self._stoppage.look(lives):
+            self._gate.tell(Stopped(pid))
+        for pid, life in lives.items():
+            if life.dying:
+                self._on_dying(pid)
+
+    def _look_at_start(self) -> None:
+        """A wire that was stopped before its first beat is not missed by its silence."""
+        if self._place is None or self._silence.heard_ns:
+            return
+        standing = self._place.standing()
+        self._stopped_looks = self._stopped_looks + 1 if standing is not None and standing.stopped else 0
+        if self._stopped_looks == LOOKS:
+            self._break(Reason.WIRE, "the wire process was stopped before it had begun")
 
     def _break(self, reason: Reason, why: str) -> None:
         if not self._broken.is_set():
@@ -213,14 +271,36 @@ class Guardian(Actor):
             self.context.start_soon(self._answer_fence, deferred, self.last_report)
             return deferred
         self._break(message.reason, f"{message.reason}: no answer from the wire")
+        self._again.set()
         self._waiting.append(deferred)
         return deferred
 
-    def leave(self, confirmed: bool) -> None:
-        """The tree is being shut down: no new wire. ``confirmed``: the gate's own stop was, so fence without
-        writing again."""
+    # -- the end of the tree
+
+    def leave(self) -> None:
+        """The tree ends: no new wire. One that is not confirmed safe is made so for as long as ``LINGER_S``."""
         self._leaving = True
-        self._orderly = confirmed
+        self._again.set()
+
+    async def end(self, reason: Reason, by: str, confirmed: bool) -> None:
+        """End the wire, after ``leave``, and return when the robot has been made safe once (``reported``), or was.
+        ``confirmed``: the gate's own stop was. Then the wire ends by itself, and its exit code says whether that
+        still holds; else it is fenced."""
+        place = self._place
+        if place is not None and confirmed:
+            self._released = True
+            place.let_go()
+            with trio.move_on_after(END_S):
+                await self.idle.wait()
+        self._break(reason, by)
+        await self.reported.wait()
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether nothing of ours is energised any more, as far as is known."""
+        return self._confirmed
+
+    # -- one life of the wire group after the other
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """The supervisor's child: one life of the wire group, and another whenever its process is spent. Always
@@ -235,26 +315,29 @@ class Guardian(Actor):
             task_status = trio.TASK_STATUS_IGNORED
             await trio.sleep(RENEW_PAUSE_S)
 
+    async def insist(self) -> None:
+        """There will be no other wire: make safe until it is confirmed, or the tree ends."""
+        self.idle = trio.Event()
+        await self._insist(self.state.epoch, float("inf"))
+        self.idle.set()
+
     async def _live(self, task_status: trio.TaskStatus[None]) -> None:
         self._renews = False
         self._broken = trio.Event()
         self.idle = trio.Event()
+        self.reported = trio.Event()
         self._silent_until_ns = 0
+        self._stopped_looks = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
-        place = self._start_wire(start, self.state.cause)
+        place = self._place = self._start_wire(start, self.state.cause)
         self._silence = self._listen(place.standing)
         try:
             task_status.started()
             await self._until_broken(place)
         finally:
             with trio.CancelScope(shield=True):
-                await place.fence()
-                self.context.note(Happened("the wire has ended", self._why[1]))
-                self._silence = self._listen()
-                if not self._orderly:
-                    await self._make_safe(start.epoch)
-                self.idle.set()
+                await self._take_over(place, start.epoch)
 
     async def _until_broken(self, place: Place) -> None:
         async with trio.open_nursery() as nursery:
@@ -272,31 +355,71 @@ class Guardian(Actor):
             await self._broken.wait()
             nursery.cancel_scope.cancel()
 
+    async def _take_over(self, place: Place, epoch: int) -> None:
+        fenced = await self._fence_place(place)
+        self._place = None
+        self.context.note(Happened("the wire has ended", self._why[1]))
+        self._silence = self._listen()
+        if self._released and place.left_safe:
+            self._confirmed = True
+        else:
+            await self._insist(epoch, INSIST_S)
+        self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
+        while not fenced:  # two processes at one port would be worse than none
+            fenced = await place.fence()
+        self.reported.set()
+        self.idle.set()
+
+    async def _fence_place(self, place: Place) -> bool:
+        """Write, then fence: who dies in between leaves a wire that acts by itself, or a robot that was told."""
+        async with trio.open_nursery() as nursery:
+            if self._second is not None and place.alive:
+                nursery.start_soon(attempt, self._second, self._driver, self._driver.ladder[Reason.WIRE])
+                for _ in range(2):  # by the second one it has run, as far as its first wait
+                    await trio.lowlevel.checkpoint()
+            fenced = await place.fence()
+            nursery.cancel_scope.cancel()
+        return fenced
+
+    async def _insist(self, epoch: int, for_s: float) -> None:
+        """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree ends. What was
+        safe by the gate's word is written to once: a motor that says nothing may be one that is not there."""
+        was_safe = self._confirmed
+        began_s = trio.current_time()
+        for pause_s in pauses_s():
+            await self._make_safe(epoch)
+            longest_s = LINGER_S if self._leaving else for_s
+            if self._confirmed or was_safe or trio.current_time() + pause_s > began_s + longest_s:
+                return
+            self._again = trio.Event()
+            with trio.move_on_after(pause_s):
+                await self._again.wait()
+
     async def _make_safe(self, epoch: int) -> None:
         reason, why = self._why
         rung = self._driver.ladder[Reason.WIRE]
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] = ()
         if self._second is not None:
-            motors = await self._second.make_safe(rung)
-            self._confirmed = all(motor.safe for motor in motors)
-            self._drop_second()  # it would keep the next wire from the port, which is locked while it is open
+            motors = await attempt(self._second, self._driver, rung)
         elif not self._confirmed:
             # This wire had not come so far as to energise anything, and what the one before left is as it was.
-            motors = tuple(
-                MotorReport(axis, number, False, False, False, "the link is not back yet")
-                for axis, number in zip(self._driver.axes, self._driver.ids, strict=True)
-            )
+            motors = await attempt_anew(self._driver, self.context.clock, rung)
+        self._confirmed = all_safe(motors)
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
-        self.last_report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms, now_ns)
+        report = StopReport(reason, rung, epoch, self._confirmed, motors, "second", took_ms, now_ns)
+        self.last_report = report
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
-        self.context.note(self.last_report)
+        self.context.note(report)
         self.context.note(self.state)
         if self._on_state is not None:
             self._on_state(self.state)
         self._keep_lock()
+        if self._on_report is not None:
+            self._on_report(report)
         for waiting in self._waiting:
-            self.context.start_soon(self._answer_fence, waiting, self.last_report)
+            self.context.start_soon(self._answer_fence, waiting, report)
         self._waiting.clear()
+        self.reported.set()

@@ -15,6 +15,12 @@ def describe_driver(driver_class: type[Driver], robot: str, port: str, options: 
     return {"class": place_of(driver_class), "robot": robot, "port": port, "options": options}
 
 
+def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> dict[str, Any]:
+    """Return a description for who is not to know the robot's passwords: a recorder."""
+    options = {name: value for name, value in description["options"].items() if name not in driver_class.SECRETS}
+    return {**description, "options": options}
+
+
 def place_of(thing: type[Any]) -> str:
     """Where ``load`` finds it."""
     return f"{thing.__module__}:{thing.__qualname__}"

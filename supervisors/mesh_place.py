@@ -22,6 +22,7 @@ from strands_actors.runtime.zenoh_session import short
 from . import addresses
 from .command_rules import Shared
 from .commands import Commands
+from .gateway import Gateway, GatewayStop
 from .mesh_answers import Answers
 from .mesh_json import MAX_MESSAGE_BYTES
 from .messages import StateIs, TaskStatus
@@ -83,6 +84,8 @@ class MeshPlace:
         cells = [
             node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
             node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
+            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot), "gateway_stop"),
             node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
         ]
         return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)

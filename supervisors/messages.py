@@ -78,8 +78,6 @@ class Setpoint(Message, frozen=True):
     action: dict[str, Any]  # checked by the driver: a wrong value is refused by its name
     period_s: float = 0.0  # of the stream this is part of; 0 for a one-shot
     latched: bool = False
-    columns: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
-    """Instead of ``action``: of every axis, in order (``by_column``)."""
     channel: str = ""
 
 
@@ -388,11 +386,13 @@ class Rollout(Message, frozen=True):
 
 
 class StartTask(Message, frozen=True):
-    """Run a policy in a process of its own. ``provider``: ``module:factory``."""
+    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the process has
+    begun by then or does nothing, since nobody waits for it any more; 0: none."""
 
     provider: str
     options: dict[str, Any]
     rollout: Rollout
+    deadline_ns: int = 0
 
 
 class StopTask(Message, frozen=True):

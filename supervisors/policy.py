@@ -15,15 +15,15 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import msgspec
 import trio
 
 from strands_actors.runtime import heap
 from strands_actors.runtime.actor import Actor, describe
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.columns import by_column
 from strands_actors.runtime.contract import Observation
 from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
+from strands_actors.runtime.node import ActorRef, AskTimeout, Unreachable
 
 from . import addresses
 from .actions import plain
@@ -133,8 +133,18 @@ class _Tick(Message, frozen=True):
 class Policy(Actor):
     """One rollout. Tells ``report`` its status as it goes, and once more when it has ended."""
 
-    def __init__(self, rollout: Rollout, make: Callable[[], Any], report: Callable[[TaskStatus], None]) -> None:
+    def __init__(
+        self,
+        rollout: Rollout,
+        make: Callable[[], Any],
+        report: Callable[[TaskStatus], None],
+        gate: ActorRef | None = None,
+        ask_s: float = ASK_S,
+    ) -> None:
+        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer."""
         self._rollout = rollout
+        self._gate_given = gate
+        self._ask_s = ask_s
         self._make = make
         self._report = report
         self._buffer = Buffer(rollout.period_s)
@@ -144,12 +154,14 @@ class Policy(Actor):
         self._acquiring = trio.Lock()
         self._steps = 0
         self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
+        self._answer_is_due = False
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
 
     async def started(self) -> None:
-        self._gate: Ref = self.context.ref(addresses.of(self._rollout.robot).gate, Gate)
+        own: ActorRef = self.context.ref(addresses.of(self._rollout.robot).gate, Gate)
+        self._gate = self._gate_given or own
         self._began_ns = self.context.clock.now_ns()
         self.context.start_soon(self._infer)
         self.context.every(self._rollout.period_s, _Tick)
@@ -183,15 +195,14 @@ class Policy(Actor):
         assert self._lease is not None
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
-        columns = by_column(action) if tuple(action) == rollout.axes else None
-        lease = self._lease
-        setpoint = Setpoint(
-            lease.id, lease.epoch, deadline_ns, {} if columns else action, rollout.period_s, False, columns or {}
-        )
+        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
-        if self._steps % self._ask_every and not last:
+        if last:
+            if not await self._ask(setpoint):
+                return
+        elif self._steps % self._ask_every or self._answer_is_due:
             self._gate.tell(setpoint)
-        elif not await self._ask(setpoint):
+        elif not await self._ask_for_a_while(setpoint):
             return
         self._steps += 1
         self._last_ns = now_ns
@@ -200,10 +211,26 @@ class Policy(Actor):
         elif self._steps % (8 * self._ask_every) == 1:
             self._report(self._status())
 
+    async def _ask_for_a_while(self, setpoint: Setpoint) -> bool:
+        """As ``_ask``, but an answer that takes longer than half a period does not hold the stream up: the next
+        setpoints are told, and a refusal ends the rollout when it comes."""
+        self._answer_is_due = True
+        heard = trio.Event()
+
+        async def ask() -> None:
+            await self._ask(setpoint)
+            self._answer_is_due = False
+            heard.set()
+
+        self.context.start_soon(ask)
+        with trio.move_on_after(self._rollout.period_s / 2):
+            await heard.wait()
+        return self._ended is None
+
     async def _ask(self, setpoint: Setpoint) -> bool:
         """Whether it was accepted; the rollout has ended if not."""
         try:
-            answer = await self._gate.ask(setpoint, ASK_S)
+            answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", f"the gate does not answer: {failure}")
             return False
@@ -248,7 +275,7 @@ class Policy(Actor):
 
     async def _observe(self) -> dict[str, float] | None:
         try:
-            observation = await self._gate.ask(GetObservation(), ASK_S)
+            observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", f"the gate does not answer: {failure}")
             return None
@@ -263,7 +290,11 @@ class Policy(Actor):
         async with self._acquiring:
             if self._ended is not None:
                 return False
-            lease = await self._gate.ask(Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid()), ASK_S)
+            wanted = Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid())
+            try:
+                lease = await self._gate.ask(wanted, self._ask_s)
+            except (AskTimeout, Unreachable) as failure:
+                lease = Refused("publish", f"the gate does not answer: {failure}")
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True
@@ -281,10 +312,21 @@ class Policy(Actor):
             pass
         if self._lease is not None:
             # The gate holds the robot where it is before it gives the lease back.
-            # If it does not answer the lease lapses by itself; the status says why the rollout ended.
-            with contextlib.suppress(AskTimeout, Unreachable):
-                await self._gate.ask(Release(self._lease.id), ASK_S)
+            # If it does not answer the setpoint expires and the lease lapses, by themselves; the status says so.
+            try:
+                await self._gate.ask(Release(self._lease.id), self._ask_s)
+            except (AskTimeout, Unreachable) as failure:
+                self._ended = self._not_confirmed(failure)
         self._report(self._ended)
+
+    def _not_confirmed(self, failure: Exception) -> TaskStatus:
+        """A rollout that was ended, but not known to be."""
+        ended = self._status()
+        expires_ms = self._rollout.ttl_s * 1e3
+        known = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"
+        reason = "unreachable" if ended.exit_reason == "stopped" else ended.exit_reason
+        detail = f"{ended.exit_detail}. {known}" if ended.exit_detail else known
+        return msgspec.structs.replace(ended, exit_reason=reason, exit_detail=detail)
 
     def _status(self) -> TaskStatus:
         if self._ended is not None:

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import trio
 
-from strands_actors.runtime.actor import Actor, Deferred, describe
+from strands_actors.runtime.actor import Actor, Cell, Deferred, describe
+from strands_actors.runtime.child import report_failure
 from strands_actors.runtime.clock import MonotonicClock
 from strands_actors.runtime.contract import Reason
 from strands_actors.runtime.forked import Standby
@@ -33,8 +37,7 @@ from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
 from .guardian import Guardian
-from .lines import Switchboard
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .lock_keeper import LockKeeper
 from .locks import Locks
 from .mesh_place import MeshPlace
@@ -54,16 +57,20 @@ from .messages import (
     TaskStatus,
     TreeReport,
 )
+from .stop_channel import not_reached
 from .tap import Attached, TapKeeper, name_of
 from .tasks import Tasks
 from .watchdog import Tick
-from .wire import ROOT_END, ProcessPlace
+from .wire import ROOT_END, UNCONFIRMED, ProcessPlace
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
+REPORT_S = 2.0
+"""For the first report of a robot that has to be made safe by the root; who asked waits for one second more."""
 LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
+ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
 _DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus})
 
@@ -95,6 +102,27 @@ class Root(Actor):
         deferred.send(await self._tree.describe(self.context.address))
 
 
+class Unconfirmed:
+    """What the root's note in the run directory says of motors that it could not confirm safe."""
+
+    def __init__(self, note: str) -> None:
+        self._note = Path(note)
+        self._told: list[str] = []
+
+    def tell(self, report: StopReport) -> None:
+        motors = report.unconfirmed
+        if motors == self._told:
+            return
+        try:
+            note = msgspec.json.decode(self._note.read_bytes())
+            draft = self._note.with_suffix(".root.tmp")
+            draft.write_bytes(msgspec.json.encode({**note, "unconfirmed": motors}))
+            draft.replace(self._note)
+        except (OSError, msgspec.MsgspecError, TypeError) as error:
+            report_failure("the note on unconfirmed motors", error)
+        self._told = motors
+
+
 class Tree:
     """What runs in the root process."""
 
@@ -111,7 +139,7 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
-        self.tasks = Tasks(self.robot, spawner.start)
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(
@@ -122,6 +150,8 @@ class Tree:
             self.at.gate,
             self.writers,
             self.keeper,
+            Unconfirmed(args["note"]).tell,
+            self._see_dying,
         )
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
@@ -140,7 +170,7 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
-            "caller": self.args["caller"],
+            "policy_listen": self.args["policy_listen"],
             "page": self.page,
         }
         self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
@@ -161,42 +191,75 @@ class Tree:
         """For who wants to record the root's actors: what is said of the wire and of tasks, less the beats."""
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
-        return TapKeeper(names, Attached(self.args["driver"], driver.axes, driver.unit), dull=_DULL)
+        description = without_secrets(self.args["driver"], type(driver))
+        return TapKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
             self.nursery = nursery
             await nursery.start(self.node.run)
-            await nursery.start(self.spawner.run)
-            await nursery.start(self.node.cell(self.at.path("guardian"), lambda: self.guardian).run)
-            nursery.start_soon(self.keeper.run)
-            nursery.start_soon(self.node.cell(self.at.path("tasks"), lambda: self.tasks).run)
-            nursery.start_soon(self.node.cell(self.at.path("root"), lambda: Root(self)).run)
-            switchboard = self.node.cell(self.at.path("switchboard"), lambda: Switchboard(self.at.wire_end))
-            nursery.start_soon(switchboard.run)
-            nursery.start_soon(self.node.cell(self.at.census("root"), CensusTaker, "census").run)
-            nursery.start_soon(self.node.cell(self.at.tap("root"), self.tap_keeper, "tap").run)
-            nursery.start_soon(self._watch_caller, self.args["caller_pid"])
+            await nursery.start(self._contain, "the spawner's reports", self.spawner.run)
+            guardian = self.node.cell(self.at.path("guardian"), lambda: self.guardian)
+            await nursery.start(self._contain, "the guardian", guardian.run)
+            await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
+            self._keep("the keeper of the lock", self.keeper.run)
+            self._keep("the watch over the caller", self._watch_caller, self.args["caller_pid"])
             link = Link(
                 self.node,
                 sock,
                 lambda: self.shut_down(Reason.CALLER, "the caller ended"),
                 channels.of_caller(self.robot, self.args["caller"]),
             )
-            nursery.start_soon(link.run)
-            nursery.start_soon(self._supervise)
-            nursery.start_soon(self._join_mesh)
+            self._keep("the link to the caller", link.run)
+            self._keep("the supervisor of the wire", self._supervise)
+            self._keep("the mesh of the actors", self._join_mesh)
             place: dict[str, Any] = self.args["mesh"]
-            nursery.start_soon(self.mesh.run, place["listen"], place["connect"], place["settings"])
+            self._keep("the place on the mesh", self.mesh.run, place["listen"], place["connect"], place["settings"])
             await self._shutdown.wait()
             await self._leave()
+
+    def _actors(self) -> list[ChildSpec]:
+        """All but the guardian: one that fails is started again."""
+        at, cell = self.at, self.node.cell
+        cells = [
+            cell(at.path("tasks"), lambda: self.tasks),
+            cell(at.path("root"), lambda: Root(self)),
+            cell(at.census("root"), CensusTaker, "census"),
+            cell(at.tap("root"), self.tap_keeper, "tap"),
+        ]
+        return [ChildSpec(each.role, partial(self._told, each)) for each in cells]
+
+    async def _told(self, cell: Cell, task_status: trio.TaskStatus[None]) -> None:
+        try:
+            await cell.run(task_status)
+        except Exception as error:
+            report_failure(cell.address, error)
+            raise
+
+    async def _contain(
+        self,
+        what: str,
+        run: Callable[..., Awaitable[None]],
+        task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+    ) -> None:
+        """Run a part of the root. When it fails the tree ends, in order: the robot is made safe first."""
+        try:
+            await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
+        except Exception as error:
+            report_failure(what, error)
+            self.failed = f"{what} failed: {describe(error)}"
+            self.shut_down(Reason.ROOT, self.failed)
+
+    def _keep(self, what: str, run: Callable[..., Awaitable[None]], *args: Any) -> None:
+        self.nursery.start_soon(self._contain, what, partial(run, *args))
 
     async def _supervise(self) -> None:
         try:
             await self.supervisor.run()
         except* BudgetSpent as spent:
-            # Each end of the wire was made safe by the guardian; it stays so.
+            # Each end of the wire was made safe by the guardian; it stays so, once every motor has confirmed it.
             self.failed = describe(spent)
+            await self.guardian.insist()
 
     async def _join_mesh(self) -> None:
         mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
@@ -210,6 +273,14 @@ class Tree:
 
     # -- the end
 
+    def _see_dying(self, pid: int) -> None:
+        """Who was killed has ended: what it waits for is a processor to die on, for tens of milliseconds on a busy
+        machine."""
+        if pid == self.args["caller_pid"]:
+            self.shut_down(Reason.CALLER, "the caller was killed")
+        elif self.tasks.status.running:
+            self.node.ref(self.at.gate).tell(Stop(Reason.POLICY, "its process was killed"))
+
     def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
         if deferred is not None:
             self._waiting.append(deferred)
@@ -218,29 +289,46 @@ class Tree:
             self._shutdown.set()
 
     async def _leave(self) -> None:
-        """The gate's own stop first, then the fence; the guardian writes again unless that was confirmed."""
+        """The gate's own stop first, then the end of the wire; the guardian writes again unless that stop was
+        confirmed and the wire has ended by itself since. As long as a motor is not confirmed this process stays,
+        for ``LINGER_S``, and tries."""
         reason, by = self._end
-        report: StopReport | None = None
+        self.guardian.leave()
+        report = await self._stop_by_gate(reason, by)
+        if self.tasks.process is not None:
+            self.tasks.process.kill()
+        with trio.move_on_after(REPORT_S):
+            await self.guardian.end(reason, by, report is not None)
+        if not self.guardian.confirmed or report is None:
+            report = self._report_of_guardian(reason)
+        for waiting in self._waiting:
+            waiting.send(report)
+        self._waiting.clear()
+        await self.guardian.idle.wait()
+        for waiting in self._waiting:  # who asked meanwhile
+            waiting.send(self.guardian.last_report or report)
+        await self.keeper.settle()
+        await trio.sleep(LAST_WORDS_S)
+        os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
+
+    async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
+        """Its report, if every motor is confirmed. From then on it obeys nobody."""
         try:
             answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
         except (AskTimeout, Unreachable):
-            answer = None
-        if isinstance(answer, StopReport) and answer.confirmed:
-            report = answer
-            await trio.sleep(LAST_WORDS_S)
-        self.guardian.leave(confirmed=report is not None)
-        if self.tasks.process is not None:
-            self.tasks.process.kill()
-        if self.wire is not None:
-            await self.wire.process.fence()
-            with trio.move_on_after(3.0):
-                await self.guardian.idle.wait()
-        report = report or self.guardian.last_report
-        for waiting in self._waiting:
-            waiting.send(report)
-        await self.keeper.settle()
+            return None
+        if not isinstance(answer, StopReport) or not answer.confirmed:
+            return None
         await trio.sleep(LAST_WORDS_S)
-        os._exit(0)
+        return answer
+
+    def _report_of_guardian(self, reason: Reason) -> StopReport:
+        report = self.guardian.last_report
+        if self.guardian.reported.is_set() and report is not None:
+            return report
+        rung = self.driver.ladder[Reason.WIRE]
+        motors = not_reached(self.driver, "no report yet")
+        return StopReport(reason, rung, self.guardian.state.epoch, False, motors, "second")
 
     # -- the tree, described
 

@@ -37,13 +37,10 @@ from .mesh_json import (
     is_name,
 )
 from .mesh_json import Stop as StopCommand
-from .messages import Fence, GetStatus, Resume, Resumed, StateIs, Stop, StopReport
+from .messages import Resume, Resumed, StateIs, Stop
+from .stopping import make_safe
 
 STOPS_PER_S = 20
-SILENT_S = 0.1
-"""A gate that does not answer for so long is fenced."""
-STOP_S = 2.0
-FENCE_S = 3.0
 INTERIM_S = ESTOP_ANSWER_S - 0.07
 """Then who asked is told that the robot has not confirmed yet; the final answer follows."""
 
@@ -218,7 +215,7 @@ class Safety(Actor):
         reason = Reason.ESTOP if first.lock else Reason.STOP
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._tell_interim, orders)
-            report = await self._ask_stop(Stop(reason, first.by, first.lock), first.sent)
+            report = await make_safe(self._gate, self._guardian, Stop(reason, first.by, first.lock), first.sent)
             nursery.cancel_scope.cancel()
         result = _unconfirmed(report.text) if isinstance(report, Refused) else told(report)
         self._answers.event(str(reason), by=first.by, **result)
@@ -232,33 +229,6 @@ class Safety(Actor):
         for order in orders:
             if order.sender:
                 self._answers.success(order.sender, order.turn, {**result, "locked": order.lock}, final)
-
-    async def _ask_stop(self, stop: Stop, sent: Sent | None) -> StopReport | Refused:
-        """From the gate, unless it was ``sent`` there; when that does not answer, from the guardian."""
-        answer: Message | None = None
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._cancel_when_silent, nursery.cancel_scope)
-            try:
-                answer = await (self._gate.ask(stop, STOP_S) if sent is None else sent.answer(STOP_S))
-            except (AskTimeout, Unreachable):
-                answer = None
-            nursery.cancel_scope.cancel()
-        if isinstance(answer, StopReport):
-            return answer
-        try:
-            answer = await self._guardian.ask(Fence(stop.reason, stop.by, stop.lock), FENCE_S)
-        except (AskTimeout, Unreachable) as failure:
-            return Refused("unconfirmed", f"neither wire nor guardian answers: {failure}", "look at the robot")
-        if isinstance(answer, StopReport | Refused):
-            return answer
-        return Refused("unconfirmed", "nobody reported", "look at the robot")
-
-    async def _cancel_when_silent(self, asked: trio.CancelScope) -> None:
-        """A gate answers at once whatever its wire does: one that does not will not obey either."""
-        try:
-            await self._gate.ask(GetStatus(), SILENT_S)
-        except (AskTimeout, Unreachable):
-            asked.cancel()
 
     # -- resume
 

@@ -17,17 +17,32 @@ from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Refused
 from strands_actors.runtime.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.runtime.process import ChildProcess
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
 
-from . import addresses, channels
+from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .gate import Gate
-from .lines import keep_line
+from .guardian import Guardian
+from .lease import refuse_by_deadline
 from .loading import load
-from .messages import GetStatus, GetTask, Happened, Rollout, StartTask, Stop, StopTask, TaskStatus
+from .messages import (
+    Fence,
+    GetStatus,
+    GetTask,
+    Happened,
+    Rollout,
+    StartTask,
+    Stop,
+    StopReport,
+    StopTask,
+    TaskStatus,
+)
 from .policy import Policy
 
 STOP_S = 0.3
 """A policy process that has not ended its rollout by then is killed."""
+LAST_WORDS_S = 0.05
+"""For the last status to leave."""
 
 
 class Tasks(Actor):
@@ -37,9 +52,12 @@ class Tasks(Actor):
         self,
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
+        endpoint: str,
     ) -> None:
+        """``endpoint``: where the wire lets policies in."""
         self._robot = robot
         self._start_process = start
+        self._endpoint = endpoint
         self.process: ChildProcess | None = None
         self.starts = 0
         self.status = TaskStatus()
@@ -50,7 +68,10 @@ class Tasks(Actor):
     async def started(self) -> None:
         at = addresses.of(self._robot)
         self._gate: Ref = self.context.ref(at.gate, Gate)
+        self._guardian: Ref = self.context.ref(at.guardian, Guardian)
         self._policy: Ref = self.context.ref(at.policy, Policy)
+        if self.process is not None:  # of an incarnation that failed: nobody attended to it since
+            self.context.start_soon(self._end, self.process)
 
     async def receive(self, message: StartTask | StopTask | GetTask | TaskStatus) -> TaskStatus | Refused | None:
         match message:
@@ -68,25 +89,35 @@ class Tasks(Actor):
         if self.process is not None:
             if self.status.running:
                 return Refused("running", "start_task: a task is already running", "stop it first")
-            await self._dismiss(self.process)
+            if not await self._dismiss(self.process):
+                return Refused("busy", "start_task: the process of the last task does not end", "try again")
         args = {
             "robot": self._robot,
+            "gate": self._endpoint,
             "provider": message.provider,
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
+            "deadline_ns": message.deadline_ns,
         }
+        if (late := self._refuse_late(message)) is not None:
+            return late
         try:
-            self.process = await self._start_process("strands_actors.supervisors.tasks:main", args)
+            process = await self._start_process("strands_actors.supervisors.tasks:main", args)
         except OSError as error:
-            return Refused("no_process", f"start_task: no process can be started: {error}", "resume()")
+            return Refused("no_process", f"start_task: no process can be started: {error}", "try again")
+        self.process = process
         self.starts += 1
-        self.context.note(Happened("the policy process was started", message.provider, self.process.pid))
+        self.context.note(Happened("the policy process was started", message.provider, process.pid))
         self._stopping = False
         self._ended_by = ""
         self._gone = trio.Event()
-        self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
-        self.context.start_soon(self._attend, self.process)
-        return self.status
+        late = self._refuse_late(message)
+        if late is None:
+            self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
+        else:
+            process.kill()
+        self.context.start_soon(self._attend, process)
+        return late or self.status
 
     def end(self, why: str) -> None:
         """Kill the policy process: an e-stop leaves nothing behind that could go on."""
@@ -94,10 +125,18 @@ class Tasks(Actor):
             self._ended_by = why
             self.process.kill()
 
-    async def _dismiss(self, process: ChildProcess) -> None:
-        """Its task has ended, and itself not quite."""
-        await process.fence()
+    def _refuse_late(self, message: StartTask) -> Refused | None:
+        """Who asked has been told that nothing was started, and means it."""
+        if not message.deadline_ns:
+            return None
+        return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns(), "start_task: ")
+
+    async def _dismiss(self, process: ChildProcess) -> bool:
+        """Its task has ended, and itself not quite. Whether it has now."""
+        if not await process.fence():
+            return False
         await self._gone.wait()
+        return True
 
     async def _attend(self, process: ChildProcess) -> None:
         async with trio.open_nursery() as nursery:
@@ -105,6 +144,14 @@ class Tasks(Actor):
             nursery.start_soon(process.link(self.context.node, channel).run)
             code = await process.wait()
             nursery.cancel_scope.cancel()
+        self._ended(process, code)
+
+    async def _end(self, process: ChildProcess) -> None:
+        """As ``_attend``, of a process whose link is closed."""
+        process.kill()
+        self._ended(process, await process.wait())
+
+    def _ended(self, process: ChildProcess, code: int) -> None:
         self.process = None
         how = f"signal {-code}" if code < 0 else f"code {code}"
         self.context.note(Happened("the policy process has ended", how, process.pid))
@@ -130,12 +177,25 @@ class Tasks(Actor):
         if isinstance(status, TaskStatus):
             self.status = status
         else:
-            await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
+            detail = "the policy did not answer" + await self._hold()
             self.status = msgspec.structs.replace(
-                self.status, running=False, exit_reason="stopped", exit_detail="the policy did not answer"
+                self.status, running=False, exit_reason="stopped", exit_detail=detail
             )
         await process.fence()
         return self.status
+
+    async def _hold(self) -> str:
+        """Have the gate end what the policy commanded. What is to be said if it does not answer."""
+        try:
+            answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
+        except Unreachable:
+            return "; the wire is gone, and its end makes the robot safe"
+        except AskTimeout:
+            answer = None
+        if isinstance(answer, StopReport):
+            return ""
+        self._guardian.tell(Fence(Reason.POLICY, "the task was stopped"))
+        return "; nor did the wire, which is fenced"
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
@@ -146,7 +206,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     at = addresses.of(robot)
-    node = Node(f"{robot}.policy.{os.getpid()}", MonotonicClock())
+    node = Node(policy_access.node_name(robot, os.getpid()), MonotonicClock())
     rollout = msgspec.convert(args["rollout"], Rollout)
     tasks = node.ref(at.tasks, Tasks)
     ended = trio.Event()
@@ -163,12 +223,19 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(node.run)
         link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
         await nursery.start(link.run)
-        nursery.start_soon(keep_line, node, robot)
+        if 0 < args["deadline_ns"] <= node.clock.now_ns():
+            detail = "its process began after the time by which it was wanted"
+            report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
+            await trio.sleep(LAST_WORDS_S)
+            os._exit(0)
+        mesh = await ZenohMesh.open(connect=[args["gate"]])
+        mesh.attach(node)
+        await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.census("policy"), CensusTaker, "census").run)
         nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)
         await ended.wait()
-        await trio.sleep(0.05)  # let the last status leave
+        await trio.sleep(LAST_WORDS_S)
         os._exit(0)
 
 

@@ -13,6 +13,7 @@ None of that waits for a handshake, and a stop cuts a handshake short.
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -370,6 +371,10 @@ class Transport(Actor):
             wire.close()
             why = str(failure) or f"the robot did not answer within {open_s:g} s"
             self._back_off(why)
+        except trio.Cancelled:
+            if wire.handover():
+                wire.close()  # who makes safe in our place opens the port anew
+            raise
         else:
             if self._lost is not None:
                 self._lost.close()
@@ -378,6 +383,17 @@ class Transport(Actor):
             if self._driver.timing.realtime:
                 facts = {**facts, "scheduling": scheduling()}
             self._gate.tell(LinkUp(facts, observation))
+
+    def descriptors(self) -> tuple[int, ...]:
+        """Of the open wire, as its root was handed them; for who makes safe when this actor does not run any
+        more, and owns them."""
+        return () if self._wire is None else tuple(os.dup(fd) for fd in self._wire.handover())
+
+    def close(self) -> None:
+        """Release the port, after this actor has ended."""
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
 
     async def _serve(self, wire: Wire) -> None:
         self._serving = serving = _Serving()

@@ -24,12 +24,16 @@ from strands_actors.runtime.actor import Actor
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Reason, Timing
 from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Ref
+from strands_actors.runtime.node import AskTimeout, Ref, Unreachable
 from strands_actors.runtime.processor import Standing
 from strands_actors.runtime.pulse import Pulse
 from strands_actors.runtime.silence import Heard, Silence
 
 from .messages import BROUGHT, Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
+
+ASKS = 2
+ROOM_S = 0.5
+"""How much longer than ``Timing.safe_s`` gate and transport may take to make safe when the root is gone."""
 
 
 class Tick(Message, frozen=True):
@@ -79,6 +83,7 @@ class Watchdog(Actor):
         self._addresses = gate, transport
         self._pulse = pulse
         self._tick_s = timing.tick_s
+        self._leave_s = timing.safe_s + ROOM_S
         self._tick_ns = round(timing.tick_s * NS)
         self._beat_ttl_ns = round(timing.beat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)
@@ -149,7 +154,7 @@ class Watchdog(Actor):
         if now_ns >= self._cycle_at_ns:
             self._start_cycle(now_ns)
         if self._chain_answered(now_ns):
-            self.context.saw(now_ns)
+            self.context.saw((now_ns,))  # a number alone, in a replay, is what was heard of the root
             self._pulse.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
@@ -173,11 +178,17 @@ class Watchdog(Actor):
         self.context.me.tell(Leave(why))
 
     async def _leave(self, why: str) -> None:
-        """Nobody is left who could fence us: make safe, then end."""
+        """Nobody is left who could fence us: make safe, then end. Asked again, a gate with nothing energised has
+        nothing to do, and any other one tries again."""
         confirmed = False
         try:
-            report = await self._gate.ask(Stop(Reason.ROOT, why), 2.0)
-            confirmed = isinstance(report, StopReport) and report.confirmed
+            for _ in range(ASKS):
+                report = await self._gate.ask(Stop(Reason.ROOT, why), self._leave_s)
+                confirmed = isinstance(report, StopReport) and report.confirmed
+                if confirmed:
+                    break
+        except (AskTimeout, Unreachable):
+            pass  # whoever hears of it goes past gate and transport
         finally:
             self._orphaned(confirmed)
 

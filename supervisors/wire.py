@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import trio
 
 from strands_actors.runtime.actor import describe
-from strands_actors.runtime.channel import Channel
+from strands_actors.runtime.child import report_failure
 from strands_actors.runtime.clock import Clock, MonotonicClock
-from strands_actors.runtime.contract import Driver
+from strands_actors.runtime.contract import Driver, Reason
 from strands_actors.runtime.forked import Standby
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.node import Node
@@ -28,13 +28,13 @@ from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.runtime.zenoh_session import hand_over
 
-from . import addresses, channels
+from . import addresses, channels, policy_access
 from .census import CensusTaker
 from .failsafe import Mode, State
 from .gate import Gate
-from .lines import WireEnd
-from .loading import load_driver
+from .loading import load_driver, without_secrets
 from .messages import RootGone
+from .stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
 from .tap import Attached, TapKeeper, name_of
 from .transport import Transport
 from .watchdog import Watchdog
@@ -43,6 +43,8 @@ ROOT_END, WIRE_END = 0, 1
 """Of the page on which root and wire beat."""
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+LAST_HEARD_S = 0.05
+"""For what a process said before its end to be read from its link."""
 
 
 async def run_group(
@@ -54,17 +56,18 @@ async def run_group(
     orphaned: Callable[[bool], None],
     pulse: Pulse,
     root: Callable[[], Standing | None] = lambda: None,
+    made: Callable[[Transport], None] = lambda _: None,
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Run until cancelled; raise when any of the three fails."""
+    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see ``Watchdog``; ``made`` is
+    given the transport."""
     at = addresses.of(robot)
+    transport = Transport(
+        driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+    )
+    made(transport)
     cells = [
-        node.cell(
-            at.path("transport"),
-            lambda: Transport(
-                driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
-            ),
-        ),
+        node.cell(at.path("transport"), lambda: transport),
         node.cell(
             at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
         ),
@@ -92,7 +95,8 @@ def tap_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: s
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
     names = {address: name_of(address) for address in (at.gate, at.watchdog)}
-    return TapKeeper(names, Attached(description, driver.axes, driver.unit), remember)
+    attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
+    return TapKeeper(names, attached, remember)
 
 
 class ProcessPlace:
@@ -101,14 +105,40 @@ class ProcessPlace:
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
         entry = "strands_actors.supervisors.wire:main"
         self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
-        nursery.start_soon(self.process.link(node, channels.of_wire(args["robot"])).run)
+        self._link = self.process.link(node, channels.of_wire(args["robot"]))
+        self._heard_out = trio.Event()
+        self._code: int | None = None
+        nursery.start_soon(self._carry)
+
+    async def _carry(self) -> None:
+        try:
+            await self._link.run()
+        except Exception as error:
+            report_failure("the link to the wire process", error)
+            self.process.kill()  # nobody could hear it
+        finally:
+            self._heard_out.set()
+
+    @property
+    def alive(self) -> bool:
+        return self.process.alive
+
+    @property
+    def left_safe(self) -> bool:
+        return self._code == 0
 
     async def ended(self) -> str:
-        code = await self.process.wait()
+        self._code = code = await self.process.wait()
         return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
 
-    async def fence(self) -> None:
-        await self.process.fence()
+    async def fence(self) -> bool:
+        fenced = await self.process.fence()
+        with trio.move_on_after(LAST_HEARD_S if fenced else 0):
+            await self._heard_out.wait()
+        return fenced
+
+    def let_go(self) -> None:
+        self._link.close()
 
     def standing(self) -> Standing | None:
         return suspected(self.process.pid)
@@ -130,24 +160,47 @@ class InlinePlace:
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"
+        self._watchdog = node.ref(addresses.of(robot).watchdog)
+        self._let_go = False
+        self.left_safe = False
         nursery.start_soon(self._run, node, driver, robot, state, cause, pulse)
 
     async def _run(self, node: Node, driver: Driver, robot: str, state: State, cause: str, pulse: Pulse) -> None:
+        transports: list[Transport] = []
+        group = trio.CancelScope()
+
+        def end(confirmed: bool) -> None:
+            self.left_safe = confirmed
+            group.cancel()
+
         try:
             with self._scope:
-                await run_group(node, driver, robot, state, cause, lambda _: self._scope.cancel(), pulse)
-        except Exception as error:
-            self._why = describe(error)
+                try:
+                    with group:
+                        await run_group(node, driver, robot, state, cause, end, pulse, made=transports.append)
+                except Exception as error:
+                    self._why = describe(error)
+                if self._let_go and not self.left_safe:
+                    self.left_safe = await make_safe_alone(driver, node.clock, transports)
         finally:
             self._ended.set()
+
+    @property
+    def alive(self) -> bool:
+        return not self._ended.is_set()
 
     async def ended(self) -> str:
         await self._ended.wait()
         return self._why
 
-    async def fence(self) -> None:
+    async def fence(self) -> bool:
         self._scope.cancel()
         await self._ended.wait()
+        return True
+
+    def let_go(self) -> None:
+        self._let_go = True
+        self._watchdog.tell(RootGone())
 
     def standing(self) -> None:
         return None  # it stands where we stand
@@ -173,15 +226,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     node.linked = root_channel.hosts or frozenset()
     link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
-    def channel_of(writer: str) -> Channel:
-        """Of a line: a policy's has a name."""
-        return channels.of_policy(robot, writer) if writer else channels.of_caller(robot, args["caller"])
-
     root = os.getppid()
     pulse = on_page(args["page"], WIRE_END)
-
-    def end(confirmed: bool) -> None:
-        os._exit(0 if confirmed else UNCONFIRMED)
+    transports: list[Transport] = []
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open(args["listen"], args["connect"])
@@ -189,14 +236,49 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.attach(node)
         await mesh.run()
 
-    async with trio.open_nursery() as nursery:
-        await nursery.start(node.run)
-        await nursery.start(
-            run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root)
-        )
-        await nursery.start(node.cell(at.path("wire_end"), lambda: WireEnd(channel_of)).run)
-        nursery.start_soon(link.run)
-        nursery.start_soon(join_mesh)
-        nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
-        tap = node.cell(at.tap("wire"), lambda: tap_keeper(node, driver, args["driver"], robot), "tap")
-        nursery.start_soon(tap.run)
+    async def let_policies_in() -> None:
+        mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        mesh.channel = channels.of_policy(robot, policy_access.WRITER)
+        mesh.let_in(node, at.gate)
+        await mesh.run()
+
+    try:
+        async with trio.open_nursery() as nursery:
+
+            def end(confirmed: bool) -> None:
+                if confirmed:
+                    os._exit(0)
+                nursery.cancel_scope.cancel()
+
+            await nursery.start(node.run)
+            await nursery.start(
+                run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root),
+                transports.append,
+            )  # fmt: skip
+            nursery.start_soon(link.run)
+            nursery.start_soon(join_mesh)
+            nursery.start_soon(let_policies_in)
+            nursery.start_soon(node.cell(at.census("wire"), CensusTaker, "census").run)
+            tap = node.cell(at.tap("wire"), lambda: tap_keeper(node, driver, args["driver"], robot), "tap")
+            nursery.start_soon(tap.run)
+    except Exception as error:
+        if not (link.closed or os.getppid() != root):
+            raise  # the root makes safe, as after any end of this process
+        report_failure("the wire process, whose root is gone,", error)
+    os._exit(0 if await make_safe_alone(driver, clock, transports) else UNCONFIRMED)
+
+
+async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:
+    """The root is gone, and gate and transport could not make safe, or have failed: go past them, again and again
+    until every motor confirms it or ``LINGER_S`` are over. Whether they did. ``transports``: the one that ran."""
+    rung = driver.ladder[Reason.ROOT]
+    descriptors = transports[-1].descriptors() if transports else ()
+    with trio.move_on_after(LINGER_S):
+        for pause_s in pauses_s():
+            if all_safe(await attempt_anew(driver, clock, rung, descriptors)):
+                return True
+            if descriptors:
+                transports[-1].close()  # a port can be opened anew once nobody has it
+                descriptors = ()
+            await trio.sleep(pause_s)
+    return False

@@ -99,6 +99,18 @@ class Plant(Jointed):
         if self._hand[index] is Hand.SIM:
             self.set_target(index, rad)
 
+    def push(self, nm: Sequence[float]) -> None:
+        """Turn the joints with these torques, beside what their servos do."""
+        self.data.qfrc_applied[self._dof] = nm
+
+    def pose_of(self, body: str, offset_m: Sequence[float]) -> tuple[float, ...]:
+        """Return where a point of a body is, with the body's axes: a 4 x 4 matrix, column by column."""
+        rotation = self.data.body(body).xmat.reshape(3, 3)
+        place = self.data.body(body).xpos + rotation @ np.asarray(offset_m)
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation, place
+        return tuple(matrix.flatten("F").tolist())
+
     def _pass_to(self, index: int, hand: Hand) -> None:
         self._hand[index] = hand
         on = hand is not Hand.NONE

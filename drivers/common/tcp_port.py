@@ -1,6 +1,6 @@
 """A TCP connection as bytes: writes that are complete or fail, reads that wait under trio.
 
-It is always closed with a reset, by the system too when its process is killed: what has not been taken yet
+It is closed with a reset, by the system too when its process is killed: what has not been taken yet
 is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a robot whose
 cable was put back.
 """
@@ -60,17 +60,52 @@ class TcpPort:
     async def read(self) -> bytes:
         while True:
             try:
-                await trio.lowlevel.wait_readable(self._sock)
-                data = self._sock.recv(_READ_SIZE)
-            except BlockingIOError:
-                continue
+                await trio.lowlevel.wait_readable(self._sock)  # first: a peer that never stops talking yields, too
             except (OSError, ValueError) as error:
                 raise self._gone(error) from None
-            if not data:
-                raise self._gone(None)
-            return data
+            data = self.read_waiting()
+            if data is not None:
+                return data
+
+    def read_waiting(self) -> bytes | None:
+        """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
+        try:
+            data = self._sock.recv(_READ_SIZE)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise self._gone(error) from None
+        if not data:
+            raise self._gone(None)
+        return data
+
+    def fileno(self) -> int:
+        """To be given to another process. While that has it, ``close`` does not end the connection."""
+        return self._sock.fileno()
+
+    @property
+    def own_host(self) -> str:
+        """Return our address on the way to the peer. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getsockname()[0])
+        except OSError as error:
+            raise self._gone(error) from None
+
+    @property
+    def peer_host(self) -> str:
+        """Return the peer's address as a number. Raise ``WireDown``."""
+        try:
+            return str(self._sock.getpeername()[0])
+        except OSError as error:
+            raise self._gone(error) from None
 
     def close(self) -> None:
+        self._sock.close()
+
+    def close_in_order(self) -> None:
+        """As ``close``, but what has not been taken yet is still delivered: for a stop."""
+        if self._sock.fileno() >= 0:
+            self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
         self._sock.close()
 
     def _gone(self, error: Exception | None) -> WireDown:

@@ -1,5 +1,7 @@
 """A UDP socket as datagrams: writes that leave or fail, reads that wait under trio.
 
+``UdpPort`` talks to a peer that is known, ``UdpListener`` to one that speaks first.
+
 A connected socket takes datagrams of its peer alone; the kernel drops those of others. A datagram that nobody
 listens for comes back as ``ECONNREFUSED`` on the next call, which is how a robot that was switched off is noticed
 before its silence is.
@@ -8,6 +10,7 @@ before its silence is.
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -101,3 +104,100 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
     except OSError as error:
         sock.close()
         raise WireDown(f"{name}: cannot be opened ({error.strerror}). Check port=, and who else has it") from None
+
+
+class UdpListener:
+    """A ``DatagramPort`` whose peer speaks first. Closes its socket. ``host``: the peer's numeric address, empty:
+    anybody's. The socket is not connected: it can be kept when the peer is lost and looked for again."""
+
+    def __init__(self, sock: socket.socket, host: str = "") -> None:
+        sock.setblocking(False)
+        self._sock = sock
+        self._host = host
+        self._peer: tuple[str, int] | None = None
+
+    @property
+    def name(self) -> str:
+        """Return where the peer is, else where it is waited for."""
+        host, port = self._peer or self._sock.getsockname()
+        return f"{host}:{port}"
+
+    async def meet(self, is_peer: Callable[[bytes], bool]) -> None:
+        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether it is one. Until
+        then the one before is written to. Raise ``WireDown``."""
+        while True:
+            received = self._receive()
+            if received is None:
+                await self._wait()
+            elif self._host in ("", received[1][0]) and is_peer(received[0]):
+                self._peer = received[1]
+                return
+
+    def write(self, data: bytes) -> None:
+        if self._peer is None:
+            raise WireDown(f"{self.name}: nobody has spoken yet")
+        try:
+            self._sock.sendto(data, self._peer)
+        except BlockingIOError:
+            raise WireDown(f"{self.name}: output is blocked. Check the network, then reconnect") from None
+        except OSError as error:
+            raise self._gone(error) from None
+
+    async def read(self) -> bytes:
+        while (data := self.read_waiting()) is None:
+            await self._wait()
+        return data
+
+    def read_waiting(self) -> bytes | None:
+        while (received := self._receive()) is not None:
+            if received[1] == self._peer:
+                return received[0]
+        return None
+
+    def fileno(self) -> int:
+        return self._sock.fileno()
+
+    def close(self) -> None:
+        self._sock.close()
+
+    def _receive(self) -> tuple[bytes, tuple[str, int]] | None:
+        try:
+            return self._sock.recvfrom(LARGEST)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise self._gone(error) from None
+
+    async def _wait(self) -> None:
+        try:
+            await trio.lowlevel.wait_readable(self._sock)
+        except (OSError, ValueError, trio.ClosedResourceError) as error:
+            raise self._gone(error) from None
+
+    def _gone(self, error: Exception) -> WireDown:
+        if self._sock.fileno() < 0:
+            return WireDown("the UDP socket is closed. Reconnect")
+        return WireDown(f"{self.name}: the UDP port cannot be used ({error.args[-1]}). Check the network")
+
+
+async def listen_udp(port: int, host: str = "") -> UdpListener:
+    """Bind a socket for a peer that speaks first. Nothing is sent. Raise ``WireDown``.
+
+    ``host``: only it is heard, at our own address on the way to it; empty: anybody is, at all our addresses.
+    """
+    peer = here = ""
+    try:
+        if host:
+            found = await trio.socket.getaddrinfo(host, 1, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.connect(found[0][4])
+                peer, here = str(probe.getpeername()[0]), str(probe.getsockname()[0])
+    except (OSError, UnicodeError) as error:
+        raise WireDown(f"{host}: no such address ({error}). Check port=") from None
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind((here, port))
+    except OSError as error:
+        sock.close()
+        raise WireDown(f"UDP port {port} cannot be opened ({error.strerror}). Check who else has it") from None
+    return UdpListener(sock, peer)

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from strands_actors.contract.sensors import Sensor
 from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.columns import Columns
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
 from strands_actors.runtime.messages import Refused
 
@@ -121,9 +120,6 @@ class _Legs(Driver):
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)
-
-    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
-        return self._parser.parse_columns(columns) or super().parse_columns(columns, state)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Positions: a target's other rows stand behind them."""

@@ -11,7 +11,6 @@ from typing import Any
 
 from strands_actors.drivers.common.numbers import finite
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.columns import Columns, by_column
 from strands_actors.runtime.contract import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
 
@@ -24,8 +23,6 @@ CONTROL_S = 1 / CONTROL_HZ
 ROWS = ("q", "dq", "tau", "kp", "kd")
 Q, DQ, TAU, KP, KD = range(len(ROWS))
 _ROW = {name: row for row, name in enumerate(ROWS)}
-
-_FLOATS = {float}
 
 HANDSHAKE_FSM = (500, 501, 801)
 FSM_TTL_S = 1.0
@@ -55,18 +52,10 @@ class Parser:
         self._index = {spelling: at for at, joint in enumerate(model.joints) for spelling in _spellings(joint.key)}
         zero = (0.0,) * self._count
         self._rest = (*zero, *zero, *(joint.kp for joint in model.joints), *(joint.kd for joint in model.joints))
-        rows = (self._rest[first : first + self._count] for first in range(0, 4 * self._count, self._count))
-        self._usual_rows = ((), *rows)
-        self._usual_keys = frozenset(zip(*(_spellings(joint.key) for joint in model.joints), strict=True))
-        self._all = tuple(range(self._count))
 
     def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
         """A number is q in radians, sent with the joint's own gains; a dict has q and what differs from that.
         A joint that is not named keeps its target; as long as there is none, it is held where it is."""
-        if len(action) == self._count and tuple(action) in self._usual_keys:
-            usual = self.parse_columns(_columns(action))
-            if usual is not None:
-                return usual
         count = self._count
         if not action:
             return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
@@ -92,19 +81,6 @@ class Parser:
         if len(set(named)) < len(named):
             return self._twice(next(at for at in named if named.count(at) > 1))
         return Candidate(tuple(target), tuple(named))
-
-    def parse_columns(self, columns: Columns) -> Candidate | None:
-        """What comes 500 times a second: every joint, in order, with the same rows, all finite. None: look at it
-        joint by joint."""
-        rows = [*self._usual_rows]
-        for name, column in columns.items():
-            row = _ROW.get(name)
-            if row is None or len(column) != self._count or not math.isfinite(sum(column)):
-                return None
-            rows[row] = column
-        if not rows[Q]:
-            return None
-        return Candidate((*rows[Q], *rows[DQ], *rows[TAU], *rows[KP], *rows[KD]), self._all)
 
     def named(self, action: Mapping[str, object]) -> list[int]:
         """Of an accepted action, in the order of the motors."""
@@ -156,12 +132,6 @@ class Parser:
     def _twice(self, at: int) -> Refused:
         both = " and ".join(_spellings(self._model.joints[at].key)[:2])
         return Refused("both_spellings", f"move: {both} are both given", "send one of them", both)
-
-
-def _columns(action: Mapping[str, Any]) -> Columns:
-    """Of plain numbers, or of dicts that are alike. Nothing: it is another action."""
-    values = tuple(action.values())
-    return {"q": values} if set(map(type, values)) == _FLOATS else by_column(action) or {}
 
 
 def _spellings(key: str) -> tuple[str, ...]:

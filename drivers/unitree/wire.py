@@ -313,6 +313,7 @@ class UnitreeSecondPath(SecondPath):
         self._driver = driver
         self._clock = clock
         self._link: Link | None = None
+        self._listens = False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         self._link = link = self._new_link()
@@ -330,7 +331,9 @@ class UnitreeSecondPath(SecondPath):
         if link is None:
             return reports(self._driver.model, False, "the root has not found the robot")
         link.send(link.safe_frame(rung == "damp"))  # first; what confirms it is announced after it
-        link.listen()
+        if not self._listens:
+            self._listens = True
+            link.listen()
         return await bring_down(link, rung)
 
     def close(self) -> None:

@@ -214,12 +214,13 @@ def twin(
     port_file: Annotated[Path, typer.Option(help="Is written with the twin's port (or address).")],
     log: Annotated[Path | None, typer.Option(help="One JSON line for each frame on the wire.")] = None,
     fault: Annotated[str | None, typer.Option(metavar="WORD[:servo]", help="A fault it begins with.")] = None,
+    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of its twin.")] = None,
     parent_fd: Annotated[int | None, typer.Option(hidden=True, help="Ends with the twin's parent.")] = None,
 ) -> None:
     """Serve a robot's twin until interrupted."""
     from .robots import serve_twin
 
-    serve_twin(robot, port_file, log, fault, parent_fd)
+    serve_twin(robot, port_file, log, fault, parent_fd, option or [])
 
 
 @app.command()

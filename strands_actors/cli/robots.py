@@ -33,11 +33,16 @@ def show_robots(as_json: bool) -> None:
     Console().print(table)
 
 
-def serve_twin(robot: str, port_file: Path, log: Path | None, fault: str | None, parent_fd: int | None) -> None:
+def serve_twin(
+    robot: str, port_file: Path, log: Path | None, fault: str | None, parent_fd: int | None, options: list[str]
+) -> None:
     driver_class = get_native_driver_class(robot)
     if driver_class is None or not issubclass(driver_class, Driver):
         raise Problem(f"twin: no driver for {robot!r}. there are {', '.join(list_native_drivers())}")
+    if wrong := [text for text in options if "=" not in text]:
+        raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")
     serve = load(driver_class.TWIN)
+    given = {"options": dict(text.split("=", 1) for text in options)} if options else {}
     try:
         serve(
             canonical_name(robot),
@@ -45,6 +50,7 @@ def serve_twin(robot: str, port_file: Path, log: Path | None, fault: str | None,
             log=None if log is None else str(log),
             fault=fault,
             parent_fd=parent_fd,
+            **given,
         )
     except ValueError as refusal:
         raise Problem(f"twin: {refusal}") from refusal

@@ -29,6 +29,7 @@ STATE_STYLES = {
     "no wire process": "bold red",
     "failed": "bold red",
     "unconfirmed": "bold red",
+    "ending": "bold red",
 }
 
 

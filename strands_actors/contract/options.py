@@ -27,9 +27,20 @@ class DriverOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 Options = TypeVar("Options", bound=DriverOptions)
 
 
-def option(about: str, **constraints: Any) -> msgspec.Meta:
-    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length`` ..."""
-    return msgspec.Meta(description=about, **constraints)
+def option(about: str, *, secret: bool = False, **constraints: Any) -> msgspec.Meta:
+    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length`` ... A value
+    that is ``secret`` is never shown, recorded or hashed."""
+    return msgspec.Meta(description=about, extra={"secret": secret}, **constraints)
+
+
+def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
+    """Return the keywords that are secret, for ``Driver.SECRETS``."""
+    hints = get_type_hints(options, include_extras=True)
+    return frozenset(
+        field.encode_name
+        for field in msgspec.structs.fields(options)
+        if any((meta.extra or {}).get("secret") for meta in getattr(hints[field.name], "__metadata__", ()))
+    )
 
 
 def meanings(options: type[DriverOptions]) -> dict[str, str]:
@@ -60,8 +71,8 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
     except msgspec.ValidationError as error:
         why, _, where = str(error).rpartition(" - at `$.")
         name = where.removesuffix("`").partition("[")[0]
-        value = wanted.get(name)
-        raise ValueError(f"{robot}: {name} is {value!r}. {_wanted(options, name)} ({why or error})") from None
+        shown = "not accepted" if name in secrets_of(options) else repr(wanted.get(name))
+        raise ValueError(f"{robot}: {name} is {shown}. {_wanted(options, name)} ({why or error})") from None
 
 
 def plain(options: DriverOptions) -> dict[str, Any]:

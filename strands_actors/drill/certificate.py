@@ -57,11 +57,12 @@ class Certificate(msgspec.Struct, frozen=True):
 def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:
     """The configuration as a hash. ``port``: as given to ``Robot``, ``TWIN`` for any twin."""
     driver = driver_class(robot, "" if port == TWIN else port, options)
+    left_out = {"tool_name", *driver_class.SECRETS}  # a hash of a password could be searched for it
     said = {
         "driver": f"{driver_class.__module__}:{driver_class.__qualname__}",
         "robot": robot,
         "port": port,
-        "options": {key: value for key, value in options.items() if key != "tool_name"},
+        "options": {key: value for key, value in options.items() if key not in left_out},
         "timing": msgspec.to_builtins(driver.timing),
         "ladder": {str(reason): driver.ladder[reason] for reason in Reason},
         "bound_s": driver.bound_s,

@@ -15,12 +15,12 @@ import trio
 from .. import __version__
 from ..async_robot import open_tree
 from ..factory import Plan, plan
+from ..processes import NotConnected
 from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
 from ..runtime.node import AskTimeout, Unreachable
 from ..testing.twin import Twin
 from ..tree import RobotTree
-from ..tree_processes import NotConnected
 from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed
 

@@ -16,6 +16,7 @@ from time import monotonic_ns
 import trio
 from msgspec.structs import replace
 
+from ..processes import NotConnected
 from ..runtime.contract import Driver, Reason
 from ..runtime.messages import Refused
 from ..runtime.process import wait_for_end_of
@@ -25,7 +26,6 @@ from ..supervisors.transport import BACKOFF_S
 from ..testing.twin import Twin
 from ..testing.wirelog import WireLog
 from ..tree import RobotTree
-from ..tree_processes import NotConnected
 from .certificate import Figure
 
 RELEASE = "release_sport_mode"
@@ -193,7 +193,7 @@ class Drill:
         if isinstance(observation, Refused):
             raise Failed(observation.text)
         axes = iter(self._driver.as_json(observation.position).items())
-        here = dict([next(axes)])
+        here = dict(axes) if self._driver.WHOLE_ACTIONS else dict([next(axes)])
         accepted = 0
         while True:
             answer = await self._tree.send_action(here)

@@ -28,6 +28,8 @@ MODES: dict[Mode, str] = {
     Mode.STOPPING: "The safe frames are out, and each motor is being read back.",
     Mode.UNCONFIRMED: "A motor did not confirm the safe state. The report names it.",
     Mode.FAILED: "The restart budget is spent. The robot stays safe; only a new tree helps.",
+    Mode.ENDING: "The tree ends. The safe frames are out, not yet confirmed. Nobody is obeyed any more.",
+    Mode.ENDED: "The tree ends, and the robot is safe. Nobody is obeyed any more.",
 }
 
 EVENTS: dict[str, str] = {
@@ -37,8 +39,9 @@ EVENTS: dict[str, str] = {
     Event.ARM_FAILED: "a motor could not be energised",
     Event.SETPOINT: "a command has passed the gate",
     Event.HOLD: "the setpoint expired, the lease lapsed, or the policy ended",
-    Event.STOP: "stop(), the end of the caller, or any other reason",
+    Event.STOP: "stop(), a wire or a link that broke, or any other reason",
     ESTOP: "a stop that also locks, until a resume",
+    Event.END: "cleanup(), the end of the caller, the loss of the root",
     Event.SAFE_CONFIRMED: "every motor was read back safe",
     Event.SAFE_UNCONFIRMED: "a motor was silent, or not safe",
     Event.LINK_LOST: "the cable, the socket or the bus is gone",
@@ -69,6 +72,10 @@ STORIES: dict[str, tuple[str, ...]] = {
     ),
     "stopped during bring-up": (
         Event.LINK_UP, Event.RESUME, Event.STOP, Event.ARM_DONE, Event.SAFE_CONFIRMED,
+    ),
+    "the script ends, a resume comes too late": (
+        Event.LINK_UP, Event.RESUME, Event.ARM_DONE, Event.SETPOINT, Event.END, Event.RESUME, Event.SAFE_CONFIRMED,
+        Event.RESUME,
     ),
 }  # fmt: skip
 

@@ -9,8 +9,15 @@ from typing import Any, NamedTuple
 from ..supervisors.mesh_json import BROADCAST_KEY, ESTOP_KEY, EVENT_KEY, RESUME_KEY, TELEMETRY, key
 
 TOPICS = (*(key("*", topic) for topic in TELEMETRY), EVENT_KEY)
-ORDERS = (key("*", "cmd"), BROADCAST_KEY, ESTOP_KEY, RESUME_KEY)
-ANSWERS = (key("*", "response/**"),)
+ORDERS = (
+    key("*", "cmd"),
+    key("*", "actor/gateway"),
+    key("*", "actor/gateway/stop"),
+    BROADCAST_KEY,
+    ESTOP_KEY,
+    RESUME_KEY,
+)
+ANSWERS = (key("*", "response/**"), key("node", "**"))
 TOKENS = (key("*", "alive"),)
 
 LOCAL = "unixsock-stream"

@@ -41,6 +41,13 @@ class PaperRef(Ref):
         self._effects.append((Kind.SENT, 0, name_of(self.address), encode(message)))
 
 
+class PaperPace(Pace):
+    """No ticker runs in a replay, so none is put off."""
+
+    def brought(self) -> None:
+        """That a message stood for a tick follows from its number, and stands in the recording."""
+
+
 class PaperContext(Context):
     def __init__(self, address: str, effects: list[Effect]) -> None:
         self.address = address
@@ -75,7 +82,7 @@ class PaperContext(Context):
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Pace:
         """Its ticks stand in the recording."""
-        return Pace(VirtualClock(), period_s)
+        return PaperPace(VirtualClock(), period_s)
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
         """What a task does beside the actor is no decision of its own: the message that starts it is."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.runtime.columns import by_axis
 from strands_actors.runtime.contract import Observation
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.supervisors.messages import (
@@ -251,7 +250,7 @@ def _setpoint(message: Setpoint, axes: Sequence[str]) -> Command:
         message.epoch,
         message.deadline_ns,
         message.latched,
-        by_axis(message.columns, axes) if message.columns else message.action,
+        message.action,
     )
 
 

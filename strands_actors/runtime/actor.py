@@ -163,8 +163,6 @@ class Cell:
         self.plain = self.protocol.accepts - self.protocol.carriers
         """What goes into the mailbox as it is."""
         self.commands = frozenset(kind for kind in self.plain if kind.lane == "command")
-        self.unstamped = self.commands - self.protocol.stamped
-        """What another process may send many of at once, too."""
         self.mailbox = Mailbox(offer=partial(node.turn.offer, self) if can_be_helped else None)
         self._error: Exception | None = None
         self.hosted = False

@@ -17,6 +17,10 @@ class AskTimeout(Exception):
     """No answer before the deadline. What was asked may still have happened: follow with a stop."""
 
 
+class Unreachable(Exception):
+    """Nobody hosts the address, or who did is gone, perhaps with the question."""
+
+
 class Answer:
     """The slot an ask waits on. The reply may come before the asker has parked."""
 

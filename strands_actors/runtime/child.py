@@ -99,6 +99,11 @@ def told(error: BaseException, indent: str = "") -> Iterator[str]:
             yield from told(part, indent + "    ")
 
 
+def report_failure(what: str, error: BaseException) -> None:
+    """Print where something failed that its process outlives."""
+    print(f"{what} failed.", *told(error), sep="\n", file=sys.stderr)
+
+
 def _read_exactly(sock: socket.socket) -> bytes:
     size = int.from_bytes(_receive(sock, 4), "little")
     return _receive(sock, size)

@@ -25,7 +25,6 @@ from strands_actors.contract.axis import Axis, Part, axes_of, first_target, pars
 from strands_actors.contract.sensors import Sensor
 
 from .clock import Clock
-from .columns import Columns, by_axis
 from .messages import Message, Refused
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -272,11 +271,15 @@ class Driver(ABC):
     ALIASES: ClassVar[Mapping[str, str]] = {}
     """Other names to robots of ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
+    PORT_OPTIONAL: ClassVar[bool] = False
+    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SECRETS: ClassVar[frozenset[str]] = frozenset()
+    """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
@@ -286,6 +289,8 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
+    WHOLE_ACTIONS: ClassVar[bool] = False
+    """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
@@ -338,15 +343,6 @@ class Driver(ABC):
         jumps, and rest for velocity axes, so that nothing drives off."""
         return first_target(self.table, observation.position) if self.parts else observation.position
 
-    def parse_columns(self, columns: Columns, state: GateState) -> Candidate | Refused:
-        """As ``parse``, of an action by column. Default: it is turned, and parsed."""
-        count = len(self.axes)
-        for name, column in columns.items():
-            if len(column) != count:
-                why = f"move: {len(column)} numbers named {name}"
-                return Refused("columns", why, f"send {count}, one an axis", f"{len(column)}", f"{count}")
-        return self.parse(by_axis(columns, self.axes), state)
-
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""
         known = self.SERVICES.get(service)
@@ -381,8 +377,8 @@ class Driver(ABC):
 
     @abstractmethod
     def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        """The root's way to the hardware, from what ``Wire.handover`` gave. Without ``descriptors`` (no wire has
-        come so far) it opens its own, when it is used."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

@@ -2,8 +2,7 @@
 
 A frame is a msgpack array ``[to, kind, cid, sender, reply_to, body]``. The body stays raw until the
 receiving actor's own decoder reads it, so a frame for nobody, or with a body of the wrong type, costs
-nothing but a refusal. What one actor tells another in one go may be one frame (``TELLS``), whose body is
-the array of theirs.
+nothing but a refusal.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import msgspec
 
 from .messages import Message, Refused
 
-TELL, ASK, REPLY, WATCH, DOWN, HOSTS, TELLS = range(7)
+TELL, ASK, REPLY, WATCH, DOWN, HOSTS = range(6)
 
 
 class Frame(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -42,7 +41,6 @@ class Down(Message, frozen=True):
 
 encode = msgspec.msgpack.Encoder().encode
 decode_frame = msgspec.msgpack.Decoder(Frame).decode
-decode_bodies = msgspec.msgpack.Decoder(list[msgspec.Raw]).decode
 
 
 def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object) -> bytes:
@@ -52,7 +50,7 @@ def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object
 class Protocol:
     """What an actor class accepts and answers, read from the annotation of its ``receive``."""
 
-    __slots__ = ("_decode_all", "accepts", "carriers", "decode", "decode_reply", "is_async", "name", "stamped")
+    __slots__ = ("accepts", "carriers", "decode", "decode_reply", "is_async", "name", "stamped")
 
     def __init__(self, receive: Callable[..., Any], name: str) -> None:
         try:
@@ -84,14 +82,7 @@ class Protocol:
         self.decode_reply: Callable[[Any], Message | None] = msgspec.msgpack.Decoder(
             _union((*replies, Refused, None))
         ).decode
-        self._decode_all: Callable[[Any], list[Message]] | None = None
         self.is_async = bool(getattr(receive, "__code__", None) and receive.__code__.co_flags & 0x80)
-
-    def decode_all(self, bodies: Any) -> list[Message]:
-        """An array of messages. Made when it is first asked for: most actors are told by their own process."""
-        if self._decode_all is None:
-            self._decode_all = msgspec.msgpack.Decoder(list[_union(self.accepts)]).decode  # type: ignore[misc]
-        return self._decode_all(bodies)
 
     def wrong_type(self, message: object) -> Refused:
         accepted = ", ".join(sorted(kind.__name__ for kind in self.accepts))

@@ -90,7 +90,7 @@ class Link:
 
     # -- the Way protocol
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         if self.closed:
             return False
         packet = packet_of(data, len(descriptors))

@@ -6,12 +6,13 @@ Links between nodes can be cut and healed, as a network's can.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 import msgspec
 
 from .channel import Channel
-from .frames import TELLS, frame
-from .node import Node
+from .messages import Message
+from .node import Node, Unreachable
 
 
 class LocalNetwork:
@@ -71,11 +72,21 @@ class LocalMesh:
     def close(self) -> None:
         self._network.remove(self)
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         return self._network.deliver(self.node, to, data, descriptors)
 
-    def tell(self, to: str, sender: str, body: bytes) -> bool:
-        return self.send(to, frame(to, TELLS, 0, sender, self.node.address, [msgspec.Raw(body)]))
+    def ask(
+        self,
+        to: str,
+        sender: str,
+        message: Message,
+        decode: Callable[[msgspec.Raw], Message | None],
+        deadline_s: float,
+    ) -> Message | None:
+        raise Unreachable("in memory there are no threads")
+
+    def forget(self, to: str, why: str) -> None:
+        """Nothing to do: no thread asks."""
 
     def send_at_once(self, data: bytes) -> bool:
         return False

@@ -9,7 +9,7 @@ and type, whose content is replaced: a slow reader sees the newest setpoint, nev
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Protocol
 
 import trio
@@ -105,16 +105,6 @@ class Mailbox:
             self.urgent.append(message if reply is None else (message, reply))
             if self.on_urgent is not None:
                 self.on_urgent()
-        if self.idle:
-            self.rouse()
-        return True
-
-    def put_all(self, commands: Sequence[Message]) -> bool:
-        """Queue messages of that lane, which nobody waits for; False when there is no room for all (nothing
-        queued)."""
-        if len(self.queue) + len(commands) > self.capacity:
-            return False
-        self.queue.extend(commands)
         if self.idle:
             self.rouse()
         return True

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol as TypingProtocol
@@ -18,7 +19,7 @@ import msgspec
 import trio
 
 from .actor import Actor, Cell
-from .asks import Answer, AskTimeout, Deadlines
+from .asks import Answer, AskTimeout, Deadlines, Unreachable
 from .channel import Channel
 from .clock import Clock
 from .frames import (
@@ -27,14 +28,11 @@ from .frames import (
     HOSTS,
     REPLY,
     TELL,
-    TELLS,
     WATCH,
     Down,
     Frame,
     Protocol,
-    decode_bodies,
     decode_frame,
-    encode,
     frame,
     protocol_of,
     read_reply,
@@ -47,6 +45,7 @@ from .turn import Turn
 __all__ = [
     "PREFIX",
     "PROMPT",
+    "ActorRef",
     "Answer",
     "AskTimeout",
     "DeadLetter",
@@ -63,19 +62,16 @@ PROMPT = 32
 """Answers that were there at once before an asker lets other tasks run all the same."""
 
 
-class Unreachable(Exception):
-    """Nobody hosts the address. Nothing was delivered."""
-
-
 class Way(TypingProtocol):
     """A link or a mesh: carries frames between nodes."""
 
     channel: Channel | None
     """What may be said over it; None: everything."""
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
-        receiver gets duplicates; a way between processes that is no link delivers none."""
+        receiver gets duplicates; a way between processes that is no link delivers none. ``urgent``: it may overtake
+        what is not."""
         ...
 
     def send_at_once(self, data: bytes) -> bool:
@@ -90,8 +86,19 @@ class Way(TypingProtocol):
 
 
 class Mesh(Way, TypingProtocol):
-    def tell(self, to: str, sender: str, body: bytes) -> bool:
-        """As ``send``, of an encoded message that may share a frame with what follows."""
+    def ask(
+        self,
+        to: str,
+        sender: str,
+        message: Message,
+        decode: Callable[[msgspec.Raw], Message | None],
+        deadline_s: float,
+    ) -> Message | None:
+        """Send and wait for the answer in the thread that calls."""
+        ...
+
+    def forget(self, to: str, why: str) -> None:
+        """Nobody ``ask``s there any more; who waits is told why."""
         ...
 
 
@@ -115,6 +122,18 @@ class _RemoteReply:
 
 
 M = TypeVar("M", bound=Message)
+
+
+class ActorRef(TypingProtocol):
+    """What can be asked and told. ``Ref`` says what each does."""
+
+    address: str
+
+    def tell(self, message: Message) -> None: ...
+
+    async def ask(self, message: Message, deadline_s: float) -> Message | None: ...
+
+    def ask_here(self, message: Message, deadline_s: float) -> Message | None: ...
 
 
 class Ref:
@@ -180,6 +199,15 @@ class Ref:
             return await answer.wait()
         finally:
             node.pending.pop(cid, None)
+
+    def ask_here(self, message: Message, deadline_s: float) -> Message | None:
+        """As ``ask``, of an actor of another process that is on the mesh: from any thread but the loop's, which it
+        would hold up. The loop has no part in it."""
+        mesh, protocol = self._node.mesh, self._protocol
+        if mesh is None or protocol is None:
+            raise Unreachable(f"nobody hosts {self.address}")
+        sender = f"{self._sender}/thread-{threading.get_ident()}"  # of each the newest setpoint waits, not of all
+        return mesh.ask(self.address, sender, message, protocol.decode_reply, deadline_s)
 
     def ask_at_once(self, message: Message) -> Sent | None:
         """From any thread, without its loop: send over a link to the process of the actor. None: there is none, or
@@ -356,18 +384,15 @@ class Node:
         return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
-        way, mesh = self.way_to(to), self.mesh
+        way = self.way_to(to)
         if way is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
-        alone = kind != TELL or way is not mesh or descriptors or body is None or body.lane == "urgent"
-        data = frame(to, kind, cid, sender, self.address, body) if alone else encode(body)
+        data = frame(to, kind, cid, sender, self.address, body)
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        if alone or mesh is None:
-            return way.send(to, data, descriptors)
-        return mesh.tell(to, sender, data)
+        return way.send(to, data, descriptors, body is not None and body.lane == "urgent" and kind in (TELL, ASK))
 
     def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
         """Bytes from a link or a mesh. Never raises: what cannot be read is refused and counted."""
@@ -388,9 +413,7 @@ class Node:
             return False
         if kind in (TELL, ASK):
             return self._receive_message(head, head.body, way, len(data), descriptors)
-        if kind == TELLS:
-            self._receive_tells(head, way)
-        elif kind == REPLY:
+        if kind == REPLY:
             self._receive_reply(head, way)
         elif kind == HOSTS and way in self._links:  # on a mesh anybody could claim anything
             self.learn(head.sender, way, head.cid == 1)
@@ -409,31 +432,6 @@ class Node:
         reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
         refusal = Refused("channel", f"{head.sender} does not speak over this channel", "speak for yourself alone")
         self._refuse(head.to or self.address, head, refusal, reply)
-
-    def _receive_tells(self, head: Frame, way: Way) -> None:
-        if way.channel is not None or not self._receive_at_once(head):
-            self._receive_one_by_one(head, way)
-
-    def _receive_at_once(self, head: Frame) -> bool:
-        """Whether all could be read and had room."""
-        cell = self.cells.get(head.to)
-        if cell is None or len(head.body) > MAX_MESSAGE_BYTES:
-            return False
-        try:
-            messages = cell.protocol.decode_all(head.body)
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
-            return False
-        return cell.unstamped.issuperset(map(type, messages)) and cell.mailbox.put_all(messages)
-
-    def _receive_one_by_one(self, head: Frame, way: Way) -> None:
-        try:
-            bodies = decode_bodies(head.body)
-        except (msgspec.MsgspecError, RecursionError) as error:
-            self.refused_count += 1
-            self.dead(head.to, head, f"not an array of messages: {error}")
-            return
-        for body in bodies:
-            self._receive_message(head, body, way, len(body), ())
 
     def _receive_message(
         self, head: Frame, body: msgspec.Raw, way: Way, size: int, descriptors: tuple[int, ...]

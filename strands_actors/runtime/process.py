@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -27,6 +28,9 @@ from .realtime import run_like_others, runs_first
 
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
+FENCE_S = 1.0
+"""How long a fence waits for the end of what it killed. A process in an uninterruptible system call (a serial
+adapter that hangs) ends when that returns, and until then runs none of its own code."""
 
 _BOOT = "import sys; from strands_actors.runtime.child import main; main(int(sys.argv[1]))"
 
@@ -39,38 +43,69 @@ class ChildSpecification(msgspec.Struct, frozen=True):
 
 
 class ChildProcess(ABC):
-    """A running child and the link to it."""
+    """A running child and the link to it. ``pidfd``: names this very process, whoever has its number later; None
+    where the system has none (macOS). Belongs to this object."""
 
-    def __init__(self, pid: int, link_socket: socket.socket) -> None:
+    def __init__(self, pid: int, link_socket: socket.socket, pidfd: int | None = None) -> None:
         self.pid = pid
         self.socket = link_socket
+        self._pidfd = pidfd
         self._linked = False
+
+    def __del__(self) -> None:
+        pidfd = getattr(self, "_pidfd", None)
+        if pidfd is not None:
+            os.close(pidfd)
 
     @property
     @abstractmethod
     def alive(self) -> bool: ...
 
-    @abstractmethod
     def kill(self, sig: int = signal.SIGKILL) -> None:
         """Signal the child; harmless when it is already gone."""
+        if not self.alive:
+            return
+        with contextlib.suppress(ProcessLookupError):  # gone, and not yet noticed
+            if self._pidfd is None:
+                os.kill(self.pid, sig)
+            else:
+                signal.pidfd_send_signal(self._pidfd, sig)
 
     @abstractmethod
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
+
+    def part(self) -> None:  # noqa: B027  # who has another parent is buried by that one
+        """Let it go on without us; it is buried all the same."""
 
     def link(self, node: Node, channel: Channel | None = None) -> Link:
         """The parent's end; run its ``run``. ``channel``: what the child may say."""
         self._linked = True
         return Link(node, self.socket, channel=channel)
 
-    async def fence(self) -> None:
-        """Make sure it never writes again: SIGKILL, wait for it, close the link."""
+    async def fence(self, within_s: float = FENCE_S) -> bool:
+        """Make sure it never writes again: SIGKILL, wait for it, close the link. Whether its end was seen
+        ``within_s``: what was killed runs no code of its own, so who waits may go on after that."""
         self.kill()
-        with trio.CancelScope(shield=True):
+        with trio.CancelScope(shield=True, deadline=trio.current_time() + within_s) as scope:
             await self.wait()
         # A link that runs on this socket sees the end of file by itself.
         if not self._linked:
             self.socket.close()
+        return not scope.cancelled_caught
+
+    async def _until_ended(self) -> None:
+        """Return when the process has ended."""
+        pidfd = self._pidfd
+        if pidfd is None:
+            await wait_for_end_of(self.pid)
+            return
+        try:
+            fd = os.dup(pidfd)  # one task each may wait for a descriptor
+        except OSError:  # none is free
+            await _poll_until(lambda: _has_ended(pidfd))
+        else:
+            await _wait_readable(fd)
 
 
 class Started(Protocol):
@@ -92,7 +127,8 @@ class OwnChild(ChildProcess):
     from its processor: two such roots on two processors walked for minutes, and wrote no safe frame."""
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
-        super().__init__(child.pid, link_socket)
+        # Nobody else buries it: until we do, the number is its own.
+        super().__init__(child.pid, link_socket, _pidfd_of(child.pid))
         self._child = child
         self._code: int | None = None
 
@@ -100,14 +136,12 @@ class OwnChild(ChildProcess):
     def alive(self) -> bool:
         return self._ended() is None
 
-    def kill(self, sig: int = signal.SIGKILL) -> None:
-        if self._ended() is None:
-            os.kill(self.pid, sig)  # as long as it is not buried nobody else has its number
+    def part(self) -> None:
+        threading.Thread(target=_bury, args=(self._child,), daemon=True).start()
 
     async def wait(self) -> int:
-        if self._ended() is None and hasattr(os, "pidfd_open"):
-            with contextlib.suppress(OSError):  # no descriptor is free: it is looked at instead
-                await wait_for_end_of(self.pid)
+        if self._pidfd is not None and self._ended() is None:
+            await self._until_ended()
         while (code := self._ended()) is None:  # noqa: ASYNC110  # its end has been seen, or nothing tells
             await trio.sleep(NOTICED_S)
         return code
@@ -179,13 +213,18 @@ def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), lab
 
 async def wait_for_end_of(pid: int) -> None:
     """Return when a process has ended (or never was)."""
-    if not hasattr(os, "pidfd_open"):
-        await _poll_until(lambda: not _exists(pid))
-        return
     try:
-        fd = os.pidfd_open(pid)
+        fd = _pidfd_of(pid)
     except ProcessLookupError:
         return
+    if fd is None:
+        await _poll_until(lambda: not _exists(pid))
+    else:
+        await _wait_readable(fd)
+
+
+async def _wait_readable(fd: int) -> None:
+    """Wait, then close it."""
     try:
         await trio.lowlevel.wait_readable(fd)
     finally:
@@ -193,10 +232,28 @@ async def wait_for_end_of(pid: int) -> None:
         os.close(fd)
 
 
+def _pidfd_of(pid: int) -> int | None:
+    """None where there is none: macOS, or no descriptor is free. Raise ``ProcessLookupError``."""
+    if not hasattr(os, "pidfd_open"):
+        return None
+    try:
+        return os.pidfd_open(pid)
+    except ProcessLookupError:
+        raise
+    except OSError:
+        return None
+
+
 async def _poll_until(condition: Callable[[], bool]) -> None:
-    """Where there is no pidfd (macOS), a death is noticed a little later."""
+    """Where no descriptor tells, a death is noticed a little later."""
     while not condition():  # noqa: ASYNC110  # no event to wait for: that is why we are here
         await trio.sleep(NOTICED_S)
+
+
+def _has_ended(pidfd: int) -> bool:
+    poll = select.poll()
+    poll.register(pidfd, select.POLLIN)
+    return bool(poll.poll(0))
 
 
 def _exists(pid: int) -> bool:

@@ -6,6 +6,8 @@ Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence 
 from __future__ import annotations
 
 import os
+import signal
+from typing import NamedTuple
 
 import msgspec
 
@@ -13,6 +15,8 @@ CAN_TELL = os.path.exists("/proc/self/stat")
 """Whether this system tells of other processes."""
 _STOPPED = (b"T", b"t")
 _STEAL = 8  # the column, behind the processor's name
+_FLAGS, _SIGNALS = 6, 28  # columns of /proc/pid/stat, behind the name
+_EXITING = 0x4  # PF_EXITING of the kernel's sched.h
 _JIFFY_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
 
@@ -26,14 +30,31 @@ class Standing(msgspec.Struct, frozen=True, gc=False):
     stolen_ns: tuple[int, ...] = ()  # per processor, by the machine beneath this virtual one: see ``suspected``
 
 
-def is_stopped(pid: int) -> bool:
-    """Whether the system has stopped a process, by a signal or for a debugger. False where it does not tell, or the
-    process is gone. Source: proc(5)."""
+class Life(NamedTuple):
+    """Of a process, by its main thread. Both false where the system does not tell, or the process is gone."""
+
+    stopped: bool = False  # by a signal or for a debugger
+    dying: bool = False  # killed, or on its way out: it needs a processor to end, and runs no code of its own
+
+
+def life_of(pid: int) -> Life:
+    """Source: proc(5), /proc/pid/stat: the state, the flags and the pending signals."""
     try:
         with open(f"/proc/{pid}/stat", "rb") as stat:
-            return _state(stat.read()) in _STOPPED
+            return _life(stat.read())
     except OSError:
-        return False
+        return Life()
+
+
+def _life(stat: bytes) -> Life:
+    fields = stat.rpartition(b")")[2].split()
+    killed = bool(int(fields[_SIGNALS]) & 1 << signal.SIGKILL - 1)
+    return Life(fields[0] in _STOPPED, killed or bool(int(fields[_FLAGS]) & _EXITING))
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether the system has stopped a process."""
+    return life_of(pid).stopped
 
 
 def standing(pid: int, thread: int | None = None) -> Standing | None:

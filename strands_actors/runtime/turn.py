@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import types
 from collections import deque
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Coroutine, Generator
 from typing import Any, Protocol
 
 from .clock import Clock
@@ -39,13 +39,12 @@ class Worker(Protocol):
 class Turn:
     """Of one node. Enter it around what gives actors mail; nothing may be awaited inside."""
 
-    __slots__ = ("_clock", "_depth", "_last", "_ready")
+    __slots__ = ("_clock", "_depth", "_ready")
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._depth = 0
         self._ready: deque[Worker] = deque()
-        self._last: deque[Callable[[], object]] = deque()
 
     def offer(self, worker: Worker) -> bool:
         """Whether it will be helped, or woken, at the end of this turn. False: there is no turn."""
@@ -54,27 +53,13 @@ class Turn:
             return True
         return False
 
-    def last(self, do: Callable[[], object]) -> bool:
-        """Have it done at the end of this turn. False: there is none."""
-        if self._depth:
-            self._last.append(do)
-            return True
-        return False
-
-    def _do_last(self) -> None:
-        while self._last:
-            self._last.popleft()()
-
     def __enter__(self) -> None:
         self._depth += 1
 
     def __exit__(self, *_: object) -> None:
         try:
-            if self._depth == 1:
-                if self._ready:
-                    self._help()
-                if self._last:
-                    self._do_last()
+            if self._depth == 1 and self._ready:
+                self._help()
         finally:
             self._depth -= 1
 
@@ -113,8 +98,6 @@ class Turn:
             finally:
                 if self._depth == 1:
                     self.wake_all()
-                    if self._last:
-                        self._do_last()
                 self._depth -= 1
             try:
                 resume, value = handler.send, (yield trap)

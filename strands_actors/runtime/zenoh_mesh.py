@@ -4,14 +4,15 @@ Every node listens on its own unix socket and connects to those it is told of. N
 
 Two traps shape this file. A subscriber with an ordinary Python callback owns a Python thread that keeps a
 crashed process hanging, its liveliness token alive: ``Callback(indirect=False)`` has no such thread. And a
-callback runs on zenoh's thread: it appends to a deque and writes an eventfd, nothing else.
+callback runs on zenoh's thread: it appends to a deque and writes an eventfd, or releases the thread that waits for
+this very answer, nothing else.
 """
 
 from __future__ import annotations
 
-import contextlib
+import os
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -19,15 +20,14 @@ import trio
 import zenoh
 
 from .channel import Channel
-from .frames import TELLS, frame
+from .messages import Message
 from .node import PREFIX, Node
+from .thread_asks import ThreadAsks
 from .zenoh_session import Waker, closed, config, opened, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
-_TOGETHER_BYTES = 16 * 1024
-"""Of tells in one frame."""
 
 
 class ZenohMesh:
@@ -36,22 +36,34 @@ class ZenohMesh:
     def __init__(self, session: zenoh.Session) -> None:
         self.channel: Channel | None = None
         self._session = session
+        self._pid = os.getpid()
+        self._urgent: deque[bytes] = deque()
         self._inbox: deque[bytes] = deque()
-        self._waiting: dict[tuple[str, str], list[msgspec.Raw]] = {}  # by receiver and sender
-        self._waiting_bytes = 0
-        self._flush_wanted = trio.Event()
         self._waker = Waker()
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
         self._watched: dict[str, Any] = {}
         self._lost: deque[str] = deque()
+        self._threads: ThreadAsks | None = None
+        self._asked: dict[str, zenoh.Publisher] = {}
         self.node: Node
         opened(self)
 
     @classmethod
-    async def open(cls, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> ZenohMesh:
-        """Open a session (in a worker thread: it blocks for some 10 ms)."""
-        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect)))
+    async def open(
+        cls,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        settings: Mapping[str, Any] | None = None,
+    ) -> ZenohMesh:
+        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own, by path."""
+        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect, settings)))
+
+    def let_in(self, node: Node, address: str) -> None:
+        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is answered. The node
+        itself sends nothing this way."""
+        self.node = node
+        self.announce(address, True)
 
     def attach(self, node: Node) -> None:
         self.node = node
@@ -60,20 +72,24 @@ class ZenohMesh:
         for address in node.cells:
             self.announce(address, True)
 
-    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Carry frames from zenoh's thread into the node's loop, and those that wait for company out of it."""
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._flush_when_wanted)
-            task_status.started()
-            await self._receive()
+    def serve_threads(self) -> None:
+        """From now on threads of this process may ``ask``."""
+        threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
 
-    async def _receive(self) -> None:
-        inbox, lost = self._inbox, self._lost
+        def on_answer(sample: zenoh.Sample) -> None:  # on zenoh's thread
+            threads.take(sample.payload.to_bytes())
+
+        self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, on_answer),)
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Carry frames from zenoh's thread into the node's loop."""
+        urgent, inbox, lost = self._urgent, self._inbox, self._lost
+        task_status.started()
         while True:
             await self._waker.wait()
             with self.node.turn:
-                for _ in range(min(len(inbox), _WAKE_BATCH)):
-                    self.node.receive_frame(inbox.popleft(), self)
+                for _ in range(min(len(urgent) + len(inbox), _WAKE_BATCH)):
+                    self.node.receive_frame(urgent.popleft() if urgent else inbox.popleft(), self)
             while lost:
                 self.node.lost(lost.popleft())
             if inbox:
@@ -82,81 +98,98 @@ class ZenohMesh:
     def close(self) -> None:
         """Close the session. Blocks for a few milliseconds."""
         closed(self)
+        if self._threads is not None:
+            self._threads.close("this process has left the mesh")
         self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
 
     # -- the Way protocol
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        if self._pid != os.getpid():
+            return False  # a fork has the session without its threads
         try:
-            publisher = self._publisher(to, True)
+            publisher = self._publisher(to, urgent)
             if not _matching(publisher):
                 return False
-            if self._waiting:
-                self._flush()  # first: what one sender says arrives in order
             publisher.put(data)
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
 
-    def tell(self, to: str, sender: str, body: bytes) -> bool:
-        """A put costs ten times a message: what is told in one turn leaves as one."""
-        waiting = self._waiting.get((to, sender))
-        if waiting is None:
-            try:
-                if not _matching(self._publisher(to, False)):
-                    return False
-            except zenoh.ZError:
-                return False
-            if not self._waiting and not self.node.turn.last(self._flush):
-                self._flush_wanted.set()
-            waiting = self._waiting[to, sender] = []
-        waiting.append(msgspec.Raw(body))
-        self._waiting_bytes += len(body)
-        if self._waiting_bytes > _TOGETHER_BYTES:
-            self._flush()
-        return True
-
-    def _flush(self) -> None:
-        waiting, self._waiting, self._waiting_bytes = self._waiting, {}, 0
-        for (to, sender), bodies in waiting.items():
-            with contextlib.suppress(zenoh.ZError):  # the session is closed: who told them is ending
-                self._publisher(to, False).put(frame(to, TELLS, 0, sender, self.node.address, bodies))
-
-    async def _flush_when_wanted(self) -> None:
-        while True:
-            await self._flush_wanted.wait()
-            self._flush_wanted = trio.Event()
-            self._flush()
-
-    def _publisher(self, to: str, prompt: bool) -> zenoh.Publisher:
-        known = self._publishers.get((to, prompt))
+    def _publisher(self, to: str, urgent: bool) -> zenoh.Publisher:
+        known = self._publishers.get((to, urgent))
         if known is not None:
             return known
         if "*" in to:
             raise zenoh.ZError(f"{to} is not one address")
         if len(self._publishers) >= _PUBLISHERS:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
-        # One priority, so that messages of one sender keep their order; asks, answers and stops leave at once
-        # (express), other tells may share a batch. Not dropped when a queue is full: a stop is among them.
-        publisher = self._publishers[to, prompt] = self._session.declare_publisher(
+        publisher = self._publishers[to, urgent] = self._declare(to, urgent)
+        return publisher
+
+    def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
+        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a stop is among
+        them, and waits for no batch (express; of the others three times as many cross a second without)."""
+        return self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.REAL_TIME,
-            express=prompt,
+            priority=_URGENT if urgent else zenoh.Priority.INTERACTIVE_HIGH,
+            express=urgent,
         )
-        return publisher
 
     def send_at_once(self, data: bytes) -> bool:
         return False
+
+    def ask(
+        self,
+        to: str,
+        sender: str,
+        message: Message,
+        decode: Callable[[msgspec.Raw], Message | None],
+        deadline_s: float,
+    ) -> Message | None:
+        """From any thread, which waits: see ``Ref.ask_here``."""
+        if self._threads is None:
+            raise RuntimeError("serve_threads() was not called")
+        return self._threads.ask(self._put_question, to, sender, message, decode, deadline_s)
+
+    def forget(self, to: str, why: str) -> None:
+        """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told ``why``."""
+        publisher = self._asked.pop(to, None)
+        if publisher is not None:
+            publisher.undeclare()  # type: ignore[no-untyped-call]
+        if self._threads is not None:
+            self._threads.fail(to, why)
+
+    def _put_question(self, to: str, data: bytes) -> bool:
+        try:
+            publisher = self._asked.get(to) or self._declare_question(to)
+            if not _matching(publisher):
+                return False
+            publisher.put(data)
+        except zenoh.ZError:
+            return False
+        return True
+
+    def _declare_question(self, to: str) -> zenoh.Publisher:
+        """A publisher that sees its receiver go away. (Of two threads at once the second declares it anew.)"""
+        threads = self._threads
+        publisher = self._declare(to, False)
+
+        def on_change(status: Any) -> None:  # on zenoh's thread
+            if not status.matching and threads is not None:
+                threads.fail(to, f"{to} went away")
+
+        publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
+        self._asked[to] = publisher
+        return publisher
 
     def announce(self, address: str, hosted: bool) -> None:
         if not hosted:
             for declared in self._subscribers.pop(address, ()):
                 declared.undeclare()
         elif address not in self._subscribers:
-            inbox = self._session.declare_subscriber(
-                address, zenoh.handlers.Callback(self._on_sample, indirect=False)
-            )
+            inbox = self._subscribe(address, self._on_sample)
             token = self._session.liveliness().declare_token(f"{address}/alive")
             self._subscribers[address] = (inbox, token)
 
@@ -173,11 +206,17 @@ class ZenohMesh:
             f"{address}/alive", zenoh.handlers.Callback(on_change, indirect=False)
         )
 
+    def _subscribe(self, key: str, callback: Callable[[zenoh.Sample], None]) -> Any:
+        return self._session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
+
     # -- on zenoh's thread
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        self._inbox.append(sample.payload.to_bytes())
+        (self._urgent if sample.priority == _URGENT else self._inbox).append(sample.payload.to_bytes())
         self._waker.wake()
+
+
+_URGENT = zenoh.Priority.REAL_TIME
 
 
 def _matching(publisher: zenoh.Publisher) -> bool:

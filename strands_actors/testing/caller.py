@@ -48,7 +48,9 @@ class Caller:
         """Move; print the tree once the robot is on its way."""
         self._loops = motion == "loop"
         why = "the robot has no joint"
-        for joint, here in self.robot.get_observation().items():
+        seen = self.robot.get_observation()
+        self._others = dict(seen) if self.robot.driver.WHOLE_ACTIONS else {}
+        for joint, here in seen.items():
             self._joint, self._here = joint, here
             why = self._move(motion)
             if not why:
@@ -95,7 +97,7 @@ class Caller:
 
     def _swing(self) -> dict[str, float]:
         swing = (1.0 - math.cos(time.monotonic() - self._began_s)) / 2
-        return {self._joint: self._here + self._far * swing}
+        return {**self._others, self._joint: self._here + self._far * swing}
 
     def again(self, motion: str) -> None:
         self.resume()

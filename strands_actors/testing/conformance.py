@@ -113,8 +113,8 @@ def conformance(
 ) -> list[Check]:
     """The checks of one driver class on one of its robots (default: the first).
 
-    ``good``: an action it accepts when everything is well (default: the first axis at 0). ``twin``: whether to run
-    those that start processes. ``far``: how far its first axis may be moved there, in its units.
+    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of them). ``twin``:
+    whether to run those that start processes. ``far``: how far its first axis may be moved there, in its units.
     """
     subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good, twin)
     checks = [
@@ -181,7 +181,8 @@ class _Subject:
         self.has_twin = has_twin
         self.robot = robot
         self.driver = driver_of(robot, cls)
-        self.good = dict(good) if good is not None else {self.driver.axes[0]: 0.0}
+        named = self.driver.axes if cls.WHOLE_ACTIONS else self.driver.axes[:1]
+        self.good = dict(good) if good is not None else dict.fromkeys(named, 0.0)
 
     # -- declarations
 

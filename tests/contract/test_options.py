@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 
 
 class Options(DriverOptions, frozen=True):
@@ -64,3 +64,17 @@ def test_saf_014_a_bad_value_is_refused_with_what_is_accepted(given: dict[str, A
     with pytest.raises(ValueError, match=rf"^r: {name} is .*It is: ") as refused:
         read_options("r", Options, given)
     assert ("500000" in str(refused.value)) or name != "baud", "the choices of a literal are named"
+
+
+class Login(DriverOptions, frozen=True):
+    username: Annotated[str, option("user")] = "admin"
+    password: Annotated[str, option("theirs", secret=True)] = "admin"
+
+
+def test_a_secret_is_known_by_name_and_in_no_refusal() -> None:
+    assert secrets_of(Login) == {"password"} and secrets_of(Options) == frozenset()
+    with pytest.raises(ValueError, match="r: password is not accepted") as refusal:
+        read_options("r", Login, {"password": 73571})
+    assert "73571" not in str(refusal.value)
+    with pytest.raises(ValueError, match="r: username is 73571"):
+        read_options("r", Login, {"username": 73571})

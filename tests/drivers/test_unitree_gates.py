@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
 from strands_actors.drivers.unitree.gates import CONTROL_S, KD, KP, TAU, Q
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.columns import by_column
 from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason
 from strands_actors.runtime.messages import Refused
 
@@ -58,8 +57,6 @@ def verdict(driver: Driver, action: Any, at: GateState) -> Candidate | Refused:
         if refusal is not None:
             return refusal
     candidate = driver.parse(action, at)
-    if tuple(action) == driver.axes and (columns := by_column(action)) is not None:
-        assert driver.parse_columns(columns, at) == candidate
     if isinstance(candidate, Candidate):
         for gate in driver.gates:
             refusal = gate(candidate, at)
@@ -188,10 +185,10 @@ def whole(driver: Driver, **rows: float) -> dict[str, dict[str, float]]:
 
 
 @pytest.mark.parametrize("rows", [{}, {"kp": 20.0}, {"kd": 1.0, "tau": 0.5, "dq": 0.1, "kp": 3.0}])
-def test_by_column_an_action_is_what_it_is_by_name(rows: dict[str, float]) -> None:
+def test_an_action_with_the_same_rows_for_all_joints_is_what_it_is_joint_by_joint(rows: dict[str, float]) -> None:
     driver = go2()
     action = whole(driver, **rows)
-    candidate = verdict(driver, action, state(driver))  # compares
+    candidate = verdict(driver, action, state(driver))
     joint_by_joint = verdict(driver, dict(reversed(action.items())), state(driver))
     assert isinstance(candidate, Candidate) and isinstance(joint_by_joint, Candidate)
     assert candidate.values == joint_by_joint.values
@@ -200,11 +197,11 @@ def test_by_column_an_action_is_what_it_is_by_name(rows: dict[str, float]) -> No
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("row", ["q", "kp"])
-def test_saf_014_a_number_in_a_column_is_refused_as_by_name(row: str, number: float) -> None:
+def test_saf_014_a_number_in_rows_that_are_all_alike_is_refused_by_its_joint(row: str, number: float) -> None:
     driver = g1()
     action = whole(driver, kp=20.0)
     action["left_knee"][row] = number
-    refusal = refused(driver, action, state(driver))  # compares
+    refusal = refused(driver, action, state(driver))
     assert (refusal.code, "left_knee" in refusal.reason) == ("not_finite", True)
 
 
@@ -214,19 +211,20 @@ def test_saf_014_finite_numbers_without_a_finite_sum_are_refused_for_what_they_a
 
 
 @pytest.mark.parametrize(
-    ("columns", "code", "words"),
-    [
-        ({"q": (0.0,) * 28}, "columns", "28 numbers named q. send 29"),
-        ({"q": (0.0,) * 29, "kp": (1.0,) * 30}, "columns", "30 numbers named kp. send 29"),
-        ({"kp": (1.0,) * 29}, "no_q", "left_hip_pitch has no q"),
-        ({"q": (0.0,) * 29, "pos": (1.0,) * 29}, "unknown_key", "left_hip_pitch.pos"),
-    ],
+    ("rows", "code", "words"),
+    [({"pos": 1.0}, "unknown_key", "left_hip_pitch.pos"), ({"kp": True}, "not_finite", "left_hip_pitch.kp")],
 )
-def test_saf_014_columns_that_are_none(columns: dict[str, tuple[float, ...]], code: str, words: str) -> None:
-    driver = g1()
-    answer = driver.parse_columns(columns, state(driver))
-    assert isinstance(answer, Refused)
-    assert (answer.code, words in answer.text) == (code, True), answer
+def test_saf_014_rows_that_are_all_wrong_are_refused_by_the_first_joint(
+    rows: dict[str, Any], code: str, words: str
+) -> None:
+    refusal = refused(g1(), whole(g1(), **rows), state(g1()))
+    assert (refusal.code, words in refusal.text) == (code, True), refusal
+
+
+def test_saf_014_rows_without_a_position_are_refused() -> None:
+    action = {axis: {"kp": 1.0} for axis in g1().axes}
+    refusal = refused(g1(), action, state(g1()))
+    assert (refusal.code, "left_hip_pitch has no q" in refusal.text) == ("no_q", True), refusal
 
 
 def test_saf_014_gains_are_looked_at_when_they_change() -> None:

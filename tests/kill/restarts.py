@@ -62,7 +62,7 @@ async def restart(count: int) -> None:
             starts += 1
             return Ended(starts)
 
-        cell = tree.node.cell(addresses.of(robot).path("tasks"), lambda: Tasks(robot, start))
+        cell = tree.node.cell(addresses.of(robot).path("tasks"), lambda: Tasks(robot, start, ""))
         await nursery.start(cell.run)
         tasks = tree.node.ref(addresses.of(robot).tasks, Tasks)
         rollout = Rollout(robot, tree.driver.axes, "", 0.02, 0.1, 1.0)

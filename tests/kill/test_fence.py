@@ -1,17 +1,25 @@
-"""SAF-002: a frozen wire process that is let go again finds itself dead."""
+"""SAF-002: a frozen wire process that is let go again finds itself dead. SAF-003, SAF-016: and the root may die, or
+one of its actors find nobody to ask, just then."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from strands_actors import Robot
-from strands_actors.testing import WireLog
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin, WireLog
+
+from ..answers import until
+
+Start = Callable[..., tuple[RealRobot, Twin]]
 
 
 def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
@@ -36,3 +44,51 @@ def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
         time.sleep(0.5)  # what must not happen has no event to wait for
         assert log.setpoints_after_safe(frozen_ns) == 0
         assert not Path(f"/proc/{wire}").exists()
+
+
+def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_robot: Start) -> None:
+    """It is killed at the very death of the wire that it fences: the frame before the fence is out."""
+    arm, twin = strands_robot("so101")
+    assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
+    tree = arm.tree()
+    assert tree is not None
+    pids = {process["role"]: process["pid"] for process in tree["processes"]}
+    wire = os.pidfd_open(pids["wire"])
+    frozen_ns = time.monotonic_ns()
+    os.kill(pids["wire"], signal.SIGSTOP)
+    poll = select.poll()
+    poll.register(wire, select.POLLIN)
+    assert poll.poll(5000.0), "it was not fenced"
+    os.kill(pids["root"], signal.SIGKILL)
+    os.close(wire)
+    time.sleep(0.5)  # nobody is left who could write
+    safe = twin.log.first_safe(frozen_ns)
+    assert safe is not None and safe.rung == "limp"
+    twin.log.no_setpoint_after_safe(frozen_ns)
+
+
+def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
+    """Neither policy nor gate answers the root, which has the second path: it is needed just then."""
+    arm, twin = strands_robot("so101")
+    started = arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting")
+    assert started["status"] == "success", started
+    before = until(lambda: with_policy(arm), "the policy runs")
+    os.kill(before["policy"], signal.SIGSTOP)
+    killed_ns = time.monotonic_ns()
+    os.kill(before["wire"], signal.SIGKILL)
+    arm.stop_task()
+    until(lambda: "policy" not in pids(arm), "the policy has ended")
+    assert pids(arm)["root"] == before["root"]
+    safe = twin.log.first_safe(killed_ns)
+    assert safe is not None and safe.rung == "limp"
+    twin.log.no_setpoint_after_safe(killed_ns)
+    until(lambda: arm.resume()["status"] == "success", "the next wire is up")
+
+
+def with_policy(arm: RealRobot) -> dict[str, int] | None:
+    found = pids(arm)
+    return found if "policy" in found and arm.get_task_status()["content"][0]["json"]["steps"] else None
+
+
+def pids(arm: RealRobot) -> dict[str, int]:
+    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}

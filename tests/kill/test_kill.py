@@ -16,7 +16,19 @@ from strands_actors.testing.bench import driver_of
 
 SLACK_MS = 400.0
 SETTLE_S = 0.2
-ROBOTS = ("so101", "koch", "robotiq_2f85", "ur5e", "earthrover", "unitree_g1", "unitree_go2")
+ROBOTS = (
+    "so101",
+    "koch",
+    "robotiq_2f85",
+    "ur5e",
+    "xarm7",
+    "kuka_iiwa",
+    "kinova_gen3",
+    "panda",
+    "earthrover",
+    "unitree_g1",
+    "unitree_go2",
+)
 """One of each driver with a twin."""
 
 CELLS = [(robot, cell) for robot in ROBOTS for cell in cells_of(driver_of(robot)) if not cell.why_not]

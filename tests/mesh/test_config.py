@@ -113,6 +113,8 @@ def test_a_viewer_may_put_nothing() -> None:
 def test_an_operator_may_put_orders_and_nothing_else() -> None:
     (orders,) = [rule for rule in granted("operator") if "put" in rule["messages"] and "ingress" in rule["flows"]]
     assert sorted(orders["key_exprs"]) == [
+        "strands/*/actor/gateway",
+        "strands/*/actor/gateway/stop",
         "strands/*/cmd",
         "strands/broadcast",
         "strands/safety/estop",

@@ -21,11 +21,13 @@ MOVES = {
     "so101": ("shoulder_pan", 20.0),
     "koch": ("shoulder_pan", 20.0),
     "ur5e": ("shoulder_pan_joint", 0.01),
+    "xarm7": ("joint1", 0.02),
     "robotiq_2f85": ("gripper", 0.5),
-    "earthrover": ("linear", 0.2),
+    "kinova_gen3": ("joint_1", 0.02),
+    "panda": ("joint1", 0.2),
 }
 """What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
-RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}
+RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold", "kinova_gen3": "stop"}
 BOUND_S = 1.0
 """From the call to the safe frame of each; far above what is measured, for a busy machine."""
 
@@ -71,8 +73,10 @@ def connect(robot: RealRobot) -> str | None:
 
 def move(kind: str, robot: RealRobot) -> str:
     joint, by = MOVES[kind]
-    start = 0.0 if kind == "robotiq_2f85" else robot.get_observation()[joint]
-    answer = robot.send_action({joint: start + by})
+    seen = robot.get_observation()
+    start = 0.0 if kind == "robotiq_2f85" else seen[joint]
+    others = seen if robot.driver.WHOLE_ACTIONS else {}
+    answer = robot.send_action({**others, joint: start + by})
     return str(answer["content"][0].get("text", "")) if answer["status"] == "error" else ""
 
 

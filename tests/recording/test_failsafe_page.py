@@ -65,6 +65,7 @@ ENDS = {
     "e-stop, then resume": State(Mode.ARMED, 4),
     "the cable is pulled while moving": State(Mode.DISARMED, 4),
     "stopped during bring-up": State(Mode.DISARMED, 3),
+    "the script ends, a resume comes too late": State(Mode.ENDED, 3),
 }
 
 

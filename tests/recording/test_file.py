@@ -15,17 +15,15 @@ from mcap.writer import Writer
 
 from strands_actors.recording import RecordingError
 from strands_actors.recording.file import METADATA, RecordingFile, new_info, read
-from strands_actors.recording.lines import CHANNELS, Command, Gap, schema
+from strands_actors.recording.lines import CHANNELS, Gap, schema
 from strands_actors.recording.views import View
 from strands_actors.runtime.contract import Observation, Reason
 from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors.messages import (
-    Accepted,
     Happened,
     LinkLost,
     Observed,
     Resume,
-    Setpoint,
     StateIs,
     Stop,
 )
@@ -247,17 +245,6 @@ def test_what_the_root_says_is_shown() -> None:
         ("lifecycle", 5), ("log", 5), ("lifecycle", 6), ("log", 6), ("refusal", 6), ("log", 6),
     ]  # fmt: skip
     assert getattr(shown[4][2], "what", "") == "Junk to gate"
-
-
-def test_a_setpoint_by_column_is_shown_by_name() -> None:
-    view = View("wire", ("a", "b"), WALL_NS)
-    setpoint = Setpoint(7, 1, 9, {}, 0.002, False, {"q": (1.0, 2.0), "kp": (3.0, 4.0)})
-    accepted = Accepted(1, (1.0, 2.0, 3.0, 4.0))
-    batch = batch_of((Kind.TOOK, "gate", 5, 0, "", setpoint), (Kind.ANSWERED, "gate", 0, 0, "", accepted))
-    ((channel, _, command),) = view.rows(msgspec.msgpack.decode(encode(batch.entries), type=list[Entry]))
-    assert channel == "command" and isinstance(command, Command)
-    assert command.action == {"a": {"q": 1.0, "kp": 3.0}, "b": {"q": 2.0, "kp": 4.0}}
-    assert command.outcome == "accepted"
 
 
 def test_what_was_never_read_is_null(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_a_gate_has_no_state_but_its_memory() -> None:
 
 def test_a_watchdog_has_no_state_but_its_memory() -> None:
     watchdog = Watchdog(FakeDriver.timing, "g", "t", lambda _: None, pair()[0])
-    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_tick_ns", "_cycle_ns", "_orphaned", "_pulse"}
+    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_tick_ns", "_cycle_ns", "_orphaned", "_pulse", "_leave_s"}
     wiring |= {"_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list

@@ -1,4 +1,4 @@
-"""A policy that speaks for others: over the links of its process, with frames that the kernel would never send."""
+"""A policy that speaks for others, over its link and on the mesh, with frames that the kernel would never send."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from strands_actors.runtime.frames import ASK, HOSTS, REPLY, TELL, decode_frame,
 from strands_actors.runtime.link import Link
 from strands_actors.runtime.messages import Message
 from strands_actors.runtime.node import Node
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import Acquire, Beat, Resume, Setpoint, StateIs, StopReport, Write
 
@@ -39,6 +40,7 @@ class Hostile(Sine):
             "stay": self._stay,
         }[how]
         self._at = addresses.of(ROBOT)
+        self._subscribed: list[object] = []
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
         if self._attack is not None:
@@ -57,11 +59,16 @@ class Hostile(Sine):
         return [link for link in list(self._node._links) if isinstance(link, Link)]
 
     def _tell(self, to: str, message: Message, kind: int = TELL) -> None:
-        """In its own name, and in that of others."""
+        """Over its link, and on the mesh to whoever it is for and to the gate, which is let through."""
         self._cid += 1
-        for sender in (self._node.address, self._at.guardian):
+        mesh = self._node.mesh
+        assert isinstance(mesh, ZenohMesh)
+        for sender in (self._node.address, self._at.gate, self._at.guardian):
+            data = frame(to, kind, self._cid, sender, self._node.address, message)
             for link in self._links():
-                link.send_at_once(frame(to, kind, self._cid, sender, self._node.address, message))
+                link.send_at_once(data)
+            for key in {to, self._at.gate}:
+                mesh._session.put(key, data)
 
     def _be_the_gate(self) -> None:
         """Announce it, answer whoever asks it, and answer what nobody has asked here."""
@@ -75,8 +82,13 @@ class Hostile(Sine):
                 Node.receive_frame(self._node, data, way, descriptors)
 
         self._node.receive_frame = receive  # type: ignore[method-assign, assignment]
+        hosts = frame("", HOSTS, 1, self._at.gate, self._at.gate, None)
         for link in self._links():
-            link.send_at_once(frame("", HOSTS, 1, self._at.gate, self._at.gate, None))
+            link.send_at_once(hosts)
+        assert isinstance(self._node.mesh, ZenohMesh)
+        self._node.mesh._session.put(self._at.gate, hosts)
+        if not self._subscribed:
+            self._subscribed.append(self._node.mesh._session.declare_subscriber(self._at.gate, lambda sample: None))
         self._tell(self._at.guardian, StateIs("disarmed", 99, "", "forged"))
 
     def _resume(self) -> None:

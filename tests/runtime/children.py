@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import trio
@@ -111,6 +112,16 @@ def speaks(args: dict[str, Any], sock: socket.socket) -> None:
     inherited = [os.readlink(f"/proc/self/fd/{fd}") for fd in args["fds"]]
     text = f"{args['word']} {os.getpgid(0) == os.getpid()} {len(inherited)} {args['nested']['a']}"
     sock.sendall(text.encode())
+
+
+def wait(args: dict[str, Any], sock: socket.socket) -> None:
+    """Lives until it is killed."""
+    time.sleep(1000)
+
+
+def touch(args: dict[str, Any], sock: socket.socket) -> None:
+    """Leaves a mark that it ran."""
+    Path(args["path"]).touch()
 
 
 def family(args: dict[str, Any], sock: socket.socket) -> None:

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from trio.testing import MockClock, wait_all_tasks_blocked
 
-from strands_actors.runtime.frames import ASK, DOWN, TELL, TELLS, WATCH, frame, protocol_of
-from strands_actors.runtime.mailbox import CAPACITY
+from strands_actors.runtime.frames import ASK, DOWN, TELL, WATCH, frame, protocol_of
 from strands_actors.runtime.messages import MAX_MESSAGE_BYTES, Message, Refused
 from strands_actors.runtime.node import Node
 
@@ -29,13 +28,18 @@ class Wall:
         self.channel = None
         self.sent: list[bytes] = []
 
-    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         self.sent.append(data)
         return True
 
-    def tell(self, to: str, sender: str, body: bytes) -> bool:
-        self.sent.append(body)
-        return True
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
+    def ask(self, *_: object) -> Message | None:
+        raise AssertionError("nobody asks here")
+
+    def forget(self, to: str, why: str) -> None:
+        pass
 
     def announce(self, address: str, hosted: bool) -> None:
         pass
@@ -96,62 +100,12 @@ def test_arrays_that_are_nearly_frames(frames: list[bytes]) -> None:
     feed(frames)
 
 
-def tells(*bodies: object) -> bytes:
-    return frame(ADDRESS, TELLS, 0, "s", "strands/node/x", bodies)
-
-
-@given(st.lists(st.integers(0, 2**40), max_size=100))
-def test_what_was_told_together_arrives_one_by_one_in_order(values: list[int]) -> None:
-    def check(node: Node, wall: Wall, log: list[Message]) -> None:
-        assert log == [Number(value) for value in values]
-        assert not node.refused_count and not wall.sent
-
-    feed([tells(*map(Number, values))], check)
-
-
-@given(st.lists(anything.filter(lambda value: unreadable(value)), min_size=1, max_size=10), st.data())
-def test_of_tells_together_only_the_unreadable_are_refused(values: list[Any], data: st.DataObject) -> None:
-    bodies = data.draw(st.permutations([*values, Number(1), Number(2)]))
-
-    def check(node: Node, wall: Wall, log: list[Message]) -> None:
-        assert {*log} == {Number(1), Number(2)} and len(log) == 2
-        assert node.refused_count == node.dead_letter_count == len(values)
-        assert not wall.sent
-
-    feed([tells(*bodies)], check)
-
-
-def test_of_tells_together_those_that_have_no_room_are_refused() -> None:
-    def check(node: Node, wall: Wall, log: list[Message]) -> None:
-        assert log == [Number(value) for value in range(CAPACITY)]
-        assert node.refused_count == node.dead_letter_count == 7
-
-    feed([tells(*map(Number, range(CAPACITY + 7)))], check)
-
-
-@pytest.mark.parametrize("body", [None, 7, {"a": 1}, msgspec.Raw(b"\x93\x01"), msgspec.Raw(b"")])
-def test_tells_that_are_no_array_are_refused_as_one(body: object) -> None:
-    def check(node: Node, wall: Wall, log: list[Message]) -> None:
-        assert not log
-        assert node.refused_count == node.dead_letter_count == 1
-
-    feed([frame(ADDRESS, TELLS, 0, "s", "strands/node/x", body)], check)
-
-
-def test_of_tells_together_each_has_the_limit() -> None:
-    def check(node: Node, wall: Wall, log: list[Message]) -> None:
-        assert [len(message.names[0]) for message in log if isinstance(message, Table)] == [60_000, 60_000]
-        assert node.refused_count == node.dead_letter_count == 1
-
-    feed([tells(*(Table({}, ("x" * size,)) for size in (60_000, MAX_MESSAGE_BYTES + 1, 60_000)))], check)
-
-
 @given(st.data())
 def test_a_good_frame_with_some_bytes_changed(data: st.DataObject) -> None:
     body = data.draw(
         st.sampled_from([Number(3), Alarm(1), Newest(2), LateAnswer(), Table({"a": [1, {"b": 2.5}]}, ("x",))])
     )
-    good = (tells(body, body), *(frame(ADDRESS, kind, 5, "s", "strands/node/x", body) for kind in (TELL, ASK)))
+    good = tuple(frame(ADDRESS, kind, 5, "s", "strands/node/x", body) for kind in (TELL, ASK))
     packed = bytearray(data.draw(st.sampled_from(good)))
     for _ in range(data.draw(st.integers(1, 4))):
         packed[data.draw(st.integers(0, len(packed) - 1))] = data.draw(st.integers(0, 255))

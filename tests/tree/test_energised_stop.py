@@ -7,6 +7,7 @@ import trio
 
 from strands_actors.runtime.contract import HOLDING_REASONS, Reason
 from strands_actors.runtime.messages import Refused
+from strands_actors.supervisors.failsafe import ENDING_REASONS
 from strands_actors.supervisors.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver
@@ -26,7 +27,7 @@ async def moving(tree: InlineTree) -> Writer:
     return writer
 
 
-@pytest.mark.parametrize("reason", sorted(set(Reason) - HOLDING_REASONS))
+@pytest.mark.parametrize("reason", sorted(set(Reason) - HOLDING_REASONS - ENDING_REASONS))
 def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -44,6 +45,29 @@ def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
             assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
             await writer.acquire()
             assert isinstance(await writer.send(latched=True, a=6.0), Accepted)
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("reason", sorted(ENDING_REASONS))
+def test_saf_018_at_the_end_of_its_tree_nothing_moves_it(reason: Reason) -> None:
+    """It keeps its grip, and a resume that comes too late changes nothing."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await moving(tree)
+            stopped_ns = tree.node.clock.now_ns()
+            report = await tree.gate.ask(Stop(reason), 1.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.rung == "hold"
+            refused = await tree.gate.ask(Resume("an operator"), 1.0)
+            assert isinstance(refused, Refused) and refused.code == "ending", refused
+            assert isinstance(await writer.acquire(), Lease)
+            refused = await writer.send(latched=True, a=6.0)
+            assert isinstance(refused, Refused) and refused.code == "ending", refused
+            assert tree.hardware.of("setpoint", stopped_ns + 1) == tree.hardware.of("enable", stopped_ns) == []
+            again = await tree.gate.ask(Stop(Reason.ROOT), 1.0)
+            assert isinstance(again, StopReport) and again.confirmed, "nothing is to be done a second time"
+            assert len(tree.hardware.of("safe", stopped_ns)) == 1
 
     run_virtual(run)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.supervisors.failsafe import TRANSITIONS, WRITABLE, Action, Event, Mode, State, step
+from strands_actors.supervisors.failsafe import OVER, TRANSITIONS, WRITABLE, Action, Event, Mode, State, step
 
 events = st.lists(st.tuples(st.sampled_from(Event), st.booleans()), max_size=40)
 
@@ -57,6 +57,18 @@ def test_a_stop_is_acted_on_in_every_mode(sequence: list[tuple[Event, bool]]) ->
         if event is Event.STOP:
             assert action is Action.MAKE_SAFE
             assert after.mode not in WRITABLE
+
+
+@given(events)
+def test_saf_018_from_its_end_on_a_tree_arms_nothing(sequence: list[tuple[Event, bool]]) -> None:
+    ended = False
+    for before, event, after, action in play(sequence):
+        if ended:
+            assert action is not Action.ARM
+            assert after.mode in OVER | {Mode.FAILED}
+        if event is Event.END:
+            ended = True
+            assert action is Action.MAKE_SAFE or before.mode is Mode.ENDED, "or it is confirmed already"
 
 
 def test_what_was_lost_energised_is_made_safe_before_anything_else() -> None:

@@ -57,3 +57,16 @@ def test_saf_017_the_next_policy_process_writes_under_no_other_policys_lease() -
     refused = leases.acquire(Acquire("policy of so101", own, 8, "policy process 8"), 0)
     assert isinstance(refused, Refused)
     assert refused.code == "lease"
+
+
+@pytest.mark.parametrize(
+    ("holder", "holding", "granted"), [(CALLER, True, True), (CALLER, False, False), ("b", True, False)]
+)
+def test_who_lent_its_lease_to_a_rollout_has_it_back_when_the_robot_holds(
+    holder: str, holding: bool, granted: bool
+) -> None:
+    """A rollout that was cut off returns nothing."""
+    leases, _, own = begun()
+    taken = leases.acquire(Acquire(holder), SECOND_NS // 2, holding)
+    assert isinstance(taken, int) is granted
+    assert (leases.refuse("move", own, POLICY) is None) is not granted

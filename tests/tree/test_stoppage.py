@@ -11,7 +11,7 @@ import time
 import pytest
 import trio
 
-from strands_actors.runtime.processor import is_stopped
+from strands_actors.runtime.processor import Life, _life, is_stopped, life_of
 from strands_actors.supervisors.messages import Acquire, Lease, Stopped
 from strands_actors.supervisors.stoppage import LOOKS, Stoppage
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
@@ -57,6 +57,57 @@ def test_the_system_tells_of_a_stopped_process() -> None:
         finally:
             child.kill()
     assert not is_stopped(child.pid), "and of one that is gone, nothing"
+
+
+STAT = b"4711 (a name) with ) in it) %s 1 1 1 0 -1 %d " + b"0 " * 21 + b"%d " + b"0 " * 21
+
+
+@pytest.mark.parametrize(
+    ("stat", "life"),
+    [
+        (STAT % (b"S", 0x400000, 0), Life()),
+        (STAT % (b"T", 0x400000, 0), Life(stopped=True)),
+        (STAT % (b"R", 0x400000, 1 << signal.SIGKILL - 1), Life(dying=True)),
+        (STAT % (b"R", 0x400000, 1 << signal.SIGUSR1 - 1), Life()),
+        (STAT % (b"Z", 0x400004, 0), Life(dying=True)),
+    ],
+)
+def test_a_killed_process_is_known_before_it_has_got_a_processor_to_die_on(stat: bytes, life: Life) -> None:
+    assert _life(stat) == life
+
+
+def test_the_guardian_tells_of_a_writer_that_was_killed() -> None:
+    async def run(child: subprocess.Popen[bytes]) -> None:
+        async with open_inline_tree() as tree:
+            told: list[int] = []
+            dying = trio.Event()
+
+            def on_dying(pid: int) -> None:
+                told.append(pid)
+                dying.set()
+
+            tree.keeper._writers = lambda: [child.pid]
+            tree.keeper._on_dying = on_dying
+            await trio.sleep(0.1)
+            assert told == []
+            child.kill()
+            with trio.fail_after(100.0):
+                await dying.wait()
+            assert set(told) == {child.pid}
+
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as child:
+        run_virtual(lambda: run(child))
+
+
+def test_the_system_tells_of_a_killed_process() -> None:
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    assert life_of(child.pid) == Life()
+    child.kill()
+    deadline = time.monotonic() + 10
+    while not life_of(child.pid).dying:
+        assert time.monotonic() < deadline
+    child.wait()
+    assert life_of(child.pid) == Life(), "and of one that is gone, nothing"
 
 
 async def holding_pid(writer: Writer, pid: int, over: int = 0) -> Writer:

@@ -165,7 +165,7 @@ def test_saf_005_a_fence_before_the_link_is_back_names_every_motor() -> None:
             await armed(tree)
             tree.hardware.plugged = False
             tree.place._scope.cancel()
-            await trio.sleep(0.3)  # fenced, not confirmed; the next wire looks for the link
+            await trio.sleep(3.0)  # fenced, not confirmed; the next wire looks for the link
             assert len(tree.places) > 1
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 1.0)
             assert isinstance(report, StopReport) and not report.confirmed

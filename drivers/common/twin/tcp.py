@@ -40,6 +40,14 @@ class Connection:
         self.log = log
         self.frost = frost
 
+    @property
+    def peer_host(self) -> str:
+        """The client's address; empty once it is gone."""
+        try:
+            return str(self._sock.getpeername()[0])
+        except OSError:
+            return ""
+
     def bits_per_s(self) -> int | None:
         return None
 
@@ -129,6 +137,10 @@ class TcpServer:
         return f"{host}:{port}"
 
     @property
+    def host(self) -> str:
+        return self._names[0][0]
+
+    @property
     def body(self) -> Body:
         """Raise ``ValueError`` for a robot that shows none."""
         return body_of(self._robot)
@@ -147,7 +159,8 @@ class TcpServer:
 
     def unplug(self) -> None:
         """Pull the cable. The robot itself does not notice."""
-        self._plugged = trio.Event()
+        if self._plugged.is_set():  # else it is out already, and somebody waits for it to be put back
+            self._plugged = trio.Event()
         for listener in self._listeners:
             trio.lowlevel.notify_closing(listener)
             listener.close()

@@ -1,0 +1,108 @@
+"""The arms of this wire, as data: a table of ``robots.toml``, and the twin's model made of it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import msgspec
+
+JOINTS = 7
+
+HOME_RAD = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
+"""Where a twin wakes up: the vendor's start pose."""
+
+LINKS = (
+    ((0.0, 0.0, 0.333), 0.0),
+    ((0.0, 0.0, 0.0), -90.0),
+    ((0.0, -0.316, 0.0), 90.0),
+    ((0.0825, 0.0, 0.0), 90.0),
+    ((-0.0825, 0.384, 0.0), -90.0),
+    ((0.0, 0.0, 0.0), 90.0),
+    ((0.088, 0.0, 0.0), 90.0),
+)
+"""Origin of each link in the one before (m), and its roll (degrees). The same for all arms."""
+FLANGE_M = 0.107
+"""Beyond the seventh joint, along its axis."""
+
+_SHAPES = (
+    "c.06@0,0,-.14",
+    "c.06@0,-.2,0",
+    "c.06@.0825,0,0",
+    "c.055@-.0825,.2,0",
+    "c.05@0,.03,-.2",
+    "c.05@.088,0,0",
+    "y.045,.05@0,0,.055",
+)
+"""[assumed]"""
+
+
+class Arm(msgspec.Struct, frozen=True):
+    """One table of ``robots.toml``."""
+
+    fci: int
+    joints: str
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    jerk: tuple[float, ...]
+    effort: tuple[float, ...]
+    link_kg: tuple[float, ...]
+    com: tuple[tuple[float, float, float], ...]
+    ends: tuple[tuple[float, float, float, float], ...] = ()
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(f"{self.joints}{number}" for number in range(1, JOINTS + 1))
+
+    def speed_at(self, joint: int, rad: float) -> tuple[float, float]:
+        """Return the lowest and the highest speed that the controller allows a joint there (rad/s)."""
+        most = self.speed[joint]
+        if not self.ends:
+            return -most, most
+        offset, slope, lower, upper = self.ends[joint]
+        up = -offset + math.sqrt(max(0.0, slope * (upper - rad)))
+        down = -offset + math.sqrt(max(0.0, slope * (rad - lower)))
+        return -min(most, max(0.0, down)), min(most, max(0.0, up))
+
+
+@cache
+def arms() -> Mapping[str, Arm]:
+    """Return the tables of ``robots.toml`` by robot name."""
+    tables = tomllib.loads(resources.files(__package__).joinpath("robots.toml").read_text("utf-8"))
+    return {name: msgspec.convert(table, Arm) for name, table in tables.items()}
+
+
+def arm_of(robot: str) -> Arm:
+    """Return the arm of a name. Raise ``ValueError`` for a robot that is not of this wire."""
+    if robot not in arms():
+        raise ValueError(f"{robot} is not a Franka arm. Use one of {', '.join(arms())}")
+    return arms()[robot]
+
+
+def model_table(arm: Arm) -> dict[str, Any]:
+    """Return the arm as ``drivers/common/model_rows`` takes it."""
+    rows = [
+        f"link{at + 1} {f'link{at}' if at else 'base'} {key} z {_csv(LINKS[at][0])} {LINKS[at][1]},0,0 "
+        f"{arm.low[at]},{arm.high[at]} {arm.effort[at]} {arm.speed[at]} {arm.link_kg[at]} {_csv(arm.com[at])} "
+        f"{_SHAPES[at]}"
+        for at, key in enumerate(arm.keys)
+    ]
+    return {
+        "joints": [{"key": key} for key in arm.keys],
+        "base": {"geom": "y.07,.08@-.03,0,.08", "kg": 3.0},
+        "model_rows": "\n".join(rows),
+        "home_rad": HOME_RAD,
+        "gravity_compensated": True,  # the controller knows its arm
+        "armature": 0.2,  # [assumed]
+        "bandwidth": 60.0,  # [assumed]
+    }
+
+
+def _csv(numbers: tuple[float, ...]) -> str:
+    return ",".join(str(number) for number in numbers)

@@ -1,0 +1,138 @@
+"""A connection to a controller: requests and replies on TCP, and where its states arrive.
+
+The wire process has one as long as the link is up, the root makes one when it has to see the arm stand. No vendor's
+library: nothing here can hang, or hold the interpreter's lock.
+"""
+
+from __future__ import annotations
+
+import socket
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.runtime.contract import WireDown
+
+from . import protocol as p
+
+ANSWER_S = 0.4
+"""A controller answers within milliseconds."""
+FIRST_STATE_S = 0.4
+LOOK_S = 0.002
+"""Between two looks at what has arrived, while somebody waits for it."""
+
+_DRIVERS = {5: "panda", 10: "fr3 or fr3_v2"}
+
+
+class Fci:
+    """One client of the controller. Raises ``WireDown`` once it is gone."""
+
+    def __init__(self, tcp: TcpPort, udp: socket.socket, dialect: p.Dialect) -> None:
+        self._tcp = tcp
+        self.udp = udp
+        self.dialect = dialect
+        self._decoder = p.Decoder(p.LARGEST_REPLY)
+        self._id = 0
+        self._waiting: list[p.Message] = []
+
+    def send(self, name: str, payload: bytes = b"") -> int:
+        """Send a request now; its number."""
+        self._id += 1
+        self._tcp.write(self.dialect.request(name, self._id, payload))
+        return self._id
+
+    def start_motion(self) -> int:
+        """Ask for a motion by joint positions; the number of the request. It is answered twice."""
+        self._id += 1
+        self._tcp.write(self.dialect.start_joint_motion(self._id))
+        return self._id
+
+    def replies(self) -> list[p.Message]:
+        """Return what has arrived and nobody has taken. Never waits."""
+        while (data := self._tcp.read_waiting()) is not None:
+            try:
+                self._waiting.extend(self._decoder.feed(data))
+            except MalformedFrame as error:
+                raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
+        taken, self._waiting = self._waiting, []
+        return taken
+
+    async def answer(self, request_id: int, name: str) -> p.Message:
+        """Wait for the reply to a request; others stay for ``replies``."""
+        with trio.move_on_after(ANSWER_S):
+            while True:
+                arrived = self.replies()
+                found = next((message for message in arrived if message.id == request_id), None)
+                self._waiting = [message for message in arrived if message is not found]
+                if found is not None:
+                    return found
+                await trio.sleep(LOOK_S)
+        raise WireDown(f"{self._tcp.name}: no answer to {name} within {ANSWER_S:g} s. Is the controller alive?")
+
+    async def handshake(self, robot: str) -> p.State:
+        """Say who we are, and wait for the first state. Raise ``WireDown``."""
+        self._tcp.write(self.dialect.connect(self._id, self.udp.getsockname()[1]))
+        reply = await self.answer(self._id, "connect")
+        try:
+            status, version = p.connect_reply(reply)
+        except MalformedFrame as error:
+            raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
+        if status:
+            other = f"use the {_DRIVERS[version]} driver" if version in _DRIVERS else "no driver here speaks it"
+            raise WireDown(f"connect: controller speaks {version}, {robot} speaks {self.dialect.version}. {other}")
+        return await self._first_state()
+
+    async def _first_state(self) -> p.State:
+        """Take states of this controller alone from now on."""
+        host = self._tcp.peer_host
+        with trio.move_on_after(FIRST_STATE_S):
+            while True:
+                try:
+                    data, source = self.udp.recvfrom(p.LARGEST_REQUEST)
+                except BlockingIOError:
+                    await trio.lowlevel.wait_readable(self.udp)
+                    continue
+                if source[0] == host:
+                    self.udp.connect(source)
+                    try:
+                        return self.dialect.state(data)
+                    except MalformedFrame as error:
+                        raise WireDown(f"{self._tcp.name}: {error}") from None
+        raise WireDown(
+            f"{self._tcp.name}: connected, but no state within {FIRST_STATE_S:g} s. "
+            "Is FCI activated in Desk? Does a firewall keep UDP away?"
+        )
+
+    def newest_state(self) -> p.State | None:
+        """Return the newest state that has arrived. Of what is none nothing is taken."""
+        newest = None
+        while True:
+            try:
+                newest = self.dialect.state(self.udp.recv(p.LARGEST_REQUEST))
+            except BlockingIOError:
+                return newest
+            except MalformedFrame:
+                continue
+            except OSError as error:
+                raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
+
+    def close(self) -> None:
+        self._tcp.close()
+        self.udp.close()
+
+
+async def connect(host: str, fci: int, robot: str) -> tuple[Fci, p.State]:
+    """Return a client that has heard a state. Raise ``WireDown``."""
+    tcp = await open_tcp(host, p.PORT)
+    udp = socket.socket(type=socket.SOCK_DGRAM)
+    client = Fci(tcp, udp, p.DIALECTS[fci])
+    try:
+        udp.setblocking(False)
+        udp.bind((tcp.own_host, 0))
+        return client, await client.handshake(robot)
+    except BaseException as error:
+        client.close()
+        if isinstance(error, OSError):
+            raise WireDown(f"{host}: no UDP port for its states ({error.strerror})") from None
+        raise

@@ -1,0 +1,130 @@
+"""Franka arms on FCI: panda (FER, interface 5), fr3 and fr3_v2 (interface 10).
+
+A command names where all seven joints go; a trajectory generator of ours takes them there within the arm's limits
+of speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is sent: the controller holds the
+arm. Safe, for whatever reason, is StopMove: the controller brakes the arm and holds it. There is no limp.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Driver,
+    Reason,
+    SecondPath,
+    Service,
+    Timing,
+)
+from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+
+from .arms import arm_of, arms
+from .gates import CONDITIONS, all_gates
+from .generator import limits_of
+from .protocol import MISSED_TICKS, PORT, STATE_HZ
+
+if TYPE_CHECKING:
+    from .wire import FrankaWire
+
+
+class Options(DriverOptions, frozen=True):
+    speed_factor: Annotated[
+        float, option("share of the arm's speed, acceleration and jerk that a motion may use", gt=0, le=1)
+    ] = 0.2
+    stream_rate_hz: Annotated[
+        float,
+        option("how many of the 1000 states a second are taken over, rounded to a whole stride", ge=10, le=200),
+    ] = 30.0
+
+
+class Franka(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(arms())
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = "strands_actors.drivers.franka.twin:main"
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+    WHOLE_ACTIONS: ClassVar[bool] = True
+    ROLLOUTS: ClassVar[str] = (
+        "a Franka arm is moved by send_action: each target is a motion of its own, planned from where the arm is"
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "recover": Service("let the controller clear a reflex, so that the arm may be armed again", within_s=5.0)
+    }
+
+    unit = "radians"
+    ladder: Mapping[Reason, str] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
+    }
+    firmware_watchdog = (
+        f"always on: after {MISSED_TICKS} ms of a motion without a command the controller stops the arm by itself "
+        "(communication_constraints_violation) and holds it; when its client's connection ends, at once. what it "
+        "counts is sensor success_rate"
+    )
+    bound_s = 0.1
+    conditions = CONDITIONS
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, Options, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        given = read_options(robot, Options, options)
+        self.robot = robot
+        self.port = port
+        self.arm = arm_of(robot)
+        self.speed_factor = given.speed_factor
+        self.limits = limits_of(self.arm, given.speed_factor)
+        self.stride = round(STATE_HZ / given.stream_rate_hz)
+        self.timing = Timing(
+            control_hz=STATE_HZ / self.stride,
+            keepalive_s=0.05,
+            stream_ttl_s=0.1,
+            oneshot_ttl_s=None,
+            state_ttl_s=0.15,
+            safe_s=2.0,
+            silent_s=0.5,  # starting the process of the cycle stops this one until it has begun
+        )
+        rows = zip(self.arm.keys, self.limits.low, self.limits.high, self.limits.speed, strict=True)
+        axes = tuple(
+            Axis(key=key, unit="rad", low=low, high=high, speed=speed, id=number)
+            for number, (key, low, high, speed) in enumerate(rows, 1)
+        )
+        self.declare(Part(PartKind.ARM, axes))
+        self.gates = all_gates(self.table, self.timing.state_ttl_s)
+
+    @property
+    def host(self) -> str:
+        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: that is fixed."""
+        host, port = parse_address(self.port, PORT)
+        if port != PORT:
+            raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")
+        return host
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        return {
+            "robot": self.robot,
+            "joints": list(self.axes),
+            "targets": self.as_json(values),
+            "speed_factor": self.speed_factor,
+        }
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
+
+    def open_wire(self, clock: Clock) -> FrankaWire:
+        from .wire import FrankaWire
+
+        return FrankaWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .stop_channel import FrankaStopChannel
+
+        return FrankaStopChannel(self)

@@ -1,0 +1,100 @@
+"""What is refused before it reaches the controller. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.messages import Refused
+
+from .protocol import RobotMode, mode_name
+
+MOVABLE = (RobotMode.IDLE, RobotMode.MOVE)
+
+POOR, TOO_POOR = 0.8, 0.5
+"""Shares of the last 100 commands that reached the controller in time: below, status warns; below, a new target is
+refused [assumed]."""
+
+_REMEDIES = {
+    RobotMode.REFLEX: "recover() first",
+    RobotMode.USER_STOPPED: "release the stop button",
+    RobotMode.GUIDING: "let go of the guiding button",
+    RobotMode.RECOVERY: "wait until it has recovered",
+}
+_OTHER_REMEDY = "unlock the joints and activate FCI in Desk"
+
+REASONS = "reasons"
+"""Key of ``Observation.faults``: what the controller gives as errors."""
+LOST = "motion"
+"""Key of ``Observation.faults``: why a motion of ours ended that we did not end."""
+
+
+def all_gates(axes: tuple[Axis, ...], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), all_joints(axes), past_range(axes), reaches_it
+
+
+def refuse_mode(mode: int, reasons: str) -> Refused | None:
+    """Refuse while the controller moves nothing for us. Arming asks the same."""
+    if mode in MOVABLE:
+        return None
+    name = mode_name(mode)
+    why = f" ({reasons})" if reasons else ""
+    known = mode in tuple(RobotMode)
+    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if known else _OTHER_REMEDY
+    return Refused("robot_mode", f"move: arm is in {name}{why}", remedy, name, "idle or move")
+
+
+# -- what must be true for a motion to begin, and to go on
+
+
+def movable(observation: Observation, now_ns: int) -> Refused | None:
+    return refuse_mode(_mode(observation), observation.faults.get(REASONS, ""))
+
+
+def not_lost(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse after a motion of ours that the controller ended: nothing goes on by itself."""
+    why = observation.faults.get(LOST)
+    if why is None:
+        return None
+    return Refused("motion_ended", f"move: the controller ended the motion ({why})", "stop(), then resume()", why)
+
+
+CONDITIONS = (Condition(movable), Condition(not_lost))
+
+
+# -- of one target
+
+
+def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
+    """Refuse an action that does not name every joint: a motion is one of the whole arm."""
+    keys = ", ".join(axis.key for axis in axes)
+
+    def all_joints(candidate: Candidate, state: GateState) -> Refused | None:
+        missing = ", ".join(axis.key for at, axis in enumerate(axes) if at not in candidate.named)
+        if not missing:
+            return None
+        given = ", ".join(axes[at].key for at in candidate.named)
+        why = f"move: the arm is moved by all its joints; {missing} missing"
+        return Refused("not_all_joints", why, f"send {keys}", given, f"{len(axes)} joints")
+
+    return all_joints
+
+
+def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
+    """Refuse a new target while too few commands reach the controller: it would end the motion. Without a motion
+    nobody knows."""
+    rate = state.observation.sensors.get("success_rate", (1.0,))[0]
+    if _mode(state.observation) != RobotMode.MOVE or rate >= TOO_POOR:
+        return None
+    return Refused(
+        "success_rate",
+        f"move: {rate:.0%} of the commands reach the controller in time",
+        "let the motion end; see what else this machine and its network do, and status: scheduling",
+        f"{rate:.2f}",
+        f"at least {TOO_POOR:g}",
+    )
+
+
+def _mode(observation: Observation) -> int:
+    return round(observation.sensors.get("robot_mode", (0.0,))[0])

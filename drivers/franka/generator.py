@@ -1,0 +1,130 @@
+"""The trajectory generator: from where the arm stands to the newest goal, one step per millisecond.
+
+Pure. Each joint goes as fast as its limits allow, and never further than its goal; from rest all joints begin and
+arrive together, on a straight line in joint space. A goal may be replaced at any time, and is then reached from the
+speed that the joints have.
+
+Two stages: a profile that keeps speed and acceleration, then a moving average over ``WINDOW`` steps, which spreads
+each change of the acceleration over so many milliseconds and so keeps the jerk. An average of positions goes no
+further, no faster, and accelerates no more than what it averages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import msgspec
+
+from .arms import JOINTS, Arm
+
+STEP_S = 0.001
+WINDOW = 4
+"""Acceleration may change by twice its limit at once: over 4 ms that is the jerk limit of every joint of every
+arm of ``robots.toml``, whatever the speed factor."""
+
+ARRIVED_RAD = 1e-9
+ROOM_RAD = 0.002
+"""The average lags the profile by 1.5 ms: so far a joint moves in that time where its end matters."""
+SPAN_RAD = 1e-6
+"""A joint that has less to go does not wait for the others."""
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """What the generator keeps, per joint."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+
+
+def limits_of(arm: Arm, speed_factor: float) -> Limits:
+    """Return the limits of an arm at a share of its speed, acceleration and jerk.
+
+    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a + sqrt(b * d)),
+    braking must stay below that. At a distance e from the goal it is sqrt(2 A e); with A <= b / 6 that stays below
+    when the goal keeps 1.5 a^2 / b from where the curve ends (square both sides; the worst place is where the
+    speed is a / 2).
+    """
+    acceleration = [most * speed_factor for most in arm.acceleration]
+    low, high = list(arm.low), list(arm.high)
+    for joint, (offset, slope, lower, upper) in enumerate(arm.ends):
+        acceleration[joint] = min(acceleration[joint], slope / 6)
+        keep = 1.5 * offset**2 / slope + ROOM_RAD
+        low[joint], high[joint] = max(low[joint], lower + keep), min(high[joint], upper - keep)
+    speed = tuple(most * speed_factor for most in arm.speed)
+    return Limits(tuple(low), tuple(high), speed, tuple(acceleration))
+
+
+class Trajectory:
+    """``start``: where the arm is told to be now, at rest."""
+
+    def __init__(self, limits: Limits, start: Sequence[float]) -> None:
+        self._limits = limits
+        self._goal = list(start)
+        self._position = list(start)
+        self._speed = [0.0] * JOINTS
+        self._limit = list(zip(limits.speed, limits.acceleration, strict=True))
+        self._recent = deque([tuple(start)] * WINDOW, WINDOW)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the goal has been reached and every later step would be the same."""
+        return all(point == self._recent[-1] for point in self._recent) and self._at_goal()
+
+    def aim(self, goal: Sequence[float]) -> None:
+        """Go to ``goal`` from now on. It must be within the range of the limits: nothing is clipped here."""
+        self._goal = list(goal)
+        top = list(zip(self._limits.speed, self._limits.acceleration, strict=True))
+        if any(self._speed):
+            self._limit = top  # some joint may have to brake with all it has
+            return
+        spans = [abs(there - here) for there, here in zip(goal, self._position, strict=True)]
+        far = [(span, *limit) for span, limit in zip(spans, top, strict=True) if span > SPAN_RAD]
+        speed = min((speed / span for span, speed, _ in far), default=0.0)  # of the line from here to there, as one
+        acceleration = min((acceleration / span for span, _, acceleration in far), default=0.0)
+        self._limit = [
+            (span * speed, span * acceleration) if span > SPAN_RAD else limit
+            for span, limit in zip(spans, top, strict=True)
+        ]
+
+    def brake(self) -> None:
+        """Come to rest as soon as the limits allow, and stay there."""
+        top = self._limits.acceleration
+        self.aim(
+            [
+                here + math.copysign(_braking_distance(abs(speed), acceleration), speed)
+                for here, speed, acceleration in zip(self._position, self._speed, top, strict=True)
+            ]
+        )
+
+    def step(self) -> tuple[float, ...]:
+        """Return where the arm is to be a millisecond later."""
+        position, speeds, goal = self._position, self._speed, self._goal
+        for joint, (most, acceleration) in enumerate(self._limit):
+            left, speed = goal[joint] - position[joint], speeds[joint]
+            if not left and not speed:
+                continue
+            change = acceleration * STEP_S
+            distance = abs(left)
+            # the highest speed from which braking, this step included, ends at the goal
+            braking = change * (math.sqrt(0.25 + 2 * distance / (change * STEP_S)) - 0.5)
+            allowed = min(most, braking, distance / STEP_S)
+            wanted = math.copysign(allowed, left)
+            speed += min(change, max(-change, wanted - speed))
+            position[joint] += speed * STEP_S
+            if abs(goal[joint] - position[joint]) < ARRIVED_RAD and abs(speed) <= change:
+                position[joint], speed = goal[joint], 0.0
+            speeds[joint] = speed
+        self._recent.append(tuple(position))
+        return tuple(sum(column) / WINDOW for column in zip(*self._recent, strict=True))
+
+    def _at_goal(self) -> bool:
+        return self._position == self._goal and not any(self._speed)
+
+
+def _braking_distance(speed: float, acceleration: float) -> float:
+    """Return how far a joint goes on in whole steps."""
+    return speed**2 / (2 * acceleration) + speed * STEP_S / 2

@@ -1,0 +1,362 @@
+"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and commands on
+UDP.
+
+Pure: bytes in, values out. Everything is little-endian and packed. Matrices are column-major.
+Sources: the published headers of libfranka-common for both versions; offsets checked with numbered values against
+panda-python 1.1.1 and pylibfranka 0.21.3.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+PORT = 1337
+STATE_HZ = 1000
+MISSED_TICKS = 20
+"""Commands in a row that a controller goes on without."""
+
+HEADER = struct.Struct("<III")
+LARGEST_NUMBER = 100.0
+"""No joint of any arm is so far, or so fast (rad, rad/s)."""
+
+LARGEST_REQUEST = 4096
+LARGEST_REPLY = 8 * 1024 * 1024
+"""A model library or description comes in one reply."""
+
+
+class RobotMode(enum.IntEnum):
+    OTHER = 0
+    IDLE = 1
+    MOVE = 2
+    GUIDING = 3
+    REFLEX = 4
+    USER_STOPPED = 5
+    RECOVERY = 6
+
+
+class Controller(enum.IntEnum):
+    """As a Move asks for it; a state says OTHER when none runs."""
+
+    JOINT_IMPEDANCE = 0
+    CARTESIAN_IMPEDANCE = 1
+    EXTERNAL = 2
+    OTHER = 3
+
+
+class Generator(enum.IntEnum):
+    """As a state says it. A Move asks for one less, so that there is none for idle."""
+
+    IDLE = 0
+    JOINT_POSITION = 1
+    JOINT_VELOCITY = 2
+    CARTESIAN_POSITION = 3
+    CARTESIAN_VELOCITY = 4
+    NONE = 5
+
+
+ERRORS = (
+    "joint_position_limits_violation",
+    "cartesian_position_limits_violation",
+    "self_collision_avoidance_violation",
+    "joint_velocity_violation",
+    "cartesian_velocity_violation",
+    "force_control_safety_violation",
+    "joint_reflex",
+    "cartesian_reflex",
+    "max_goal_pose_deviation_violation",
+    "max_path_pose_deviation_violation",
+    "cartesian_velocity_profile_safety_violation",
+    "joint_position_motion_generator_start_pose_invalid",
+    "joint_motion_generator_position_limits_violation",
+    "joint_motion_generator_velocity_limits_violation",
+    "joint_motion_generator_velocity_discontinuity",
+    "joint_motion_generator_acceleration_discontinuity",
+    "cartesian_position_motion_generator_start_pose_invalid",
+    "cartesian_motion_generator_elbow_limit_violation",
+    "cartesian_motion_generator_velocity_limits_violation",
+    "cartesian_motion_generator_velocity_discontinuity",
+    "cartesian_motion_generator_acceleration_discontinuity",
+    "cartesian_motion_generator_elbow_sign_inconsistent",
+    "cartesian_motion_generator_start_elbow_invalid",
+    "force_controller_desired_force_tolerance_violation",
+    "start_elbow_sign_inconsistent",
+    "communication_constraints_violation",
+    "power_limit_violation",
+    "cartesian_motion_generator_joint_position_limits_violation",
+    "cartesian_motion_generator_joint_velocity_limits_violation",
+    "cartesian_motion_generator_joint_velocity_discontinuity",
+    "cartesian_motion_generator_joint_acceleration_discontinuity",
+    "cartesian_position_motion_generator_invalid_frame",
+    "controller_torque_discontinuity",
+    "joint_p2p_insufficient_torque_for_planning",
+    "tau_j_range_violation",
+    "instability_detected",
+    "joint_move_in_wrong_direction",
+    "cartesian_spline_motion_generator_violation",
+    "joint_via_motion_generator_planning_joint_limit_violation",
+    "base_acceleration_initialization_timeout",
+    "base_acceleration_invalid_reading",
+)
+"""By position in ``errors`` and ``reflex_reason`` of a state."""
+
+_STATE_5 = (
+    "message_id:Q O_T_EE:16 O_T_EE_d:16 F_T_EE:16 EE_T_K:16 F_T_NE:16 NE_T_EE:16 m_ee:1 I_ee:9 F_x_Cee:3 m_load:1 "
+    "I_load:9 F_x_Cload:3 elbow:2 elbow_d:2 tau_J:7 tau_J_d:7 dtau_J:7 q:7 q_d:7 dq:7 dq_d:7 ddq_d:7 "
+    "joint_contact:7 cartesian_contact:6 joint_collision:7 cartesian_collision:6 tau_ext_hat_filtered:7 "
+    "O_F_ext_hat_K:6 K_F_ext_hat_K:6 O_dP_EE_d:6 O_ddP_O:3 elbow_c:2 delbow_c:2 ddelbow_c:2 O_T_EE_c:16 "
+    "O_dP_EE_c:6 O_ddP_EE_c:6 theta:7 dtheta:7 generator:B controller:B errors:41? reflex_reason:41? robot_mode:B "
+    "success_rate:1"
+)
+_STATE_10 = _STATE_5.replace("generator:B", "accelerometer_top:18 accelerometer_bottom:18 generator:B")
+
+_COMMON = ("connect", "move", "stop")
+_SETTERS = ("collision", "joint_impedance", "cartesian_impedance", "guiding", "ee_to_k", "ne_to_ee", "load")
+
+_MOVE_5 = (
+    "success",
+    "motion_started",
+    "preempted",
+    "not_possible",
+    "start_at_singular_pose",
+    "invalid_argument",
+    "reflex_aborted",
+    "emergency_aborted",
+    "input_error_aborted",
+    "aborted",
+)
+_MOVE_10 = (
+    "success",
+    "motion_started",
+    "preempted",
+    "preempted_by_safety_functions",
+    "rejected_by_safety_functions",
+    "not_possible",
+    "start_at_singular_pose",
+    "invalid_argument",
+    "reflex_aborted",
+    "emergency_aborted",
+    "input_error_aborted",
+    "aborted",
+)
+
+_Field = tuple[int, struct.Struct]
+
+
+class State(msgspec.Struct, frozen=True):
+    """What we use of a state."""
+
+    message_id: int  # counts milliseconds of the controller
+    q: tuple[float, ...]
+    q_d: tuple[float, ...]
+    dq: tuple[float, ...]
+    tau_J: tuple[float, ...]
+    tau_ext: tuple[float, ...]
+    O_T_EE: tuple[float, ...]
+    generator: int
+    controller: int
+    reasons: tuple[str, ...]  # errors that are, or that ended the last motion
+    robot_mode: int
+    success_rate: float  # of the last 100 commands; 0 without a motion
+
+
+class Command(NamedTuple):
+    """One command of a motion: what of it has a meaning depends on the generator and the controller."""
+
+    message_id: int
+    q: tuple[float, ...]
+    dq: tuple[float, ...]
+    tau: tuple[float, ...]
+    finished: bool
+
+
+_REST = (0.0,) * 24  # O_T_EE_c, O_dP_EE_c, elbow_c
+_ZEROS = (0.0,) * 7
+
+
+class Dialect:
+    """One version of the interface."""
+
+    def __init__(self, version: int) -> None:
+        """Raise ``ValueError`` for a version that is not known."""
+        if version not in (5, 10):
+            raise ValueError(f"FCI {version} is not known. There are 5 and 10")
+        self.version = version
+        self.commands: tuple[str, ...]
+        self.move_statuses: tuple[str, ...]
+        if version == 5:
+            self.commands = (*_COMMON, "cartesian_limit", *_SETTERS, "filters", "recover", "model")
+            self.move_statuses, fields, number = _MOVE_5, _STATE_5, "d"
+            self._command = struct.Struct("<Q7d7d24d??7d")
+        else:
+            self.commands = (*_COMMON, *_SETTERS, "recover", "model")
+            self.move_statuses, fields, number = _MOVE_10, _STATE_10, "f"
+            self._command = struct.Struct("<Q7d7d24d??7d?")
+        self.fields, self.state_bytes = _layout(fields, number)
+        self.command_bytes = self._command.size
+        self.move = struct.Struct("<II6d" if version == 5 else "<II6d?7d")
+
+    # -- requests and replies
+
+    def request(self, name: str, request_id: int, payload: bytes = b"") -> bytes:
+        return HEADER.pack(self.commands.index(name), request_id, HEADER.size + len(payload)) + payload
+
+    def connect(self, request_id: int, udp_port: int) -> bytes:
+        return self.request("connect", request_id, struct.pack("<HH", self.version, udp_port))
+
+    def start_joint_motion(self, request_id: int) -> bytes:
+        """Ask for a motion by joint positions under the arm's own joint impedance controller."""
+        deviations = (10.0, math.tau / 2, math.tau) * 2  # path, goal: as libfranka asks for them
+        extra = () if self.version == 5 else (False, *_ZEROS)
+        payload = self.move.pack(Controller.JOINT_IMPEDANCE, Generator.JOINT_POSITION - 1, *deviations, *extra)
+        return self.request("move", request_id, payload)
+
+    def name_of(self, code: int) -> str:
+        """Return the name of a command; ``?`` for a number that is none."""
+        return self.commands[code] if code < len(self.commands) else "?"
+
+    def move_status(self, status: int) -> str:
+        return self.move_statuses[status] if status < len(self.move_statuses) else f"status {status}"
+
+    # -- states
+
+    def state(self, data: bytes) -> State:
+        """Raise ``MalformedFrame``."""
+        if len(data) != self.state_bytes:
+            raise MalformedFrame(f"a state of {len(data)} bytes; FCI {self.version} has {self.state_bytes}")
+        if not self.is_plausible(data):
+            raise MalformedFrame("a state with modes that there are not")
+        errors, reflex = self.get(data, "errors"), self.get(data, "reflex_reason")
+        found = State(
+            int(self.get(data, "message_id")[0]),
+            self.get(data, "q"),
+            self.get(data, "q_d"),
+            self.get(data, "dq"),
+            self.get(data, "tau_J"),
+            self.get(data, "tau_ext_hat_filtered"),
+            self.get(data, "O_T_EE"),
+            int(self.get(data, "generator")[0]),
+            int(self.get(data, "controller")[0]),
+            tuple(name for name, now, then in zip(ERRORS, errors, reflex, strict=True) if now or then),
+            int(self.get(data, "robot_mode")[0]),
+            self.get(data, "success_rate")[0],
+        )
+        # not (a <= b) rather than b < a: a NaN is refused too
+        if not all(abs(number) <= LARGEST_NUMBER for number in (*found.q, *found.q_d, *found.dq)):
+            raise MalformedFrame("a state with a position or a speed that no joint has")
+        return found
+
+    def is_plausible(self, data: bytes) -> bool:
+        """Return whether ``data`` can be a state, by its size and its smallest fields: quick enough for each of a
+        thousand a second."""
+        if len(data) != self.state_bytes:
+            return False
+        (generator,), (controller,) = self.get(data, "generator"), self.get(data, "controller")
+        (mode,), (rate,) = self.get(data, "robot_mode"), self.get(data, "success_rate")
+        return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
+
+    def get(self, data: bytes | bytearray, name: str) -> tuple[float, ...]:
+        at, field = self.fields[name]
+        return field.unpack_from(data, at)
+
+    def put(self, data: bytearray, name: str, *values: float) -> None:
+        at, field = self.fields[name]
+        field.pack_into(data, at, *values)
+
+    # -- commands
+
+    def position_command(self, message_id: int, q: Sequence[float], finished: bool) -> bytes:
+        end = () if self.version == 5 else (False,)
+        return self._command.pack(message_id, *q, *_ZEROS, *_REST, False, finished, *_ZEROS, *end)
+
+    def command(self, data: bytes) -> Command:
+        """Raise ``MalformedFrame``."""
+        if len(data) != self.command_bytes:
+            raise MalformedFrame(f"a command of {len(data)} bytes; FCI {self.version} has {self.command_bytes}")
+        row = self._command.unpack(data)
+        finished = bool(row[40]) or (self.version != 5 and bool(row[48]))
+        return Command(row[0], row[1:8], row[8:15], row[41:48], finished)
+
+
+class Message(NamedTuple):
+    """A request or a reply."""
+
+    code: int
+    id: int
+    payload: bytes
+
+    @property
+    def raw(self) -> bytes:
+        return HEADER.pack(self.code, self.id, HEADER.size + len(self.payload)) + self.payload
+
+
+class Decoder:
+    """Requests or replies out of a stream, in any pieces."""
+
+    def __init__(self, largest: int) -> None:
+        self._largest = largest
+        self._pending = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[Message]:
+        """Raise ``MalformedFrame`` for a size that no message has: what follows cannot be found again."""
+        self._pending += data
+        while len(self._pending) >= HEADER.size:
+            code, request_id, size = HEADER.unpack_from(self._pending)
+            if not HEADER.size <= size <= self._largest:
+                raise MalformedFrame(f"a message of {size} bytes")
+            if len(self._pending) < size:
+                return
+            payload = bytes(self._pending[HEADER.size : size])
+            del self._pending[:size]
+            yield Message(code, request_id, payload)
+
+
+def status_of(message: Message) -> int:
+    """Return the first byte of a reply. Raise ``MalformedFrame`` when it has none."""
+    if not message.payload:
+        raise MalformedFrame("a reply without a status")
+    return message.payload[0]
+
+
+def connect_reply(message: Message) -> tuple[int, int]:
+    """Return status and the version that the controller speaks. Raise ``MalformedFrame``."""
+    if len(message.payload) < 3:
+        raise MalformedFrame(f"an answer to connect of {len(message.payload)} bytes")
+    status, version = struct.unpack_from("<BH", message.payload)
+    return status, version
+
+
+def connect_request(payload: bytes) -> tuple[int, int]:
+    """Return the version that a client speaks and its UDP port. Raise ``MalformedFrame``."""
+    if len(payload) != 4:
+        raise MalformedFrame(f"a connect of {len(payload)} bytes")
+    version, port = struct.unpack("<HH", payload)
+    return version, port
+
+
+def _layout(fields: str, number: str) -> tuple[dict[str, _Field], int]:
+    """Return where each field is, and the size of all."""
+    at, found = 0, {}
+    for text in fields.split():
+        name, _, kind = text.partition(":")
+        field = struct.Struct("<" + (kind if kind in ("Q", "B") or kind.endswith("?") else f"{kind}{number}"))
+        found[name] = at, field
+        at += field.size
+    return found, at
+
+
+DIALECTS = {version: Dialect(version) for version in (5, 10)}
+
+
+def mode_name(mode: int) -> str:
+    """Return a robot mode for people."""
+    if mode not in tuple(RobotMode):
+        return f"mode {mode}"
+    return RobotMode(mode).name.lower()

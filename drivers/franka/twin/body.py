@@ -1,0 +1,46 @@
+"""The arm as a simulation: as long as no motion runs on its controller, targets come through the door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from strands_actors.drivers.common.door.body import Hand
+from strands_actors.drivers.common.door.protocol import TIMESTEP_S
+from strands_actors.drivers.common.plant_body import PlantBody
+
+from .controller import TICK_S, Controller
+
+
+class FrankaBody(PlantBody):
+    """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller.plant, lambda: None)  # the controller's own ticks
+        self._controller = controller
+
+    @property
+    def _hand(self) -> Hand:
+        if self._controller.motion is not None:
+            return Hand.WIRE
+        return Hand.SIM if self._controller.led else Hand.NONE
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return [self._hand] * len(self.axes)
+
+    def take(self, on: bool) -> None:
+        if self._hand is (Hand.NONE if on else Hand.SIM):
+            self._controller.lead(self._plant.position_rad)
+            self._controller.led = on
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self._hand is Hand.SIM:
+            self._controller.lead(values)
+
+    def step(self, steps: int) -> None:
+        for _ in range(round(steps * TIMESTEP_S / TICK_S)):
+            self._controller.tick()
+
+    def reset(self) -> None:
+        super().reset()
+        self._controller.reset()

@@ -1,0 +1,269 @@
+"""The controller of the twin: robot mode, the running motion, its guards, the arm. It knows no sockets.
+
+Time passes in ticks of a millisecond, when it is told so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.twin import Fault
+
+from .. import protocol as p
+from ..arms import JOINTS, Arm, model_table
+
+TICK_S = 1.0 / p.STATE_HZ
+START_RAD = 1e-3
+"""The first command of a motion by positions may differ so far from where the arm is told to be [assumed]."""
+SLACK = 1.001
+"""On the limits: commands are sums of floats."""
+BRAKING_S = 0.04
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
+WRONG_BY_RAD = 0.5
+RATE_OVER = 100
+"""Commands of which the success rate speaks."""
+
+JOINT_GENERATORS = (p.Generator.JOINT_POSITION, p.Generator.JOINT_VELOCITY)
+SEVEN = range(JOINTS)
+
+
+class Motion(msgspec.Struct):
+    """A Move that runs."""
+
+    id: int
+    controller: int
+    generator: int
+    command: p.Command | None = None  # that came since the last tick
+    begun: bool = False  # by a first command
+    missed: int = 0  # ticks in a row without a command
+    speed: tuple[float, ...] = (0.0,) * JOINTS
+    acceleration: tuple[float, ...] | None = None  # not known over a gap
+
+
+class Controller:
+    """``on_event`` hears what the controller does by itself."""
+
+    def __init__(self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None) -> None:
+        self.arm = arm
+        self.dialect = p.DIALECTS[fci]
+        self.plant = Plant.from_table(model_table(arm))
+        self.fault = Fault.OK
+        self.ticks = 0
+        self._on_event = on_event
+        self.reset()
+
+    def reset(self) -> None:
+        """As after a boot, with the arm where it is: unlocked in Desk, the interface activated."""
+        self.mode = p.RobotMode.IDLE
+        self.motion: Motion | None = None
+        self.led = False  # whether a simulation moves the arm
+        self._booted = self.ticks
+        self.reasons: set[str] = set()
+        self.success_rate: float | None = None  # given by an order, instead of what is
+        self._answered: deque[bool] = deque(maxlen=RATE_OVER)
+        self._tau = (0.0,) * JOINTS
+        self._shown = b""
+        self._data = bytearray(self.dialect.state_bytes)
+        identity = [float(row == column) for column in range(4) for row in range(4)]
+        for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
+            self.dialect.put(self._data, name, *identity)
+        self._halt()
+
+    # -- what a client asks for
+
+    def start(self, request_id: int, controller: int, generator: int) -> str:
+        """Begin a motion; the status to answer with."""
+        kind = generator + 1
+        torque = controller == p.Controller.EXTERNAL
+        if not (kind in JOINT_GENERATORS or (torque and kind == p.Generator.NONE)):
+            return "invalid_argument"
+        if self.mode != p.RobotMode.IDLE:
+            return "not_possible"
+        self.motion = Motion(request_id, controller, kind)
+        self.led = False
+        self.mode = p.RobotMode.MOVE
+        self._answered.clear()
+        self.reasons.clear()
+        self._goal = self.q_d
+        for joint in SEVEN:
+            self.plant.set_torque(joint, not torque)
+        return "motion_started"
+
+    def take(self, command: p.Command) -> bool:
+        """Take a command; whether a motion runs that it could be of."""
+        if self.motion is None:
+            return False
+        self.motion.command = command
+        return True
+
+    def stop(self, status: str, mode: p.RobotMode = p.RobotMode.IDLE) -> tuple[int, str] | None:
+        """End the motion that runs; the request it began with and the status to answer it with."""
+        motion, self.motion = self.motion, None
+        if motion is None:
+            return None
+        self.mode = mode
+        self._halt(self._goal if status == "success" else None)
+        return motion.id, status
+
+    def recover(self) -> bool:
+        if self.mode == p.RobotMode.REFLEX:
+            self.mode = p.RobotMode.IDLE
+            self.reasons.clear()
+        return self.mode == p.RobotMode.IDLE
+
+    # -- what happens to it
+
+    def reflex(self, reason: str) -> tuple[int, str] | None:
+        ended = self.stop("reflex_aborted")
+        self.mode = p.RobotMode.REFLEX
+        self.reasons = {reason}
+        self._on_event("reflex")
+        return ended
+
+    def set_mode(self, mode: p.RobotMode) -> tuple[int, str] | None:
+        ended = self.stop("emergency_aborted")
+        self.mode = mode
+        self._halt()
+        return ended
+
+    def _halt(self, goal: tuple[float, ...] | None = None) -> None:
+        """Come to a stand and hold the arm: at ``goal``, or as soon as it can."""
+        pairs = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
+        self._goal = goal or tuple(
+            min(high, max(low, rad + rad_s * BRAKING_S))
+            for (rad, rad_s), low, high in zip(pairs, self.arm.low, self.arm.high, strict=True)
+        )
+        self.plant.push((0.0,) * JOINTS)
+        self._tau = (0.0,) * JOINTS
+        for joint in SEVEN:
+            self.plant.set_torque(joint, True)
+            self.plant.set_target(joint, self._goal[joint])
+
+    def lead(self, goal: Sequence[float]) -> None:
+        """Follow a simulation."""
+        self._goal = tuple(goal)
+        for joint in SEVEN:
+            self.plant.set_target(joint, self._goal[joint])
+
+    @property
+    def q_d(self) -> tuple[float, ...]:
+        """Where the arm is told to be."""
+        return self._goal
+
+    # -- time
+
+    def tick(self) -> tuple[int, str] | None:
+        """Let a millisecond pass. The end of the motion that ran, if it ends here."""
+        self.ticks += 1
+        ended = None
+        if self.motion is not None:
+            ended = self._advance(self.motion)
+        self.plant.catch_up(self.ticks * TICK_S)
+        return ended
+
+    def _advance(self, motion: Motion) -> tuple[int, str] | None:
+        command, motion.command = motion.command, None
+        if not motion.begun and command is None:
+            return None
+        motion.begun = True
+        self._answered.append(command is not None)
+        if command is None:
+            motion.missed += 1
+            if motion.missed > p.MISSED_TICKS:
+                return self.reflex("communication_constraints_violation")
+            return None
+        gap, motion.missed = motion.missed, 0
+        if not all(map(math.isfinite, (*command.q, *command.dq, *command.tau))):
+            return self.stop("input_error_aborted")
+        if motion.controller == p.Controller.EXTERNAL:
+            self._tau = tuple(
+                min(most, max(-most, nm)) for nm, most in zip(command.tau, self.arm.effort, strict=True)
+            )
+            self.plant.push(self._tau)
+            self._goal = self.plant.position_rad
+        else:
+            refused = self._follow(motion, command, gap)
+            if refused:
+                return self.reflex(refused)
+        return self.stop("success") if command.finished else None
+
+    def _follow(self, motion: Motion, command: p.Command, gap: int) -> str:
+        """Go to what a command says; empty, or which guard it breaks."""
+        arm, elapsed_s = self.arm, (gap + 1) * TICK_S
+        if motion.generator == p.Generator.JOINT_VELOCITY:
+            goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
+            elapsed_s = TICK_S
+        else:
+            goal = command.q
+        fresh = motion.acceleration is None and not any(motion.speed)
+        if fresh and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD:
+            return "joint_position_motion_generator_start_pose_invalid"
+        speed = tuple((there - here) / elapsed_s for there, here in zip(goal, self._goal, strict=True))
+        acceleration = tuple((now - then) / elapsed_s for now, then in zip(speed, motion.speed, strict=True))
+        before = motion.acceleration
+        for at in SEVEN:
+            slowest, fastest = arm.speed_at(at, goal[at])
+            if not arm.low[at] - 1e-6 <= goal[at] <= arm.high[at] + 1e-6:
+                return "joint_motion_generator_position_limits_violation"
+            if not slowest * SLACK - 1e-4 <= speed[at] <= fastest * SLACK + 1e-4:
+                return "joint_motion_generator_velocity_limits_violation"
+            if gap:
+                continue
+            if abs(acceleration[at]) > arm.acceleration[at] * SLACK + 0.01:
+                return "joint_motion_generator_velocity_discontinuity"
+            if before is not None and abs(acceleration[at] - before[at]) > arm.jerk[at] * TICK_S * SLACK + 0.01:
+                return "joint_motion_generator_acceleration_discontinuity"
+        motion.speed, motion.acceleration = speed, None if gap else acceleration
+        self._goal = goal
+        for at in SEVEN:
+            self.plant.set_target(at, goal[at])
+        return ""
+
+    # -- the state
+
+    def state(self) -> bytes:
+        """The state of this tick, as it is sent: with a fault that is not what is."""
+        if self.fault is Fault.STUCK and self._shown:
+            return self._shown
+        put, data, motion = self.dialect.put, self._data, self.motion
+        q, dq = self.plant.position_rad, self.plant.velocity_rad_s
+        if self.fault is Fault.WRONG:
+            q = tuple(rad + WRONG_BY_RAD for rad in q)
+        put(data, "message_id", self.ticks - self._booted)
+        put(data, "q", *q)
+        put(data, "theta", *q)
+        put(data, "q_d", *self._goal)
+        put(data, "dq", *dq)
+        put(data, "dtheta", *dq)
+        put(data, "dq_d", *(motion.speed if motion else (0.0,) * JOINTS))
+        put(data, "tau_J", *self._tau)
+        put(data, "tau_J_d", *self._tau)
+        put(data, "generator", motion.generator if motion else p.Generator.IDLE)
+        put(data, "controller", motion.controller if motion else p.Controller.OTHER)
+        put(data, "robot_mode", self.mode)
+        put(data, "success_rate", self._rate())
+        flags = [name in self.reasons for name in p.ERRORS]
+        put(data, "errors", *(flags if self.mode == p.RobotMode.REFLEX else [False] * len(flags)))
+        put(data, "reflex_reason", *flags)
+        if self.ticks % 10 == 0:  # kinematics cost as much as all the rest
+            pose = self.pose()
+            for name in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
+                put(data, name, *pose)
+        self._shown = bytes(data)
+        return self._shown
+
+    def pose(self) -> tuple[float, ...]:
+        """O_T_EE: the flange in the base, column-major."""
+        return self.plant.pose_of("link7", (0.0, 0.0, 0.107))
+
+    def _rate(self) -> float:
+        if self.motion is None:
+            return 0.0
+        if self.success_rate is not None:
+            return self.success_rate
+        return sum(self._answered) / len(self._answered) if self._answered else 1.0

@@ -1,0 +1,257 @@
+"""The robot's end of FCI: commands on TCP, a state each millisecond on UDP, and the clock of both.
+
+A real controller keeps its time whatever its client does. This one shares the machine with it, so while a motion
+runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and then counts it as missed. Without
+a motion it wakes up every few milliseconds only, and sends the states of the meantime together.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from collections import deque
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Faults, Reply, TcpServer, WireLog
+
+from .. import protocol as p
+from ..arms import JOINTS, arm_of
+from .body import FrankaBody
+from .controller import TICK_S, Controller
+from .description import urdf
+from .model_library import X86_64_LINUX, model_library
+
+IDLE_TICKS = 4
+"""Milliseconds between two wake-ups while no motion runs."""
+ALONE_S = 0.02
+"""The same without a client."""
+LONGEST_TICKS = 20
+"""Of a longer pause of this process the rest is dropped."""
+LOGGED_BYTES = 64
+"""Of a command: its number and q. The log grows by so much a millisecond."""
+
+KINDS = {"move": "enable", "stop": "safe", "recover": "enable"}
+
+
+class Machine:
+    """What may happen to the robot."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.faults = Faults()
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None:
+        """``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
+        if unit is None:
+            self.faults.set(fault)
+            self.controller.fault = fault
+        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= JOINTS:
+            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
+        else:
+            raise ValueError(f"a joint, 1 to {JOINTS}, can be ok or stuck, not {fault}")
+
+    def power_cycle(self) -> None:
+        self.controller.reset()
+
+
+class FrankaServer(TcpServer):
+    """Serves one controller, and makes its time pass."""
+
+    def __init__(self, robot: str, fci: int, log: WireLog, host: str | None, tick_wait_s: float) -> None:
+        def on_event(kind: str) -> None:
+            log.write(time.monotonic_ns(), "robot", [(kind, b"")])
+
+        arm = arm_of(robot)
+        self.controller = Controller(arm, fci, on_event)
+        self._model = urdf(arm).encode() if fci == 10 else b""
+        self._machine = Machine(self.controller)
+        self._body = FrankaBody(self.controller)
+        self._wait_s = tick_wait_s
+        self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
+        self._mover: Connection | None = None
+        self._late: deque[tuple[float, bytes]] = deque()
+        super().__init__(self._machine, {p.PORT: self._attend_client}, log, host)
+        self._udp = socket.socket(type=socket.SOCK_DGRAM)
+        self._udp.setblocking(False)
+        self._udp.bind((self.host, 0))
+        self._readable = select.poll()
+        self._readable.register(self._udp, select.POLLIN)
+
+    @property
+    def body(self) -> FrankaBody:
+        return self._body
+
+    @property
+    def _dialect(self) -> p.Dialect:
+        return self.controller.dialect
+
+    # -- what may happen
+
+    def set_fault(self, text: str) -> None:
+        super().set_fault(text)
+        self._late.clear()
+        if self._machine.faults.of(None) is Fault.OFF:
+            self.unplug()
+
+    def power_cycle(self) -> None:
+        """Every connection ends; the controller comes back ready."""
+        super().power_cycle()
+        self.unplug()
+        self.plug()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["reflex", name] if name in p.ERRORS:
+                self._end(self.controller.reflex(name))
+            case ["mode", name] if name in p.RobotMode.__members__:
+                self._end(self.controller.set_mode(p.RobotMode[name]))
+            case ["success-rate", "measured"]:
+                self.controller.success_rate = None
+            case ["success-rate", number]:
+                self.controller.success_rate = float(number)
+            case _:
+                return False
+        return True
+
+    def close(self) -> None:
+        super().close()
+        self._udp.close()
+
+    # -- TCP
+
+    async def _attend_client(self, connection: Connection) -> None:
+        decoder = p.Decoder(p.LARGEST_REQUEST)
+        try:
+            while True:
+                t_ns, data = await connection.receive()
+                self._take_commands()  # what left before this is read before this
+                for message in decoder.feed(data):
+                    name = self._dialect.name_of(message.code)
+                    connection.heard(t_ns, KINDS.get(name, "config" if name != "?" else "other"), message.raw)
+                    self._obey(connection, name, message)
+        except MalformedFrame:
+            raise ClientGone from None  # as a server does with what it cannot follow
+        finally:
+            self._listeners_of_state.pop(connection, None)
+            if self._mover is connection:
+                self._mover = None
+                if self.controller.stop("aborted") is not None:
+                    self._log.write(time.monotonic_ns(), "robot", [("aborted", b"")])
+
+    def _obey(self, connection: Connection, name: str, message: p.Message) -> None:
+        controller, dialect = self.controller, self._dialect
+        answer = b"\0"
+        match name:
+            case "connect":
+                version, port = p.connect_request(message.payload)
+                matches = version == dialect.version
+                answer = bytes((not matches, dialect.version, 0))
+                if matches:
+                    self._listeners_of_state[connection] = connection.peer_host, port
+            case "move":
+                if len(message.payload) != dialect.move.size or connection not in self._listeners_of_state:
+                    status = "invalid_argument"
+                else:
+                    status = controller.start(message.id, *dialect.move.unpack(message.payload)[:2])
+                answer = bytes((dialect.move_statuses.index(status),))
+                if status == "motion_started":
+                    self._mover = connection
+            case "stop":
+                self._end(controller.stop("preempted"))
+            case "recover":
+                answer = b"\0" if controller.recover() else b"\1"
+            case "model" if dialect.version == 10:
+                answer = b"\0" + self._model
+            case "model":
+                answer = b"\0" + model_library() if message.payload == X86_64_LINUX else b"\1"
+            case "cartesian_limit":
+                answer = bytes(1 + 24 + 128 + 1)
+            case "?":
+                raise MalformedFrame(f"there is no command {message.code}")
+        connection.say("read", p.Message(message.code, message.id, answer).raw)
+
+    def _end(self, ended: tuple[int, str] | None) -> None:
+        """Answer the request that a motion began with."""
+        if ended is None:
+            return
+        mover, self._mover = self._mover, None
+        if mover is not None:
+            status = self._dialect.move_statuses.index(ended[1])
+            mover.say("read", p.Message(self._dialect.commands.index("move"), ended[0], bytes((status,))).raw)
+
+    # -- UDP, and time
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(super().serve)
+            nursery.start_soon(self._pass_time)
+
+    async def _pass_time(self) -> None:
+        due_s = time.monotonic()
+        while True:
+            await self._frost.thawed()
+            now_s = time.monotonic()
+            if self.controller.motion is not None:
+                await self._tick_with_client()
+                due_s = time.monotonic()
+                continue
+            ticks = int((now_s - due_s) / TICK_S)
+            due_s += ticks * TICK_S
+            for _ in range(min(ticks, LONGEST_TICKS)):
+                self._tick()
+            await trio.sleep(IDLE_TICKS * TICK_S if self._listeners_of_state else ALONE_S)
+            self._take_commands()
+
+    async def _tick_with_client(self) -> None:
+        """One millisecond of a motion: a state, the command that answers it, and what is left of the time. It
+        blocks the process for as long: half the price of two turns of the event loop."""
+        began_s = time.monotonic()
+        self._tick()
+        while self.controller.motion is not None:
+            over = time.monotonic() - began_s >= self._wait_s
+            if self._take_commands() or over:  # what came while this process stood still has come in time
+                break
+            self._readable.poll(1)
+            await trio.lowlevel.checkpoint()
+        rest_s = began_s + TICK_S - time.monotonic()
+        if rest_s > 0:
+            time.sleep(rest_s)  # noqa: ASYNC251
+        await trio.lowlevel.checkpoint()
+
+    def _tick(self) -> None:
+        self._end(self.controller.tick())
+        if not self._listeners_of_state:
+            return
+        reply = self._machine.faults.apply(Reply(0.0, self.controller.state()))
+        now_s = time.monotonic()
+        if reply is not None:
+            self._late.append((now_s + reply.delay_s + reply.late_s, reply.data))
+        while self._late and self._late[0][0] <= now_s:
+            _, data = self._late.popleft()
+            for address in self._listeners_of_state.values():
+                with contextlib.suppress(OSError):  # its buffer is full, or it is gone: TCP tells
+                    self._udp.sendto(data, address)
+
+    def _take_commands(self) -> bool:
+        """Take what has come; whether that was a command of the motion."""
+        taken = False
+        while True:
+            try:
+                data = self._udp.recv(p.LARGEST_REQUEST)
+            except BlockingIOError:
+                return taken
+            except OSError:
+                return taken  # an earlier state met a closed port
+            try:
+                of_motion = self.controller.take(self._dialect.command(data))
+            except MalformedFrame:
+                of_motion = False
+            # Without a motion a command has no effect: the controller ignores it.
+            kind = "setpoint" if of_motion else "other"
+            self._log.write(time.monotonic_ns(), "host", [(kind, data[:LOGGED_BYTES])])
+            taken = taken or of_motion

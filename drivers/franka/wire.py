@@ -1,0 +1,323 @@
+"""A Franka controller in the wire process: motions begin and stop here, another process sends their commands."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.process import ChildProcess, start
+from strands_actors.runtime.pulse import Pulse, new_page, on_page
+
+from . import protocol as p
+from .client import LOOK_S, Fci, connect
+from .cycle import ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
+from .gates import LOST, POOR, REASONS, refuse_mode
+from .stop_channel import CONFIRM_S, moving, reports, stop_anew
+
+if TYPE_CHECKING:
+    from .driver import Franka
+
+BEGIN_S = 3.0
+"""For the process of the cycle to start, on a busy machine."""
+OLD_S = 0.02
+"""A setpoint is not written when no state came for so long: that is 20 of them."""
+RECOVER_S = 5.0
+
+_BY_US = ("success", "preempted")
+"""How motions end that we end ourselves."""
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, driver: Franka, client: Fci, clock: Clock) -> None:
+        self.client = client
+        self._clock = clock
+        self._dialect = client.dialect
+        with contextlib.ExitStack() as given:
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+            page = new_page()
+            given.callback(os.close, page)
+            udp = given.enter_context(client.udp)  # the child's from now on
+            given.enter_context(theirs)
+            told = {
+                "fci": driver.arm.fci,
+                "limits": msgspec.to_builtins(driver.limits),
+                "stride": driver.stride,
+                "udp": udp.fileno(),
+                "wire": theirs.fileno(),
+                "page": page,
+                "parent": os.getpid(),
+            }
+            given.enter_context(ours)
+            self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
+            self._reports = ours.dup()
+            self.pulse: Pulse = on_page(page, WIRE_END)
+        self._reports.setblocking(False)
+        self.report: Report | None = None
+        self.state: p.State | None = None
+        self.order: Order | None = None  # the last; None once it counts no more
+        self.motion = 0  # number of the Move that runs, if one does
+        self.lost = ""  # why a motion ended that we did not end
+        self._orders = 0
+        self.answers: dict[int, int] = {}  # status by number, of what is asked beside
+
+    def look(self) -> None:
+        """Take what has arrived. Never waits. Raise ``WireDown``."""
+        while True:
+            try:
+                data = self._reports.recv(LARGEST)
+            except BlockingIOError:
+                break
+            except OSError:
+                raise WireDown("the process of the 1 kHz cycle is gone") from None
+            try:
+                report = Report.unpack(data)
+                self.state, self.report = self._dialect.state(report.state), report
+            except MalformedFrame:
+                continue  # no state: the one before grows old
+        for reply in self.client.replies():
+            self._take(reply)
+
+    def _take(self, reply: p.Message) -> None:
+        try:
+            status = p.status_of(reply)
+        except MalformedFrame as error:
+            raise WireDown(f"read: {error}. Is this a Franka controller?") from None
+        if reply.id != self.motion or not self.motion:
+            self.answers[reply.id] = status
+            return
+        name = self._dialect.move_status(status)
+        if name == "motion_started":
+            return
+        self.motion = 0
+        if name not in _BY_US:
+            self.lost = name
+            self.stand_down()
+
+    def silent_s(self) -> float:
+        """Since the last state."""
+        return (self._clock.now_ns() - self.pulse.heard_ns) / NS
+
+    def aim(self, goal: tuple[float, ...]) -> None:
+        """Order a goal."""
+        self._orders += 1
+        self.order = Order(self._orders, goal)
+        try:
+            self._reports.send(self.order.pack())
+        except OSError:
+            raise WireDown("the process of the 1 kHz cycle takes no orders") from None
+
+    def stand_down(self) -> None:
+        """No command leaves any more. The controller has been told to stop, or has ended the motion."""
+        self.order = None
+        try:
+            self._reports.send(STAND_DOWN.pack())
+        except OSError:
+            self.child.kill()
+
+    def close(self) -> None:
+        """The connection first: the controller ends what runs."""
+        self.client.close()
+        self.child.kill()
+        trio.lowlevel.spawn_system_task(self.child.wait)
+        self._reports.close()
+        self.child.socket.close()
+
+
+class FrankaWire(Wire):
+    def __init__(self, driver: Franka, clock: Clock) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._session_or_none: _Session | None = None
+
+    @property
+    def prompt(self) -> bool:
+        return True
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        driver = self._driver
+        try:
+            host = driver.host
+        except ValueError as error:
+            raise WireDown(f"open: {error}") from None
+        client, _ = await connect(host, driver.arm.fci, driver.robot)
+        try:
+            session = _Session(driver, client, self._clock)
+        except OSError as error:
+            client.close()
+            raise WireDown(f"open: no process for the 1 kHz cycle ({error.strerror})") from None
+        self._session_or_none = session
+        with trio.move_on_after(BEGIN_S):
+            while session.state is None:
+                if not session.child.alive:
+                    raise WireDown("open: the process of the 1 kHz cycle has ended. What it says is above")
+                session.look()
+                await trio.sleep(LOOK_S)
+        if session.state is None:
+            raise WireDown(f"open: no state has passed the 1 kHz cycle within {BEGIN_S:g} s")
+        return {
+            "address": host,
+            "fci": driver.arm.fci,
+            "speed_factor": driver.speed_factor,
+            "state_hz": p.STATE_HZ,
+            "stride": driver.stride,
+            "stream_rate_hz": p.STATE_HZ / driver.stride,
+            "cycle_scheduling": scheduling_of(session.child.pid),
+        }
+
+    async def arm(self, permit: Permit) -> Observation:
+        """The arm holds itself: there is nothing to energise, and nothing moves before the first setpoint."""
+        session = self._session()
+        session.look()
+        state = self._state(session)
+        refusal = refuse_mode(state.robot_mode, ", ".join(state.reasons))
+        if refusal is not None:
+            raise WireDown(refusal.text.removeprefix("move: "))
+        if state.robot_mode != p.RobotMode.IDLE:
+            raise WireDown("somebody else moves the arm. End that program, then resume()")
+        if (silent_s := session.silent_s()) > self._driver.timing.state_ttl_s:
+            raise WireDown(f"no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
+        permit.check()
+        session.lost = ""
+        return self._observation(session, state)
+
+    async def read(self) -> Observation:
+        session = self._session()
+        session.look()
+        state = self._state(session)
+        silent_s = session.silent_s()
+        if silent_s > self._driver.timing.state_ttl_s:
+            if not session.child.alive:
+                raise WireDown("read: the process of the 1 kHz cycle has ended")
+            raise WireDown(f"read: no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
+        return self._observation(session, state)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        session.look()
+        state = self._state(session)
+        if session.lost or refuse_mode(state.robot_mode, "") is not None:
+            raise PermitDenied(session.lost or p.mode_name(state.robot_mode))
+        if session.silent_s() > OLD_S:
+            raise PermitDenied("no state for 20 ms")
+        permit.check()
+        session.pulse.beat(self._clock.now_ns())
+        order = session.order
+        if order is not None and values == order.goal and (session.motion or self._reached(session, order)):
+            return
+        if not session.motion:
+            if state.robot_mode != p.RobotMode.IDLE:
+                raise PermitDenied("the motion before has not ended yet")  # the next keepalive tries again
+            session.motion = session.client.start_motion()
+        session.aim(values)
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return reports(self._driver, False, False, None, "not connected")
+        written, trouble = False, ""
+        try:
+            number = session.client.send("stop")
+            written, since_ns = True, self._clock.now_ns()
+            session.stand_down()
+            with trio.move_on_after(CONFIRM_S):
+                while not (number in session.answers and self._stands(session, since_ns)):
+                    await trio.sleep(LOOK_S)
+                    session.look()
+            state = session.state if session.report and session.report.stamp_ns > since_ns else None
+            trouble = "" if state is not None else "no state since the stop"
+            acknowledged = session.answers.pop(number, None) is not None
+            return reports(self._driver, written, acknowledged, state, trouble)
+        except WireDown as down:
+            session.stand_down()
+            return reports(self._driver, written, False, None, str(down))
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        return await stop_anew(self._driver)
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        session = self._session()
+        permit.check()
+        number = session.client.send(service)
+        while number not in session.answers:  # as long as the service may take
+            await trio.sleep(LOOK_S)
+            session.look()
+        status = session.answers.pop(number)
+        if status:
+            return Refused(
+                "not_recovered",
+                f"{service}: the controller refuses (status {status})",
+                "look at the arm; release its stop button, or clear the error in Desk",
+            )
+        return {"recovered": True}
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.close()
+        self._session_or_none = None
+
+    # -- parts
+
+    def _reached(self, session: _Session, order: Order) -> bool:
+        return session.report is not None and session.report.reached == order.number
+
+    def _stands(self, session: _Session, since_ns: int) -> bool:
+        """Whether a state from after ``since_ns`` shows it."""
+        if session.state is None or session.report is None or session.report.stamp_ns <= since_ns:
+            return False
+        return not moving(session.state)
+
+    def _state(self, session: _Session) -> p.State:
+        if session.state is None:
+            raise WireDown("read: no state yet")
+        return session.state
+
+    def _observation(self, session: _Session, state: p.State) -> Observation:
+        report = session.report
+        stamp_ns = report.stamp_ns if report is not None else 0
+        faults = {}
+        if state.reasons and state.robot_mode == p.RobotMode.REFLEX:
+            faults[REASONS] = ", ".join(state.reasons)
+        if session.lost:
+            faults[LOST] = session.lost
+        if state.robot_mode == p.RobotMode.MOVE and state.success_rate < POOR:
+            faults["success_rate"] = f"only {state.success_rate:.0%} of the commands reach the controller in time"
+        return Observation(
+            t_ns=stamp_ns,
+            position=state.q,
+            stamp_ns=(stamp_ns,) * len(state.q),
+            velocity=state.dq,
+            sensors={
+                "effort_nm": state.tau_J,
+                "external_effort_nm": state.tau_ext,
+                "flange_m": state.O_T_EE[12:15],
+                "robot_mode": (float(state.robot_mode),),
+                "success_rate": (state.success_rate,),
+                "missed_cycles": (float(report.missed if report is not None else 0),),
+            },
+            faults=faults,
+        )
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+def scheduling_of(pid: int) -> str:
+    """Return how a process is run, for people."""
+    if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(pid) == os.SCHED_FIFO:
+        return f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
+    return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 12 allows it"

@@ -1,0 +1,287 @@
+"""The base of a twin: its sessions, its state, its arm. It knows no sockets, and no clock but the one it is given.
+
+It is the worst that a base may be: joint speeds never expire, and neither the end of a connection nor that of a
+session stops the arm.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.twin import Fault
+
+from . import protocol as p
+from .protocol import ArmState, Call, Frame, ServoingMode, SubError
+
+SUBSTEP_S = 0.004
+LONGEST_S = 0.25
+"""A stall of the twin itself is dropped beyond this, not made up for."""
+
+SUPPLY_V, ROOM_C, AMPERE_PER_NM = 24.0, 30.0, 0.1
+"""[assumed]"""
+
+ALL = range(p.JOINTS)
+
+
+class Second(enum.StrEnum):
+    """What the base does with a session beside the first: nobody of us has seen it on a real one."""
+
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+    POWERLESS = "powerless"  # accepted, and refused everything but looking
+
+
+class CallFailed(Exception):
+    """A call is answered with an error."""
+
+    def __init__(self, why: SubError) -> None:
+        self.why = why
+
+
+class Session:
+    """``connection``: where it was made; nobody else may use it."""
+
+    def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
+        self.number = number
+        self.connection = connection
+        self.lifetime_s = min(login.session_ms, login.connection_ms) / 1e3
+        self.heard_s = now_s
+
+
+class Base:
+    def __init__(
+        self,
+        table: Mapping[str, Any],
+        *,
+        username: str = "admin",
+        password: str = "admin",
+        second: Second = Second.ACCEPTED,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``table``: of ``robots.toml``."""
+        self.plant = Plant.from_table(table)
+        self.now_s = now_s
+        self._login = username, password
+        self._second = second
+        self._acceleration = float(table["acceleration_rad_s2"])
+        self._fastest = [float(joint["speed_rad_s"]) for joint in table["joints"]]
+        self._sessions: dict[int, Session] = {}
+        self._number = 0
+        self.wake_up()
+
+    def wake_up(self) -> None:
+        """Powered on and ready, where its arm is."""
+        self.state = ArmState.SERVOING_READY
+        self.mode = ServoingMode.SINGLE_LEVEL
+        self.fault = Fault.OK
+        self.fault_bank = 0
+        self.driven = False  # by joint speeds, since the last stop
+        self.led = False  # by a simulation
+        self._speeds = [0.0] * p.JOINTS  # rad/s, asked for
+        self._rates = [0.0] * p.JOINTS  # on the way there
+        self._sessions.clear()
+        self._advanced_s = self.now_s()
+        for joint in ALL:
+            self.plant.set_torque(joint, True)
+        self.halt()
+        self._target = list(self.plant.position_rad)
+        self.felt = self.feedback()
+
+    # -- the arm
+
+    def set_state(self, state: ArmState) -> None:
+        """Only a ready base moves its arm."""
+        self.state = state
+        self.fault_bank = 1 if state is ArmState.IN_FAULT else 0
+        if state is not ArmState.SERVOING_READY:
+            self.halt()
+
+    def set_fault(self, fault: Fault) -> None:
+        self.felt = self.feedback()
+        self.fault = fault
+        for joint in ALL:
+            self.plant.set_stuck(joint, fault in (Fault.STUCK, Fault.OFF))
+
+    def halt(self) -> None:
+        """Decelerate and hold."""
+        self._speeds = [0.0] * p.JOINTS
+        self.driven = False
+
+    def lead(self, rad: list[float]) -> None:
+        """Follow a simulation's target."""
+        self._target = rad
+        for joint, value in enumerate(rad):
+            self.plant.set_target(joint, value)
+
+    def advance(self) -> None:
+        """Let time pass up to now: what was asked for goes on for ever."""
+        now_s = self.now_s()
+        self._advanced_s = max(self._advanced_s, now_s - LONGEST_S)
+        while (left_s := now_s - self._advanced_s) > 0 and (any(self._rates) or any(self._speeds)):
+            step_s = min(SUBSTEP_S, left_s)
+            self._turn(step_s)
+            self._advanced_s += step_s
+            self.plant.catch_up(self._advanced_s)
+        self._advanced_s = now_s
+        self.plant.catch_up(now_s)
+
+    def _turn(self, seconds: float) -> None:
+        most = self._acceleration * seconds
+        for joint in ALL:
+            rate = self._rates[joint]
+            self._rates[joint] = rate = rate + max(-most, min(most, self._speeds[joint] - rate))
+            self._target[joint] += rate * seconds
+            self.plant.set_target(joint, self._target[joint])
+
+    def feedback(self) -> p.Feedback:
+        """Return what the arm feels; with a fault that is not what is."""
+        if self.fault is Fault.STUCK:
+            return self.felt
+        plant, wrong = self.plant, self.fault is Fault.WRONG
+        joints = zip(plant.position_rad, plant.velocity_rad_s, plant.effort_nm, strict=True)
+        actuators = tuple(
+            p.Actuator(
+                math.degrees(rad + 0.5 * wrong) % 360.0,
+                math.degrees(rad_s),
+                nm,
+                nm * AMPERE_PER_NM,
+                ROOM_C,
+                ROOM_C,
+            )
+            for rad, rad_s, nm in joints
+        )
+        x, y, z = self.plant.data.body("bracelet").xpos.tolist()
+        return p.Feedback(self.state, actuators, SUPPLY_V, (x, y, z), (self.fault_bank, 0))
+
+    # -- calls
+
+    def answer(self, connection: object, request: Frame) -> Frame:
+        """Return the response to a request that came over ``connection``."""
+        self.advance()
+        session = request.session
+        try:
+            if request.call == Call.CREATE_SESSION:
+                session, payload = self._create(connection, p.Login.decode(request.payload)), b""
+            else:
+                payload = self._call(self._session(connection, request), request)
+        except MalformedFrame:
+            return self._failed(request, SubError.INVALID_PARAM)
+        except CallFailed as failed:
+            return self._failed(request, failed.why)
+        return Frame(p.Kind.RESPONSE, request.call, request.message, session, payload)
+
+    def kind(self, request: Frame) -> str:
+        """Return a request in the words of the wire log."""
+        match request.call:
+            case Call.STOP | Call.APPLY_EMERGENCY_STOP:
+                return "safe"
+            case Call.SEND_JOINT_SPEEDS:
+                return "setpoint" if self.driven or any(_speeds_of(request).values()) else "enable"
+            case Call.REFRESH_FEEDBACK | Call.GET_ARM_STATE | Call.GET_SERVOING_MODE | Call.GET_ACTUATOR_COUNT:
+                return "read"
+            case Call.KEEP_ALIVE:
+                return "keepalive"
+            case _:
+                return "config"
+
+    def _failed(self, request: Frame, why: SubError) -> Frame:
+        return Frame(
+            p.Kind.RESPONSE, request.call, request.message, request.session, b"", p.ERROR_OF_SERVER, int(why)
+        )
+
+    def _create(self, connection: object, login: p.Login) -> int:
+        if login.username != self._login[0]:
+            raise CallFailed(SubError.USER_NOT_FOUND)
+        if login.password != self._login[1]:
+            raise CallFailed(SubError.INVALID_PASSWORD)
+        self._forget_silent()
+        if self._sessions and self._second is Second.REFUSED:
+            raise CallFailed(SubError.METHOD_FAILED)
+        self._number = self._number % 0xFFFF + 1
+        self._sessions[self._number] = Session(self._number, connection, login, self.now_s())
+        return self._number
+
+    def _session(self, connection: object, request: Frame) -> Session:
+        self._forget_silent()
+        session = self._sessions.get(request.session)
+        if session is None or session.connection is not connection:
+            raise CallFailed(SubError.INVALID_SESSION)
+        session.heard_s = self.now_s()
+        return session
+
+    def _forget_silent(self) -> None:
+        now_s = self.now_s()
+        for number, session in list(self._sessions.items()):
+            if now_s - session.heard_s > session.lifetime_s:
+                del self._sessions[number]
+
+    def _call(self, session: Session, request: Frame) -> bytes:
+        first = min(self._sessions) == session.number
+        harmless = self.kind(request) in ("read", "keepalive") or request.call == Call.CLOSE_SESSION
+        if not first and self._second is Second.POWERLESS and not harmless:
+            raise CallFailed(SubError.METHOD_FAILED)
+        match request.call:
+            case Call.KEEP_ALIVE:
+                pass
+            case Call.CLOSE_SESSION:
+                del self._sessions[session.number]
+            case Call.REFRESH_FEEDBACK:
+                return self.feedback().encode()
+            case Call.GET_ARM_STATE:
+                return p.encode_number(self.state)
+            case Call.GET_SERVOING_MODE:
+                return p.encode_number(self.mode)
+            case Call.GET_ACTUATOR_COUNT:
+                return p.encode_number(p.JOINTS)
+            case Call.SET_SERVOING_MODE:
+                self._set_mode(p.decode_number(request.payload))
+            case Call.STOP:
+                self.halt()
+            case Call.APPLY_EMERGENCY_STOP:
+                self.set_state(ArmState.IN_FAULT)
+            case Call.CLEAR_FAULTS:
+                self.set_state(ArmState.SERVOING_READY)
+            case Call.SEND_JOINT_SPEEDS:
+                self._drive(p.decode_speeds(request.payload))
+            case _:
+                raise CallFailed(SubError.UNSUPPORTED_METHOD)
+        return b""
+
+    def _set_mode(self, mode: int) -> None:
+        if mode not in tuple(ServoingMode):
+            raise CallFailed(SubError.INVALID_PARAM)
+        self.mode = ServoingMode(mode)
+        self.halt()
+
+    def _drive(self, deg_s: Mapping[int, float]) -> None:
+        if self.state is not ArmState.SERVOING_READY:
+            in_fault = self.state is ArmState.IN_FAULT
+            raise CallFailed(SubError.ROBOT_IN_FAULT if in_fault else SubError.ROBOT_NOT_READY)
+        if self.mode is not ServoingMode.SINGLE_LEVEL:
+            raise CallFailed(SubError.WRONG_MODE)
+        if any(joint not in ALL for joint in deg_s):
+            raise CallFailed(SubError.INVALID_PARAM)
+        speeds = {joint: math.radians(value) for joint, value in deg_s.items()}
+        if not all(math.isfinite(value) for value in speeds.values()):
+            raise CallFailed(SubError.INVALID_SPEED)
+        if any(abs(value) > self._fastest[joint] for joint, value in speeds.items()):
+            raise CallFailed(SubError.LARGE_SPEED)
+        if not self.driven:
+            self._target = list(self.plant.position_rad) if self.led else self._target
+            self.driven, self.led = True, False
+        for joint, value in speeds.items():
+            self._speeds[joint] = value
+
+
+def _speeds_of(request: Frame) -> Mapping[int, float]:
+    """Return the speeds of a request, none when they cannot be read."""
+    try:
+        return p.decode_speeds(request.payload)
+    except MalformedFrame:
+        return {}

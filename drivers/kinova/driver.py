@@ -1,0 +1,141 @@
+"""Kinova Gen3 arms on Kortex: kinova_gen3, with seven joints.
+
+The base takes joint speeds, which never expire. So the wire sends speeds in every control period as long as they
+are earned, and ``Stop`` when they are not; and before anything is energised the root has its own way to send it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    Reason,
+    SecondPath,
+    Timing,
+)
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
+
+from .gates import CONDITIONS, all_gates, needed_speeds
+from .protocol import TCP_PORT
+from .robots import TABLES
+
+if TYPE_CHECKING:
+    from .wire import KinovaWire
+
+SILENT_PERIODS = 3
+"""So many periods without a speed that was earned, and the arm is stopped."""
+
+
+class Options(DriverOptions, frozen=True):
+    username: Annotated[str, option("user of the base", min_length=1)] = "admin"
+    password: Annotated[str, option("the user's password; it is kept out of recordings", secret=True)] = "admin"
+    control_frequency: Annotated[float, option("joint speeds sent per second, 10 to 100", ge=10, le=100)] = 40.0
+
+
+class Kinova(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_position": "tool_position_m"}),)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+    SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)
+
+    unit = "radians"
+    ladder: Mapping[Reason, str] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
+    }
+    firmware_watchdog = (
+        "none: joint speeds never expire, and neither the end of a connection nor that of a session promises a "
+        "stop. When wire and root end at once the arm goes on until its own limits stop it"
+    )
+    conditions = CONDITIONS
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, Options, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        wanted = read_options(robot, Options, options)
+        table = TABLES.table(robot)
+        self.robot = TABLES.canonical(robot)
+        self.port = port
+        self.login = wanted.username, wanted.password
+        self.fastest_rad_s = float(table["gate_rad_s"])
+        self.period_s = period_s = 1.0 / wanted.control_frequency
+        self.silent_s = SILENT_PERIODS * period_s
+        self.timing = Timing(
+            control_hz=wanted.control_frequency,
+            keepalive_s=period_s / 2,  # less than a period: in each of them
+            stream_ttl_s=self.silent_s,
+            oneshot_ttl_s=None,
+            state_ttl_s=self.silent_s,
+            arm_s=3.0,
+            tick_s=period_s / 2,  # so that a period is whole ticks
+            beat_ttl_s=self.silent_s,
+        )
+        self.declare(Part(PartKind.ARM, tuple(_axes(table, self.fastest_rad_s))))
+        self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return the targets, then the speed that each of them needs."""
+        parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])
+        if isinstance(parsed, Refused):
+            return parsed
+        target, named = parsed
+        return Candidate((*target, *needed_speeds(target, state, self.period_s)), named)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        return super().as_json(values[: len(self.axes)])
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        """Return what was asked for in rad/s: what is sent slows down as the arm gets there."""
+        named = {str(key).removesuffix(".pos") for key in action}
+        speeds = dict(zip(self.axes, values[len(self.axes) :], strict=True))
+        return {
+            "robot": self.robot,
+            "joints": [axis for axis in self.axes if axis in named],
+            "joint_speeds": {axis: speed for axis, speed in speeds.items() if axis in named},
+        }
+
+    def preload(self) -> None:
+        for name in ("wire", "stop_channel"):
+            importlib.import_module(f"{__package__}.{name}")
+
+    def open_wire(self, clock: Clock) -> KinovaWire:
+        from .wire import KinovaWire
+
+        return KinovaWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .stop_channel import StopChannel
+
+        return StopChannel(self, descriptors, clock)
+
+    def address(self) -> tuple[str, int]:
+        """Raise ``ValueError`` for a ``port`` that is no address."""
+        return parse_address(self.port, TCP_PORT)
+
+
+def _axes(table: Mapping[str, Any], fastest_rad_s: float) -> list[Axis]:
+    endless = (-math.inf, math.inf)
+    return [
+        Axis(key=joint["key"], unit="rad", low=low, high=high, speed=fastest_rad_s, id=number)
+        for number, joint in enumerate(table["joints"], 1)
+        for low, high in (joint.get("range_rad", endless),)
+    ]

@@ -1,0 +1,81 @@
+"""What is refused before it reaches the base. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.messages import Refused
+
+from . import speeds
+from .protocol import ArmState, arm_state_name
+
+BASE = "base"
+"""Key of ``Observation.faults`` under which stands why the wire sends no speeds any more."""
+
+_ROUNDING = 1e-9
+
+
+def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), past_range(axes), too_fast(axes, period_s)
+
+
+def needed_speeds(target: Sequence[float], state: GateState, period_s: float) -> tuple[float, ...]:
+    """Return the speeds that lead from where the arm is now to ``target`` in one period."""
+    seen = state.observation
+    velocity = seen.velocity or (0.0,) * len(seen.position)
+    now = speeds.position_now(seen.position, velocity, (state.now_ns - seen.t_ns) / NS)
+    return speeds.needed(target, now, period_s)
+
+
+def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
+    """Refuse a target that is further from where the joint is than it may turn in one control period, of a stream,
+    too: an arm that does not keep up with its stream is not chased after it."""
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            axis, speed = axes[at], abs(candidate.values[len(axes) + at])
+            if not speed <= axis.speed + _ROUNDING:
+                most = math.floor(axis.speed * period_s * 1e5) / 1e5
+                return Refused(
+                    "too_fast",
+                    f"move: {axis.key} needs {speed:.4g} rad/s to be there within {period_s * 1e3:.3g} ms",
+                    f"step at most {most:.5f} rad from the measured position",
+                    f"{speed:.4g}",
+                    f"{axis.speed:.4g}",
+                )
+        return None
+
+    return too_fast
+
+
+def refuse_state(state: int, fault_bank: int) -> Refused | None:
+    """Refuse a base that would not move its arm. Arming asks the same."""
+    if state == ArmState.SERVOING_READY:
+        return None
+    name, wanted = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
+    if state == ArmState.IN_FAULT:
+        why = f"move: base in fault (bank 0x{fault_bank:x})"
+        return Refused("base_in_fault", why, "clear it, then reconnect", name, wanted)
+    return Refused("arm_state", f"move: the arm is {name}", "make it ready on the base's own page", name, wanted)
+
+
+def base_ready(observation: Observation, now_ns: int) -> Refused | None:
+    sensors = observation.sensors
+    state, bank = (round(sensors.get(name, (0.0,))[0]) for name in ("arm_state", "fault_bank"))
+    return refuse_state(state, bank)
+
+
+def commanded(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more: motion does not go
+    on by itself after that."""
+    why = observation.faults.get(BASE)
+    return None if why is None else Refused("stopped", f"move: {why}", "stop(), then resume()", why)
+
+
+CONDITIONS = (Condition(base_ready, always=True), Condition(commanded, always=True))

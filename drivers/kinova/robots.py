@@ -1,0 +1,7 @@
+"""The robots of this wire, as data."""
+
+from __future__ import annotations
+
+from strands_actors.drivers.common.robot_tables import RobotTables
+
+TABLES = RobotTables(__package__, "Kinova")

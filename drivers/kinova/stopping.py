@@ -1,0 +1,183 @@
+"""How an arm is stopped: by the wire on its own session, by the root on every way it has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Awaitable, Callable, Sequence
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.runtime.contract import MotorReport, WireDown
+
+from .client import KortexClient, Refusal
+from .protocol import JOINTS, ArmState, Call, Feedback, Frame
+
+AGAIN_S = 0.025
+"""An order that was not answered by then is sent again."""
+
+LOOK_S = 0.2
+"""How long a reading waits for its answer."""
+
+POLL_S = 0.01
+ANEW_S = 0.1
+"""When a connection has answered nothing for so long, another one is opened."""
+
+STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.4}
+"""How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they fit into what a
+stop may take."""
+
+STANDING_DEG_S = 0.5
+"""A joint that shows less stands [assumed]: measured speeds are not still."""
+
+STEADY_S = 0.05
+"""For so long: one that turns round, or has not yet followed what was sent last, shows no speed for a moment."""
+
+
+class _Way:
+    """One connection on which the arm is told to stop, and what is known there."""
+
+    def __init__(self, client: KortexClient) -> None:
+        self._client = client
+        self._orders: list[int] = []  # whose answers have not come
+        self.written = self.refused = self.acknowledged = False
+        self.feedback: Feedback | None = None  # from after an answered order
+        self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
+        self._seen_s = 0.0
+        self.detail = "silent"
+
+    @property
+    def moving(self) -> set[int]:
+        """Joints that are not known to stand."""
+        return {at for at, moved_s in enumerate(self._moved_s) if not self._seen_s - moved_s >= STEADY_S}
+
+    @property
+    def believed(self) -> bool:
+        """Whether an arm that stands goes on standing: it was told to, or its base is in fault."""
+        in_fault = self.feedback is not None and self.feedback.arm_state == ArmState.IN_FAULT
+        return self.acknowledged or in_fault
+
+    @property
+    def confirmed(self) -> bool:
+        return self.believed and not self.moving
+
+    def order(self, call: Call) -> None:
+        """Send it. Never raises."""
+        try:
+            self._orders = [self._client.ask(call)]
+            self.written = True
+        except WireDown as down:
+            self.detail = str(down)
+
+    async def follow(self, call: Call) -> None:
+        """Until the arm stands, or the base refuses. Never raises."""
+        if not self.written:
+            return
+        try:
+            while (answer := await self._answer_to_order()) is None:
+                self._orders.append(self._client.ask(call))
+            if answer.error:
+                self.refused, self.detail = True, Refusal(call, answer.sub_error).text
+            else:
+                self.acknowledged = True
+            await self._look()
+            while self.believed and not self.confirmed:
+                self.detail = "moves" if self.feedback else "no feedback"
+                await trio.sleep(POLL_S)
+                await self._look()
+        except WireDown as down:
+            self.detail = str(down)
+        finally:
+            for number in self._orders:
+                self._client.forget(number)
+
+    async def _answer_to_order(self) -> Frame | None:
+        """Return the answer to any of the orders, however late it is."""
+        await self._client.listen(self._orders[-1], AGAIN_S)
+        return next((answer for number in self._orders if (answer := self._client.taken(number))), None)
+
+    async def _look(self) -> None:
+        number = self._client.ask(Call.REFRESH_FEEDBACK)
+        answer = await self._client.answer(number, LOOK_S)
+        self._client.forget(number)
+        if answer is None or answer.error:
+            return
+        try:
+            seen = Feedback.decode(answer.payload)
+        except MalformedFrame as error:
+            self.detail = str(error)
+            return
+        if len(seen.actuators) != JOINTS:
+            return
+        first, self._seen_s = self.feedback is None, trio.current_time()
+        self.feedback = seen
+        for at, one in enumerate(seen.actuators):
+            if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
+                self._moved_s[at] = self._seen_s
+
+
+Another = Callable[[], Awaitable[KortexClient]]
+"""Opens one more session. Raises ``WireDown``."""
+
+
+async def stop_arm(
+    axes: Sequence[str], clients: Sequence[KortexClient], another: Another | None = None
+) -> tuple[MotorReport, ...]:
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; when none
+    has answered soon, on ``another``, too. Where it is refused, and no other connection stops the arm, send
+    ``ApplyEmergencyStop``, after which the base is in fault. Report each joint that was then seen to stand as
+    safe. Never raises."""
+    ways = [_Way(client) for client in clients]
+    await _try(Call.STOP, ways, another)
+    if not any(way.confirmed for way in ways):
+        await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.refused])
+    return _reports(axes, ways)
+
+
+async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> None:
+    for way in ways:
+        way.order(call)
+    with trio.move_on_after(STANDS_S[call]):
+        async with trio.open_nursery() as nursery:
+            for way in ways:
+                nursery.start_soon(_follow, way, call, nursery.cancel_scope)
+            if another is not None:
+                nursery.start_soon(_follow_another, another, ways, call, nursery.cancel_scope)
+
+
+async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
+    await way.follow(call)
+    if way.confirmed:
+        scope.cancel()
+
+
+async def _follow_another(another: Another, ways: list[_Way], call: Call, scope: trio.CancelScope) -> None:
+    if any(way.written for way in ways):
+        await trio.sleep(ANEW_S)
+    if any(way.acknowledged for way in ways):
+        return
+    try:
+        way = _Way(await another())
+    except WireDown:
+        return  # what is known is told of the others
+    ways.append(way)
+    way.order(call)
+    await _follow(way, call, scope)
+
+
+def _reports(axes: Sequence[str], ways: Sequence[_Way]) -> tuple[MotorReport, ...]:
+    """By the way that knows best."""
+    if not ways:
+        return not_connected(axes)
+    best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
+    reports = []
+    for at, axis in enumerate(axes):
+        safe = best.believed and at not in best.moving
+        detail = "" if safe else best.detail
+        reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail))
+    return tuple(reports)
+
+
+def not_connected(axes: Sequence[str], why: str = "not connected") -> tuple[MotorReport, ...]:
+    """Report that nothing was written."""
+    return tuple(MotorReport(axis, at + 1, False, False, False, why) for at, axis in enumerate(axes))

@@ -1,0 +1,188 @@
+"""The robot's end of the wire: a Kortex server on TCP with a base and its arm behind it.
+
+Besides the control lines of every twin it takes ``state NAME`` and ``mode NAME``, with the names of
+``protocol.ArmState`` and ``protocol.ServoingMode``. Its wire log has no passwords: they are blanked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Unpack
+
+import msgspec
+import trio
+
+from strands_actors.drivers.common.door.body import Hand
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.plant_body import PlantBody
+from strands_actors.drivers.common.twin import (
+    ClientGone,
+    Exchange,
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    TcpServer,
+    WireLog,
+    answering,
+    known_options,
+    run_server,
+)
+
+from . import protocol as p
+from .base import Base, Second
+from .robots import TABLES
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "TCP port (default 10000)",
+    "username": "of those who may open a session (default admin)",
+    "password": "theirs (default admin)",
+    "second": f"what becomes of a second session: {', '.join(Second)} (default accepted)",
+}
+
+TICK_S = 0.01
+
+
+class KinovaBody(PlantBody):
+    """The arm as a simulation: as long as no joint speeds drive it, targets come through the door. The base keeps
+    it energised whoever moves it: nothing here makes it limp."""
+
+    def __init__(self, base: Base) -> None:
+        super().__init__(base.plant, base.advance)
+        self._base = base
+
+    @property
+    def _hand(self) -> Hand:
+        if self._base.driven:
+            return Hand.WIRE
+        return Hand.SIM if self._base.led else Hand.NONE
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return [self._hand] * len(self.axes)
+
+    def take(self, on: bool) -> None:
+        if self._hand is (Hand.NONE if on else Hand.SIM):
+            self._base.led = True
+            self.hold()
+            self._base.led = on
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self._hand is Hand.SIM:
+            self._base.lead(list(values))
+
+    def reset(self) -> None:
+        super().reset()
+        self._base.wake_up()
+
+
+class KinovaTwin:
+    """One arm, for all clients."""
+
+    def __init__(self, base: Base) -> None:
+        self.base = base
+        self.body = KinovaBody(base)
+        self.faults = Faults()
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        self.base.advance()
+        self.base.set_fault(fault)
+        self.faults.set(fault)
+
+    def power_cycle(self) -> None:
+        self.base.wake_up()
+
+
+class KortexSession:
+    """What hears one client."""
+
+    def __init__(self, twin: KinovaTwin) -> None:
+        self._twin = twin
+        self._decoder = p.Decoder()
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        for frame in self._decoder.feed(data):
+            kind = self._twin.base.kind(frame)
+            yield Exchange(kind, _without_password(frame).encode(), self._replies(frame, kind))
+        if self._decoder.skipped:
+            raise ClientGone  # as a server does with what it cannot follow [assumed]
+
+    def _replies(self, request: p.Frame, kind: str) -> list[Reply]:
+        if request.kind != p.Kind.REQUEST or self._twin.faults.of(None) is Fault.OFF:
+            return []
+        reply = self._twin.faults.apply(Reply(0.0, self._twin.base.answer(self, request).encode(), None, kind))
+        return [] if reply is None else [reply]
+
+
+def _without_password(frame: p.Frame) -> p.Frame:
+    if frame.call != p.Call.CREATE_SESSION:
+        return frame
+    try:
+        login = msgspec.structs.replace(p.Login.decode(frame.payload), password="***")
+    except MalformedFrame:
+        return msgspec.structs.replace(frame, payload=b"")
+    return msgspec.structs.replace(frame, payload=login.encode())
+
+
+class KinovaServer(TcpServer):
+    """Serves one arm, and makes its time pass: it moves on although nobody asks."""
+
+    def __init__(self, twin: KinovaTwin, port: int, log: WireLog, host: str | None) -> None:
+        super().__init__(twin, {port: answering(lambda: KortexSession(twin))}, log, host)
+        self._twin = twin
+
+    def set_fault(self, text: str) -> None:
+        was_off = self._twin.faults.of(None) is Fault.OFF
+        super().set_fault(text)
+        if self._twin.faults.of(None) is Fault.OFF:
+            self.unplug()
+        elif was_off:
+            self.power_cycle()
+
+    def power_cycle(self) -> None:
+        """Every connection ends, and no session is left."""
+        super().power_cycle()
+        self.unplug()
+        self.plug()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["state", name] if name in p.ArmState.__members__:
+                self._twin.base.set_state(p.ArmState[name])
+            case ["mode", name] if name in p.ServoingMode.__members__:
+                self._twin.base.mode = p.ServoingMode[name]
+            case _:
+                return False
+        return True
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(super().serve)
+            nursery.start_soon(self._tick)
+
+    async def _tick(self) -> None:
+        while True:
+            await self._frost.thawed()
+            self._twin.base.advance()
+            await trio.sleep(TICK_S)
+
+
+def twin_of(robot: str, **options: Any) -> KinovaTwin:
+    """The twin of a robot of ``robots.toml``; ``options`` of ``Base``."""
+    if "second" in options:
+        options["second"] = Second(options["second"])
+    return KinovaTwin(Base(TABLES.table(robot), **options))
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", p.TCP_PORT))
+    twin = twin_of(robot, **given)
+
+    def build(wire_log: WireLog) -> KinovaServer:
+        return KinovaServer(twin, port, wire_log, host)
+
+    run_server(build, **start)

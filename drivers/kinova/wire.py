@@ -1,0 +1,288 @@
+"""A Gen3's base in the wire process: what it feels, and the speeds that lead its arm to the target.
+
+Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing was heard, for three
+periods while joints may be turning, ``read`` sends ``Stop``, in every period until the base has answered it. After
+that no speed is sent before the arm is armed anew.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.runtime.pulse import new_page
+
+from . import protocol as p
+from .client import HELLO_S, KortexClient, Page
+from .gates import BASE, refuse_state
+from .protocol import Call, Feedback, ServoingMode
+from .speeds import Course, position_now
+from .stop_channel import StopChannel
+from .stopping import STANDING_DEG_S, not_connected, stop_arm
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from .driver import Kinova
+
+READ_S = 0.01
+"""How long one reading waits for its answer; the next one takes it."""
+
+FORGET_S = 1.0
+"""An answer that is later tells nothing of now."""
+
+
+class SharedStream(ByteStream, Protocol):
+    """A connection that another process can be given."""
+
+    def fileno(self) -> int: ...
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, client: KortexClient, stream: SharedStream, page_fd: int) -> None:
+        self.client = client
+        self.stream = stream
+        self.page_fd = page_fd
+        self.asked_ns: dict[int, int] = {}  # readings that were not answered yet
+        self.feedback = Feedback(0, ())
+        self.position: tuple[float, ...] = (0.0,) * p.JOINTS  # unwrapped, of the newest feedback
+        self.stamp_ns = 0
+        self.course: Course | None = None
+        self.sent_ns = 0
+        self.turning = False  # joints may be, by speeds of ours
+        self.stops: list[int] = []  # those that ``read`` has sent, and nobody has answered
+        self.lost = ""  # why no speeds are sent before the next arming
+
+    def take(self, number: int) -> None:
+        """Take the answer to a reading, if it has come, and is newer than what is known."""
+        answer = self.client.taken(number)
+        if answer is None:
+            return
+        asked_ns = self.asked_ns.pop(number)
+        if answer.error or asked_ns < self.stamp_ns:
+            return
+        try:
+            feedback = Feedback.decode(answer.payload)
+        except MalformedFrame:
+            return  # what cannot be read tells nothing: what is known grows old
+        if len(feedback.actuators) == p.JOINTS:
+            seen = [math.radians(one.position_deg) for one in feedback.actuators]
+            self.position = unwrap(seen, self.position)
+            self.feedback, self.stamp_ns = feedback, asked_ns
+
+    def forget_stops(self) -> None:
+        """What is still answered to them tells nothing of what was sent later."""
+        for number in self.stops:
+            self.client.forget(number)
+        self.stops.clear()
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        return tuple(math.radians(one.velocity_deg_s) for one in self.feedback.actuators)
+
+
+class KinovaWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        driver: Kinova,
+        clock: Clock,
+        open_stream: Callable[[str, int], Awaitable[SharedStream]] = open_tcp,
+    ) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._open_stream = open_stream
+        self._session_or_none: _Session | None = None
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        try:
+            host, port = self._driver.address()
+        except ValueError as error:
+            raise WireDown(f"open: {error}") from None
+        stream = await self._open_stream(host, port)
+        page_fd = new_page()
+        page = Page(mmap.mmap(page_fd, 0))
+        client = KortexClient(stream, f"{self._driver.robot} at {host}:{port}", self._clock, page)
+        self._session_or_none = session = _Session(client, stream, page_fd)
+        await client.log_in(*self._driver.login)
+        joints = await client.number(Call.GET_ACTUATOR_COUNT)
+        if joints != p.JOINTS:
+            raise WireDown(f"{self._driver.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7")
+        await self._refresh(session)
+        return {"address": f"{host}:{port}", "actuators": joints}
+
+    async def arm(self, permit: Permit) -> Observation:
+        session = self._session()
+        await self._refresh(session)
+        feedback = session.feedback
+        refusal = refuse_state(feedback.arm_state, feedback.faults[0])
+        if refusal is not None:
+            raise WireDown(refusal.text.removeprefix("move: "))
+        for axis, joint in zip(self._driver.axes, feedback.actuators, strict=True):
+            if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
+                raise WireDown(f"arm: {axis} turns, and not by us. Check who else commands the arm, then try again")
+        client = session.client
+        if await client.number(Call.GET_SERVOING_MODE) != ServoingMode.SINGLE_LEVEL:
+            permit.check()
+            await client.call(Call.SET_SERVOING_MODE, p.encode_number(ServoingMode.SINGLE_LEVEL))
+        permit.check()
+        # To stand still is the first command: a base that takes no speeds says so now.
+        await client.call(Call.SEND_JOINT_SPEEDS, p.encode_speeds([0.0] * p.JOINTS))
+        await self._refresh(session)
+        session.forget_stops()
+        client.refusal, session.course, session.lost = None, None, ""
+        return self._observation(session)
+
+    async def read(self) -> Observation:
+        session = self._session()
+        number = self._ask(session)
+        await session.client.listen(number, READ_S)
+        self._collect(session)
+        self._expire(session)
+        return self._observation(session)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session, driver = self._session(), self._driver
+        self._look_for_refusal(session)
+        if session.lost:
+            raise PermitDenied(session.lost)
+        now_ns = self._clock.now_ns()
+        age_s = (now_ns - session.stamp_ns) / NS
+        if age_s > driver.silent_s:
+            raise PermitDenied(f"nothing was heard for {age_s * 1e3:.0f} ms")
+        position, now_s = position_now(session.position, session.velocity, age_s), now_ns / NS
+        goal, course = values[: p.JOINTS], session.course
+        if course is None or goal != course.goal:
+            course = Course(course.at(now_s) if course else position, goal, now_s, driver.period_s)
+        speeds = course.speeds(now_s, position, driver.fastest_rad_s)
+        payload = p.encode_speeds([math.degrees(speed) for speed in speeds])
+        permit.check()
+        session.client.tell(Call.SEND_JOINT_SPEEDS, payload)
+        session.course, session.sent_ns, session.turning = course, now_ns, any(speeds)
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return not_connected(self._driver.axes)
+        session.course = None
+        reports = await stop_arm(self._driver.axes, [session.client])
+        if all(report.acknowledged for report in reports):
+            session.turning = False
+        return reports
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """On the connection that was lost, if it still takes anything, and on one of its own."""
+        session = self._session_or_none
+        wires = None if session is None else session.client
+        channel = StopChannel(self._driver, (), self._clock, self._open_stream, wires)
+        try:
+            return await channel.make_safe(rung)
+        finally:
+            channel.close()
+
+    def handover(self) -> tuple[int, ...]:
+        session = self._session_or_none
+        return () if session is None else (session.stream.fileno(), session.page_fd)
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.client.close()
+            os.close(self._session_or_none.page_fd)
+        self._session_or_none = None
+
+    # -- parts
+
+    def _ask(self, session: _Session) -> int:
+        now_ns = self._clock.now_ns()
+        for number, asked_ns in list(session.asked_ns.items()):
+            if now_ns - asked_ns > FORGET_S * NS:
+                session.client.forget(number)
+                del session.asked_ns[number]
+        number = session.client.ask(Call.REFRESH_FEEDBACK)
+        session.asked_ns[number] = now_ns
+        return number
+
+    def _collect(self, session: _Session) -> None:
+        for number in list(session.asked_ns):
+            session.take(number)
+
+    async def _refresh(self, session: _Session) -> None:
+        """Take a reading of now. Raise ``WireDown`` when none comes."""
+        before_ns, number = session.stamp_ns, self._ask(session)
+        await session.client.listen(number, HELLO_S)
+        self._collect(session)
+        if session.stamp_ns == before_ns:
+            raise WireDown(f"{self._driver.robot}: no feedback of {p.JOINTS} joints comes. Check the base")
+
+    def _look_for_refusal(self, session: _Session) -> None:
+        if session.client.refusal is not None and not session.lost:
+            session.lost = session.client.refusal.text
+
+    def _expire(self, session: _Session) -> None:
+        """Stop an arm that may be turning, and is not led any more."""
+        self._look_for_refusal(session)
+        answers = [answer for number in session.stops if (answer := session.client.taken(number))]
+        for answer in answers[:1]:  # the others say the same
+            session.forget_stops()
+            if answer.error:
+                session.lost = f"the base refuses STOP: {p.sub_error_name(answer.sub_error)}"
+            else:
+                session.turning = False
+        if not session.turning:
+            return
+        now_ns = self._clock.now_ns()
+        for since_ns, what in ((session.sent_ns, "sent"), (session.stamp_ns, "heard")):
+            silent_s = (now_ns - since_ns) / NS
+            if silent_s > self._driver.silent_s and not session.lost:
+                session.lost = f"stopped, because nothing was {what} for {silent_s * 1e3:.0f} ms"
+        if session.lost:
+            session.stops.append(session.client.ask(Call.STOP))
+
+    def _observation(self, session: _Session) -> Observation:
+        feedback = session.feedback
+        faults = {
+            axis: f"fault banks 0x{one.faults[0]:x} 0x{one.faults[1]:x}"
+            for axis, one in zip(self._driver.axes, feedback.actuators, strict=True)
+            if any(one.faults)
+        }
+        if session.lost:
+            faults[BASE] = session.lost
+        return Observation(
+            t_ns=session.stamp_ns,
+            position=session.position,
+            stamp_ns=(session.stamp_ns,) * p.JOINTS,
+            velocity=session.velocity,
+            sensors={
+                "torque_nm": tuple(one.torque_nm for one in feedback.actuators),
+                "current_a": tuple(one.current_a for one in feedback.actuators),
+                "temperature_c": tuple(one.motor_c for one in feedback.actuators),
+                "arm_voltage_v": (feedback.arm_v,),
+                "tool_position_m": feedback.tool_m,
+                "arm_state": (float(feedback.arm_state),),
+                "fault_bank": (float(feedback.faults[0]),),
+            },
+            faults=faults,
+        )
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+def unwrap(seen: list[float], known: tuple[float, ...]) -> tuple[float, ...]:
+    """Return angles that are known up to whole turns as those nearest to where the joints were: no joint makes half
+    a turn between two readings."""
+    return tuple(
+        before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
+    )

@@ -1,0 +1,134 @@
+"""KUKA LBR iiwa 14 over FRI, joint by joint: ``kuka_iiwa``.
+
+The controller speaks first and must be answered in every cycle. Holding is answering with the last commanded
+position, which is the safe state for every reason; the drives stay on, the brakes and the e-stop are the pendant's.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from ipaddress import IPv4Address
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from msgspec.structs import replace
+
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState, check_fallbacks
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason, SecondPath, Timing
+from strands_actors.runtime.messages import Refused
+from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
+
+from .gates import conditions, gates, last_target, span_s
+from .protocol import FRI_PORT
+from .robots import TABLES, arm_of
+
+if TYPE_CHECKING:
+    from .wire import KeptPort, KukaWire
+
+
+class Options(DriverOptions, frozen=True):
+    fri_port: Annotated[int, option("UDP port of both ends of FRI", ge=1, le=65535)] = FRI_PORT
+    control_frequency: Annotated[float, option("commands per second", ge=20, le=100)] = 50.0
+    connect_timeout: Annotated[float, option("longest wait for the first message, seconds", gt=0, le=8)] = 5.0
+
+
+class Kuka(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_OPTIONAL: ClassVar[bool] = True
+    TWIN: ClassVar[str] = "strands_actors.drivers.kuka.twin:main"
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+
+    unit = "radians"
+    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.HOLD.value)
+    firmware_watchdog = (
+        "the FRI session itself: after some missing answers the controller drops it to monitoring and the robot's "
+        "own program holds the arm [?]. nothing is armed by us, and position control mode is required for it"
+    )
+    bound_s = 0.05
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, Options, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        chosen = read_options(robot, Options, options)
+        check_fallbacks(robot, self.ladder)
+        self.arm = arm_of(robot)
+        self.robot = self.arm.name
+        self.port = port
+        self.fri_port = chosen.fri_port
+        self.connect_timeout_s = chosen.connect_timeout
+        self.period_s = 1.0 / chosen.control_frequency
+        self.kept: KeptPort | None = None
+        self.declare(self.arm.part)
+        self.timing = Timing(
+            control_hz=chosen.control_frequency,
+            keepalive_s=0.9 * self.period_s,
+            stream_ttl_s=0.1,
+            oneshot_ttl_s=None,
+            state_ttl_s=0.2,
+            arm_s=5.0,
+            realtime=True,
+            open_s=chosen.connect_timeout + 3.5,
+        )
+        self.conditions = conditions(self.table, self.timing.state_ttl_s)
+        self.gates = gates(self.table, self.period_s)
+
+    def place(self) -> tuple[str, int]:
+        """Return the controller's address, empty for any, and the UDP port of both ends: the one that ``port``
+        names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no address."""
+        return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
+
+    def numeric_host(self) -> str:
+        """Return the controller's address if it is given as a number; empty: not known without asking."""
+        try:
+            return str(IPv4Address(self.place()[0]))
+        except ValueError:
+            return ""
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Return what the arm is told to hold: its measured position lags behind that."""
+        return observation.sensors.get("commanded_rad", observation.position)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return the whole target, with the time that the wire may spread it over. Joints that are not named keep
+        what they are told."""
+        parsed = super().parse(action, replace(state, target=last_target(state)))
+        if isinstance(parsed, Refused):
+            return parsed
+        return Candidate((*parsed.values, span_s(state, self.period_s)), parsed.named)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Return positions: what a target is spread over stands behind them."""
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        return {
+            "robot": self.robot,
+            "joints": [joint for joint in self.axes if joint in named],
+            "targets": {joint: target[joint] for joint in self.axes if joint in named},
+            "control_period": self.period_s,
+        }
+
+    def preload(self) -> None:
+        for module in ("wire", "stop_channel"):
+            importlib.import_module(f"{__package__}.{module}")
+
+    def open_wire(self, clock: Clock) -> KukaWire:
+        from .wire import KeptPort, KukaWire
+
+        self.kept = self.kept or KeptPort(self)
+        return KukaWire(self, self.kept, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .stop_channel import KukaStopChannel
+
+        return KukaStopChannel(self, descriptors[0] if descriptors else None, clock)

@@ -1,0 +1,170 @@
+"""What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever clipped.
+
+A target is one position for each joint, radians, and behind them over how many seconds the wire spreads it. One
+without that is where the arm was held: nothing was accepted since then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range
+from strands_actors.runtime.clock import NS
+from strands_actors.runtime.contract import (
+    Candidate,
+    Condition,
+    ConditionCheck,
+    GateCheck,
+    GateState,
+    Observation,
+)
+from strands_actors.runtime.messages import Refused
+
+from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
+
+LONGEST_STEP_S = 0.1
+"""A slower stream may not step further than a joint turns meanwhile."""
+
+_ROUNDING = 1e-9
+_ON_THE_PENDANT = "clear it on the pendant"
+
+
+def span_s(state: GateState, oneshot_s: float) -> float:
+    """Return over how long a step may be spread: the period of its stream."""
+    return min(state.period_s, LONGEST_STEP_S) if state.stream else oneshot_s
+
+
+def last_target(state: GateState) -> tuple[float, ...]:
+    """Return the position from which a step is counted. Before the first target it is what the arm is told to hold
+    now: the robot's own program may have moved it since it was armed or held."""
+    if len(state.target) == JOINTS and state.observation.t_ns > state.target_ns:
+        return state.observation.sensors.get("commanded_rad", state.target)
+    return state.target[:JOINTS]
+
+
+# -- what must be true for a motion to begin, and to go on
+
+
+def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked: the first that refuses answers."""
+    of_the_session = (session, client_mode, control_mode, overlay, quality)
+    return tuple(map(Condition, (stale(state_ttl_s), safety, drives(axes), *of_the_session)))
+
+
+def stale(ttl_s: float) -> ConditionCheck:
+    ttl_ns = round(ttl_s * NS)
+    limit = f"{ttl_s * 1e3:.0f} ms"
+
+    def stale(observation: Observation, now_ns: int) -> Refused | None:
+        age_ns = now_ns - min(observation.stamp_ns, default=0)
+        if age_ns <= ttl_ns and all(map(math.isfinite, observation.position)):
+            return None
+        age = f"{age_ns / 1e6:.0f} ms"
+        why = f"move: no FRI message for {age}"
+        return Refused("stale", why, "check the controller, its FRI session and the network", age, limit)
+
+    return stale
+
+
+def safety(observation: Observation, now_ns: int) -> Refused | None:
+    level = _sensor(observation, "safety_state")
+    if level == 0:
+        return None
+    return Refused("safety", f"move: safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
+
+
+def drives(axes: Sequence[Axis]) -> ConditionCheck:
+    def drives(observation: Observation, now_ns: int) -> Refused | None:
+        row = observation.sensors.get("drive_state", ())
+        if not row:
+            return Refused("drives", "move: the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
+        # One number may stand for all joints.
+        for axis, number in zip(axes, row, strict=False):
+            if number != Drive.ACTIVE:
+                name = name_of(Drive, round(number))
+                return Refused("drives", f"move: drive of {axis.key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
+        return None
+
+    return drives
+
+
+def session(observation: Observation, now_ns: int) -> Refused | None:
+    return _refuse_other(
+        observation, "fri_state", State.COMMANDING_ACTIVE, "FRI session", "start the motion on the pendant"
+    )
+
+
+def client_mode(observation: Observation, now_ns: int) -> Refused | None:
+    remedy = "let the robot program command positions: ClientCommandMode.POSITION"
+    return _refuse_other(observation, "client_mode", ClientMode.POSITION, "FRI client command mode", remedy)
+
+
+def control_mode(observation: Observation, now_ns: int) -> Refused | None:
+    """What the arm does when the session ends is only known of position control."""
+    remedy = "use PositionControlMode in the robot program"
+    return _refuse_other(observation, "control_mode", ControlMode.POSITION, "control mode", remedy)
+
+
+def overlay(observation: Observation, now_ns: int) -> Refused | None:
+    if _sensor(observation, "overlay") != Overlay.NO_OVERLAY:
+        return None
+    remedy = "start the robot program's motion again, with the FRI overlay"
+    return Refused("overlay", "move: the overlay is lost", remedy, "NO_OVERLAY", "JOINT")
+
+
+def quality(observation: Observation, now_ns: int) -> Refused | None:
+    number = _sensor(observation, "fri_quality")
+    if number >= Quality.GOOD:
+        return None
+    name = name_of(Quality, number)
+    remedy = "wait until it is GOOD; check the network and the load of this machine"
+    return Refused("quality", f"move: FRI connection quality is {name}", remedy, name, "GOOD")
+
+
+# -- of one setpoint
+
+
+def gates(axes: Sequence[Axis], oneshot_s: float) -> tuple[GateCheck, ...]:
+    """Return them in the order in which they are asked: the first that refuses answers."""
+    return (past_range(axes), too_fast(axes, oneshot_s))
+
+
+def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
+    """Refuse a step further than a joint turns in one period of the stream, counted from the last target. A command
+    on its own is one period of the control loop."""
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        period_s, before = span_s(state, oneshot_s), last_target(state)
+        for at in candidate.named:
+            step = abs(candidate.values[at] - before[at])
+            allowed = axes[at].speed * period_s
+            if not step <= allowed + _ROUNDING:
+                shown = math.floor(allowed * 1e5) / 1e5
+                return Refused(
+                    "too_fast",
+                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                    f"step at most {shown:.5g} rad",
+                    f"{step:.5g}",
+                    f"{shown:.5g}",
+                )
+        return None
+
+    return too_fast
+
+
+def _refuse_other(
+    observation: Observation, sensor: str, wanted: State | ClientMode | ControlMode, what: str, remedy: str
+) -> Refused | None:
+    number = _sensor(observation, sensor)
+    if number == wanted:
+        return None
+    name = name_of(type(wanted), number)
+    return Refused(sensor, f"move: {what} is {name}", remedy, name, wanted.name)
+
+
+def _sensor(observation: Observation, name: str) -> int:
+    """Return a number that the controller says; -1 when it does not."""
+    row = observation.sensors.get(name)
+    return round(row[0]) if row else -1

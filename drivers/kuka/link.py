@@ -1,0 +1,196 @@
+"""An FRI session on its socket: the newest message heard, its answer, and how an arm is brought to stand.
+
+Wire and stop channel use it alike: the one answers for as long as it lives, the other once the wire is gone.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.udp_port import UdpListener
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, WireDown
+
+from .protocol import Monitoring, State, decode_monitoring, encode_command, name_of
+from .robots import Arm
+from .session import Session
+
+MOST_WAITING = 1000
+"""Datagrams that are taken at once; a flood does not keep an answer waiting for longer."""
+STANDING_RAD_S = 0.02
+STAND_S = 0.03
+"""Positions so far apart tell whether the arm stands."""
+HEAR_S = 0.3
+"""A controller that says nothing for so long is not there."""
+CONFIRM_S = 0.8
+"""By then an arm that was at full speed has come to a stand [?]."""
+QUIET_CYCLES = 2.5
+"""Without a message for so many cycles a hold is sent unasked."""
+
+
+class Link:
+    """``port``: it has met the controller, who said ``said``."""
+
+    def __init__(self, port: UdpListener, arm: Arm, clock: Clock, said: Monitoring) -> None:
+        self.port = port
+        self.session = Session(arm.speed_rad_s)
+        self.said = said
+        self.heard_ns = clock.now_ns()
+        self.answers = 0
+        self.malformed = 0
+        self.news = trio.Event()  # set, and replaced, with each message that was understood
+        self._clock = clock
+        self._arm = arm
+        self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of the last STAND_S, and one before
+
+    async def hear(self) -> Monitoring:
+        """Return the newest message, once there is one that is understood. Raise ``WireDown``."""
+        while (said := newest(self.port, await self.port.read())) is None:
+            self.malformed += 1
+        self._take(said)
+        return said
+
+    def _take(self, said: Monitoring) -> None:
+        self.said, self.heard_ns = said, self._clock.now_ns()
+        self._seen.append((self.heard_ns, said.position))
+        while len(self._seen) > 2 and self.heard_ns - self._seen[1][0] >= STAND_S * NS:
+            self._seen.popleft()
+        self.news.set()
+        self.news = trio.Event()
+
+    def answer(self, said: Monitoring) -> None:
+        """Answer a message, if it is one that wants it. Raise ``WireDown``."""
+        if self.session.is_due(said):
+            self.port.write(encode_command(self.session.answer(said)))
+            self.answers += 1
+
+    @property
+    def state(self) -> str:
+        """Return the name of the session's state."""
+        return name_of(State, self.said.state)
+
+    def silent_s(self) -> float:
+        """Return for how long no message was understood."""
+        return (self._clock.now_ns() - self.heard_ns) / NS
+
+    # -- to a stand
+
+    async def bring_to_stand(self, cycle: Callable[[], Awaitable[None]], detail: str) -> tuple[MotorReport, ...]:
+        """Look until answers that hold have left and the arm stands. ``cycle`` returns when the next message has
+        been answered; it raises ``WireDown``. Never raises."""
+        first, failure = self.answers, ""
+        self._seen.clear()
+        try:
+            written = self.silent_s() > QUIET_CYCLES * cycle_s(self.said) and self.hold_unasked()
+            with trio.move_on_after(CONFIRM_S):
+                while not self._is_held(first):
+                    await cycle()
+        except WireDown as down:
+            written, failure = False, str(down)
+        written = written or self.answers > first
+        return self.reports(written, self._is_held(first), failure or detail)
+
+    def hold_unasked(self) -> bool:
+        """Hold in answer to an old message: who is not heard may hear. True. Raise ``WireDown``."""
+        self.port.write(encode_command(self.session.again(self.said)))
+        return True
+
+    def _is_held(self, first: int) -> bool:
+        """Whether two answers have left since, and the arm stands, or is none of ours to stop."""
+        if self.answers - first < 2:
+            return False
+        return self.said.state < State.COMMANDING_WAIT or self._stands()
+
+    def _stands(self) -> bool:
+        if len(self._seen) < 2:
+            return False
+        (then_ns, before), (now_ns, now) = self._seen[0], self._seen[-1]
+        span_s = (now_ns - then_ns) / NS
+        moved = max(abs(rad - other) for rad, other in zip(now, before, strict=True))
+        return span_s >= STAND_S and moved <= STANDING_RAD_S * span_s
+
+    def reports(self, written: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
+        """Return what became of every joint."""
+        if held and self.said.state < State.COMMANDING_WAIT:
+            detail = f"FRI session is {self.state}: the robot's own program holds it"
+        elif not held and not detail:
+            silent = self.silent_s() > STAND_S
+            detail = f"no FRI message for {self.silent_s() * 1e3:.0f} ms" if silent else "it still moves"
+        return _reports(self._arm, written, held, detail, self.session.commanded)
+
+
+def cycle_s(said: Monitoring) -> float:
+    """Return the time from one answer to the next."""
+    return said.sample_ms * said.multiplier / 1e3
+
+
+async def answer_instead(
+    port: UdpListener, arm: Arm, clock: Clock, at_least_s: float, detail: str
+) -> tuple[MotorReport, ...] | None:
+    """Answer in place of whoever did so before, until the arm stands: with the last commanded position, as the
+    controller has it. Sequence numbers go on from what it says. None: it says nothing. Raise ``WireDown``."""
+    began_ns = clock.now_ns()
+    said: Monitoring | None = None
+    with trio.move_on_after(HEAR_S):
+        said = await first_message(port)
+    if said is None:
+        return None
+    link = Link(port, arm, clock, said)
+
+    async def cycle() -> None:
+        link.answer(await link.hear())
+
+    link.answer(said)
+    reports = await link.bring_to_stand(cycle, detail)
+    with trio.move_on_after(max(0.0, at_least_s - (clock.now_ns() - began_ns) / NS)):
+        while True:
+            await cycle()
+    return reports
+
+
+def failed(arm: Arm, why: str, written: bool = False) -> tuple[MotorReport, ...]:
+    """Report that no joint is confirmed."""
+    return _reports(arm, written, False, why)
+
+
+def _reports(
+    arm: Arm, written: bool, held: bool, detail: str, target: Sequence[float] = ()
+) -> tuple[MotorReport, ...]:
+    """Report the same of every joint: one answer is for all."""
+    return tuple(
+        MotorReport(axis, at + 1, written, held, held, detail, target[at] if held and target else None)
+        for at, axis in enumerate(arm.axes)
+    )
+
+
+async def first_message(port: UdpListener) -> Monitoring:
+    """Return the newest that the first controller which speaks has said. Raise ``WireDown``."""
+    heard: list[bytes] = []
+
+    def is_controller(data: bytes) -> bool:
+        heard.append(data)
+        return understood(data) is not None
+
+    await port.meet(is_controller)
+    said = newest(port, heard[-1])
+    assert said is not None  # the one that it was met by
+    return said
+
+
+def newest(port: UdpListener, first: bytes) -> Monitoring | None:
+    """Return the newest message that is understood, of ``first`` and what waits behind it."""
+    waiting = [first]
+    while len(waiting) < MOST_WAITING and (data := port.read_waiting()) is not None:
+        waiting.append(data)
+    return next(filter(None, map(understood, reversed(waiting))), None)
+
+
+def understood(data: bytes) -> Monitoring | None:
+    try:
+        return decode_monitoring(data)
+    except MalformedFrame:
+        return None

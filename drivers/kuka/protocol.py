@@ -1,0 +1,229 @@
+"""KUKA's Fast Robot Interface (FRI) on the wire: one protobuf message a datagram, no length in front.
+
+The controller sends a *monitoring message* in every cycle, the client answers with a *command message* that names
+it. Field numbers: public descriptions of FRI 1.x. Repeated doubles are read packed and unpacked, and written
+unpacked [?]. No checksum is needed and none is checked: its polynomial is not published.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import zlib
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+FRI_PORT: Final = 30200
+"""UDP, of both ends."""
+LARGEST: Final = 1500
+"""Bytes of a datagram: one Ethernet frame."""
+MONITORING_ID: Final = 0x245142
+COMMAND_ID: Final = 0x34001
+JOINTS: Final = 7
+NO_JOINTS: Final = (0.0,) * JOINTS
+COUNTER: Final = 0xFFFFFFFF
+"""Sequence numbers are 32 bits wide."""
+
+
+class State(enum.IntEnum):
+    """Of the FRI session."""
+
+    IDLE = 0
+    MONITORING_WAIT = 1
+    MONITORING_READY = 2
+    COMMANDING_WAIT = 3
+    COMMANDING_ACTIVE = 4
+
+
+class Quality(enum.IntEnum):
+    """Of the connection, as the controller judges it by our answers."""
+
+    POOR = 0
+    FAIR = 1
+    GOOD = 2
+    EXCELLENT = 3
+
+
+class Drive(enum.IntEnum):
+    """Of one joint [?]."""
+
+    OFF = 0
+    TRANSITIONING = 1
+    ACTIVE = 2
+
+
+class ClientMode(enum.IntEnum):
+    """What the robot program lets the client command."""
+
+    NO_COMMAND_MODE = 0
+    POSITION = 1
+    WRENCH = 2
+    TORQUE = 3
+
+
+class ControlMode(enum.IntEnum):
+    """How the controller moves the joints [?]."""
+
+    POSITION = 0
+    CARTESIAN_IMPEDANCE = 1
+    JOINT_IMPEDANCE = 2
+
+
+class Overlay(enum.IntEnum):
+    """What the client's commands are added to [?]."""
+
+    NO_OVERLAY = 0
+    JOINT = 1
+    CARTESIAN = 2
+
+
+def name_of(kind: type[enum.IntEnum], number: int) -> str:
+    """Return the name of an enum's number; the number itself when it has none."""
+    try:
+        return kind(number).name
+    except ValueError:
+        return str(number)
+
+
+class Monitoring(msgspec.Struct, frozen=True, gc=False):
+    """What the controller says in one cycle. Radians, newton metres, milliseconds."""
+
+    sequence: int
+    reflected: int = 0  # sequence of the last command message that it took
+    safety: int = 0  # 0 normal, else a safety stop
+    drives: tuple[int, ...] = ()
+    operation_mode: int = 0  # 0 T1, 1 T2, 2 automatic [?]
+    control_mode: int = 0
+    position: tuple[float, ...] = NO_JOINTS  # measured
+    torque: tuple[float, ...] = NO_JOINTS
+    commanded: tuple[float, ...] = NO_JOINTS  # the last position that the joints were told
+    external_torque: tuple[float, ...] = NO_JOINTS
+    state: int = 0
+    quality: int = 0
+    sample_ms: int = 0
+    multiplier: int = 1  # the client answers every so many cycles
+    interpolated: tuple[float, ...] = ()  # where the robot program is; empty: it does not say
+    client_mode: int = 0
+    overlay: int = 0
+    tracking: float = 0.0  # how well the commands are followed, 0 to 1
+
+
+class Command(msgspec.Struct, frozen=True, gc=False):
+    """What the client answers. ``position``: empty, it commands nothing."""
+
+    sequence: int
+    reflected: int  # sequence of the monitoring message that it answers
+    position: tuple[float, ...] = ()
+
+
+def decode_monitoring(data: bytes) -> Monitoring:
+    """Raise ``MalformedFrame``."""
+    top = _top(data, MONITORING_ID)
+    header = pb.message(pb.last_bytes(top, 1))
+    robot = pb.last_bytes(top, 2)
+    robot_fields = pb.message(robot)
+    measured = pb.message(pb.last_bytes(top, 3))
+    connection = pb.message(pb.last_bytes(top, 4))
+    program = pb.message(pb.last_bytes(top, 5))
+    joints = pb.last_int(robot_fields, 1, JOINTS)
+    if joints != JOINTS:
+        raise MalformedFrame(f"FRI: a robot of {joints} joints, this arm has {JOINTS}")
+    return Monitoring(
+        sequence=pb.last_int(header, 2) & COUNTER,
+        reflected=pb.last_int(header, 3) & COUNTER,
+        safety=pb.last_int(robot_fields, 2),
+        drives=pb.varints(robot, 5)[: 2 * JOINTS],
+        operation_mode=pb.last_int(robot_fields, 6),
+        control_mode=pb.last_int(robot_fields, 7),
+        position=_joints(measured, 1, "measured positions"),
+        torque=_joints(measured, 2, "torques", NO_JOINTS),
+        commanded=_joints(measured, 3, "commanded positions"),
+        external_torque=_joints(measured, 5, "external torques", NO_JOINTS),
+        state=pb.last_int(connection, 1),
+        quality=pb.last_int(connection, 2),
+        sample_ms=pb.last_int(connection, 3),
+        multiplier=pb.last_int(connection, 4, 1),
+        interpolated=_joints(program, 1, "interpolated positions", ()),
+        client_mode=pb.last_int(program, 10),
+        overlay=pb.last_int(program, 11),
+        tracking=_tracking(program),
+    )
+
+
+def encode_command(command: Command) -> bytes:
+    body = _header(COMMAND_ID, command.sequence, command.reflected)
+    if command.position:
+        body += pb.bytes_field(2, pb.bytes_field(1, pb.double_fields(1, command.position)))
+    return body + pb.bytes_field(15, pb.varint_field(1, len(body)))
+
+
+def decode_command(data: bytes) -> Command:
+    """Raise ``MalformedFrame``. For a twin."""
+    top = _top(data, COMMAND_ID)
+    header = pb.message(pb.last_bytes(top, 1))
+    position = _joints(pb.message(pb.last_bytes(top, 2)), 1, "positions", ())
+    return Command(pb.last_int(header, 2) & COUNTER, pb.last_int(header, 3) & COUNTER, position)
+
+
+def encode_monitoring(said: Monitoring, packed: bool = False, checksum: bool = True) -> bytes:
+    """For a twin. ``packed``: how repeated numbers are written."""
+    double, whole = pb.double_field, pb.varint_field
+
+    def joints(number: int, values: Sequence[float]) -> bytes:
+        return pb.bytes_field(number, pb.double_fields(1, values, packed))
+
+    drives = pb.bytes_field(5, bytes(said.drives)) if packed else b"".join(whole(5, drive) for drive in said.drives)
+    robot = whole(1, JOINTS) + whole(2, said.safety) + drives
+    robot += whole(6, said.operation_mode) + whole(7, said.control_mode)
+    measured = joints(1, said.position) + joints(2, said.torque) + joints(3, said.commanded)
+    measured += joints(4, said.torque) + joints(5, said.external_torque)
+    connection = whole(1, said.state) + whole(2, said.quality) + whole(3, said.sample_ms)
+    program = b""
+    if said.interpolated:
+        program = joints(1, said.interpolated) + whole(10, said.client_mode) + whole(11, said.overlay)
+        program += double(12, said.tracking)
+    body = _header(MONITORING_ID, said.sequence, said.reflected)
+    body += pb.bytes_field(2, robot) + pb.bytes_field(3, measured)
+    body += pb.bytes_field(4, connection + whole(4, said.multiplier)) + pb.bytes_field(5, program)
+    end = whole(1, len(body))
+    if checksum:
+        end += pb.bytes_field(2, whole(1, zlib.crc32(body)))
+    return body + pb.bytes_field(15, end)
+
+
+_Found = dict[int, list[pb.Value]]
+
+
+def _header(number: int, sequence: int, reflected: int) -> bytes:
+    fields = pb.varint_field(1, number) + pb.varint_field(2, sequence & COUNTER)
+    return pb.bytes_field(1, fields + pb.varint_field(3, reflected & COUNTER))
+
+
+def _top(data: bytes, number: int) -> _Found:
+    if len(data) > LARGEST:
+        raise MalformedFrame(f"FRI: {len(data)} bytes, {LARGEST} at most")
+    top = pb.message(data)
+    found = pb.last_int(pb.message(pb.last_bytes(top, 1)), 1)
+    if found != number:
+        raise MalformedFrame(f"FRI: message {found:#x} instead of {number:#x}")
+    return top
+
+
+def _joints(found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    """Return one finite number for each joint; ``missing``, if given, when the field is not there."""
+    if missing is not None and number not in found:
+        return missing
+    values = pb.doubles(pb.last_bytes(found, number), 1)
+    if len(values) != JOINTS or not all(map(math.isfinite, values)):
+        raise MalformedFrame(f"FRI: {len(values)} {what} instead of {JOINTS}, or one that is not finite")
+    return values
+
+
+def _tracking(program: _Found) -> float:
+    value = pb.as_double(pb.last_int(program, 12))
+    return value if math.isfinite(value) else 0.0

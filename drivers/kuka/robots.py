@@ -1,0 +1,73 @@
+"""The arms of this wire, as data: a table of ``robots.toml`` and its joints."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import msgspec
+
+from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.drivers.common.robot_tables import RobotTables
+
+TABLES = RobotTables(__package__, "KUKA")
+
+
+class Joint(msgspec.Struct, frozen=True):
+    """One joint. Degrees, degrees per second, newton metres, as the data sheet has them."""
+
+    key: str
+    range_deg: float
+    speed_deg_s: float
+    effort_nm: float
+
+    @property
+    def reach_rad(self) -> float:
+        """Return how far it turns to either side."""
+        return math.radians(self.range_deg)
+
+    @property
+    def speed_rad_s(self) -> float:
+        return math.radians(self.speed_deg_s)
+
+
+class Arm(msgspec.Struct, frozen=True):
+    """One robot."""
+
+    name: str
+    joints: tuple[Joint, ...]
+
+    @property
+    def part(self) -> Part:
+        """Return the joints as axes, numbered from 1."""
+        axes = (
+            Axis(
+                key=joint.key,
+                unit="rad",
+                low=-joint.reach_rad,
+                high=joint.reach_rad,
+                speed=joint.speed_rad_s,
+                id=number,
+            )
+            for number, joint in enumerate(self.joints, 1)
+        )
+        return Part(PartKind.ARM, tuple(axes))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return tuple(joint.key for joint in self.joints)
+
+    @property
+    def speed_rad_s(self) -> tuple[float, ...]:
+        return tuple(joint.speed_rad_s for joint in self.joints)
+
+
+@cache
+def arm_of(robot: str) -> Arm:
+    """Return an arm by name or alias. Raise ``ValueError`` for a robot that is not of this wire."""
+    joints = []
+    for line in TABLES.table(robot)["joints"].splitlines():
+        if line.strip():
+            key, range_deg, speed_deg_s, effort_nm = line.split()
+            joints.append(Joint(key, float(range_deg), float(speed_deg_s), float(effort_nm)))
+    return Arm(TABLES.canonical(robot), tuple(joints))

@@ -1,0 +1,249 @@
+"""The controller's end of FRI: a message every sample time from its UDP port, whether or not anybody answers.
+
+It is bound at an address of its own in 127.0.0.0/8, with the port number of the client's end, and speaks to that
+port at ``client``. The log has every answer: ``setpoint`` when its positions differ from those of the one before,
+``safe`` (``hold``) when they repeat it or when it has none, ``garbled`` when it is no command message. Of the
+controller's side it has ``session``: each state and why. Monitoring messages are not in it.
+
+Besides the control lines of every twin it takes ``motion start|stop`` (the pendant), ``safety LEVEL``, ``drive
+JOINT NUMBER``, ``client_mode``, ``control_mode`` and ``overlay`` with the numbers of the protocol.
+"""
+
+from __future__ import annotations
+
+import random
+import socket
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import aclosing, suppress
+from typing import Any, Unpack
+
+import trio
+from msgspec.structs import replace
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    WireLog,
+    known_options,
+    own_host,
+    parse_fault,
+    run_server,
+)
+from strands_actors.drivers.common.twin.server import Frost
+from strands_actors.runtime.clock import NS, MonotonicClock
+from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
+
+from ..protocol import FRI_PORT, JOINTS, LARGEST, decode_command, encode_monitoring
+from ..robots import Arm, arm_of
+from .body import KukaBody
+from .controller import Controller
+
+OPTIONS = {
+    "host": "address to speak from (default: one of its own in 127.0.0.0/8)",
+    "port": "UDP port of both ends (default: a free one, so that twins do not meet at the client's end)",
+    "from_port": "UDP port of its own end, when it is another one",
+    "client": "address of the client (default 127.0.0.1)",
+    "sample_ms": "sample time (default 10)",
+    "multiplier": "receive multiplier: an answer is due every so many cycles (default 1)",
+    "packed": "write repeated numbers packed (default: false)",
+    "checksum": "write the checksum (default: true)",
+}
+
+LAST_PORT = 32767
+"""Above it ports are the system's to give away."""
+ATTEMPTS = 64
+WRONG_RAD = 1.0
+MODES = ("safety", "client_mode", "control_mode", "overlay")
+
+
+class KukaServer:
+    """Serves one controller. Its methods are what may happen to it while it runs."""
+
+    def __init__(self, arm: Arm, log: WireLog, options: Mapping[str, Any]) -> None:
+        self._log = log
+        self._faults = Faults()
+        self._frost = Frost()
+        self._clock = MonotonicClock()
+        self.controller = Controller(
+            arm,
+            sample_ms=int(options.get("sample_ms", 10)),
+            multiplier=int(options.get("multiplier", 1)),
+            note=self._note,
+        )
+        self.body = KukaBody(self.controller)
+        self._packed = bool(options.get("packed", False))
+        self._checksum = bool(options.get("checksum", True))
+        self._client = str(options.get("client", "127.0.0.1"))
+        self._sock: socket.socket | None = None
+        self._plugged = trio.Event()
+        host, port = self._find_place(options)
+        self._place = host, int(options.get("from_port", port))
+        self._peer = self._client, port
+        self._last: tuple[float, ...] = ()  # positions of the answer before
+        self._readings: Mapping[str, tuple[float, ...]] = {}  # of one that is stuck
+        self._late: deque[tuple[int, bytes]] = deque()
+
+    @property
+    def address(self) -> str:
+        host, port = self._place
+        return f"{host}:{port}"
+
+    # -- the network
+
+    def _find_place(self, options: Mapping[str, Any]) -> tuple[str, int]:
+        """Return an address and a port that are free at both ends. Raise ``OSError``."""
+        host, port = str(options.get("host") or own_host()), int(options.get("port", 0))
+        if port:
+            return host, port
+        for _ in range(ATTEMPTS):
+            port = random.randint(FRI_PORT, LAST_PORT)
+            with suppress(OSError):
+                for end in (self._client, host):
+                    _bound(end, port).close()
+                return host, port
+        raise OSError(f"no free UDP port on {host} and {self._client}")
+
+    def plug(self) -> None:
+        if self._sock is None:
+            self._sock = _bound(*self._place)
+            self._plugged.set()
+
+    def unplug(self) -> None:
+        """Pull the cable. The controller itself notices that answers are missing."""
+        if self._sock is not None:
+            self._plugged = trio.Event()
+            trio.lowlevel.notify_closing(self._sock)
+            self._sock.close()
+            self._sock = None
+
+    def close(self) -> None:
+        if self._sock is not None:
+            self._sock.close()
+            self._sock = None
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._hear)
+            nursery.start_soon(self._tick)
+
+    async def _hear(self) -> None:
+        while True:
+            await self._plugged.wait()
+            sock = self._sock
+            if sock is None:  # pulled again before we got to run
+                continue
+            with suppress(BlockingIOError, ConnectionRefusedError, trio.ClosedResourceError):
+                await trio.lowlevel.wait_readable(sock)
+                await self._frost.thawed()
+                data = sock.recv(LARGEST + 1) if sock.fileno() >= 0 else b""
+                if data and self._faults.of(None) is not Fault.OFF:
+                    self._take(time.monotonic_ns(), data)
+
+    async def _tick(self) -> None:
+        async with aclosing(self._clock.ticks(self.controller.sample_ms / 1e3)) as ticks:
+            async for now_ns in ticks:
+                await self._frost.thawed()
+                await trio.lowlevel.checkpoint()  # what has come by now is read first
+                self._say(now_ns)
+
+    # -- what it hears and says
+
+    def _take(self, t_ns: int, data: bytes) -> None:
+        try:
+            command = decode_command(data)
+        except MalformedFrame:
+            self._log.write(t_ns, "host", [("garbled", data)])
+            return
+        position = command.position
+        moves = bool(position) and position != self._last and not self.controller.mirrors(command)
+        self._last = position or self._last
+        if moves:
+            self._log.write(t_ns, "host", [("setpoint", data)])
+        else:
+            self._log.write(t_ns, "host", [("safe", data)], "hold")
+        self.controller.hear(command)
+
+    def _say(self, now_ns: int) -> None:
+        said = self.controller.cycle()
+        match self._faults.of(None):
+            case Fault.WRONG:
+                said = replace(said, position=tuple(rad + WRONG_RAD for rad in said.position))
+            case Fault.STUCK:
+                self._readings = self._readings or {"position": said.position, "torque": said.torque}
+                said = replace(said, **self._readings)
+        reply = self._faults.apply(Reply(0.0, encode_monitoring(said, self._packed, self._checksum)))
+        if reply is not None:
+            self._late.append((now_ns + round((reply.delay_s + reply.late_s) * NS), reply.data))
+        while self._late and self._late[0][0] <= now_ns:
+            data = self._late.popleft()[1]
+            if self._sock is not None:
+                with suppress(BlockingIOError, ConnectionRefusedError):
+                    self._sock.sendto(data, self._peer)
+
+    def _note(self, text: str) -> None:
+        self._log.write(time.monotonic_ns(), "robot", [("session", text.encode())])
+
+    # -- what may happen to it
+
+    def set_fault(self, text: str) -> None:
+        """Set ``WORD``, or ``WORD:joint``, 1 to 7, of a joint that gets stuck. Raise ``ValueError``."""
+        fault, joint = parse_fault(text)
+        if joint is None:
+            self._faults.set(fault)
+            self._readings = {}
+            stuck = range(JOINTS)
+        elif 1 <= joint <= JOINTS and fault in (Fault.OK, Fault.STUCK):
+            stuck = range(joint - 1, joint)
+        else:
+            raise ValueError(f"a joint, 1 to {JOINTS}, can be ok or stuck, not {fault}")
+        for at in stuck:
+            self.controller.plant.set_stuck(at, fault is Fault.STUCK)
+
+    def power_cycle(self) -> None:
+        self.controller.wake_up()
+
+    def freeze(self, seconds: float) -> None:
+        """The controller neither reads nor speaks for so long; then it takes up what waited."""
+        self._frost.freeze(seconds)
+
+    def order(self, words: Sequence[str]) -> bool:
+        controller = self.controller
+        match words:
+            case ["motion", "start" | "stop" as word]:
+                controller.motion = word == "start"
+            case ["drive", joint, number] if joint.isdecimal() and number.isdecimal() and 1 <= int(joint) <= JOINTS:
+                controller.drives[int(joint) - 1] = int(number)
+            case [name, number] if name in MODES and number.isdecimal():
+                setattr(controller, name, int(number))
+            case _:
+                return False
+        return True
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.bind((host, port))
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    arm = arm_of(robot)
+    run_first(TWIN_PRIORITY)
+
+    def build(wire_log: WireLog) -> KukaServer:
+        return KukaServer(arm, wire_log, given)
+
+    run_server(build, **start)

@@ -1,0 +1,216 @@
+"""The controller of the twin: its FRI session, what its pendant does, the arm. It knows no sockets.
+
+Time passes in cycles. Every threshold of the session is assumed [?]: the vendor does not publish them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from strands_actors.drivers.common.physics import Plant
+
+from ..protocol import (
+    COUNTER,
+    JOINTS,
+    ClientMode,
+    Command,
+    ControlMode,
+    Drive,
+    Monitoring,
+    Overlay,
+    Quality,
+    State,
+)
+from ..robots import Arm
+from .body import model_table
+
+FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100
+"""Answers in a row."""
+POOR_AFTER, LOST_AFTER = 3, 10
+"""Answers that were missed in a row: more, and the quality is poor, or the session drops to monitoring."""
+MIRRORED = 20
+"""Answers in a row that repeat the interpolated position, before the client may command."""
+MIRROR_RAD = 1e-6
+STEP_TOLERANCE = 1.001
+AUTOMATIC = 2
+
+
+class Controller:
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        sample_ms: int = 10,
+        multiplier: int = 1,
+        now_s: Callable[[], float] = time.monotonic,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """``note`` hears each state of the session, and why."""
+        self.plant = Plant.from_table(model_table(arm))
+        self.sample_ms = sample_ms
+        self.multiplier = multiplier
+        self.now_s = now_s
+        self._note = note
+        self._reach_rad = tuple(joint.reach_rad for joint in arm.joints)
+        self._speed_rad_s = arm.speed_rad_s
+        self.wake_up()
+
+    def wake_up(self) -> None:
+        """Begin as after a boot, the arm where it is, a robot program that starts its motion by itself."""
+        self.motion = True  # the robot program wants to be commanded by the client
+        self.safety = 0
+        self.drives = [int(Drive.ACTIVE)] * JOINTS
+        self.control_mode = int(ControlMode.POSITION)
+        self.client_mode = int(ClientMode.POSITION)
+        self.overlay = int(Overlay.JOINT)
+        self.simulated = False  # whether a simulation moves the arm while no client commands it
+        self.state = State.MONITORING_WAIT
+        self.quality = Quality.POOR
+        self._answer: Command | None = None
+        self._sequence = 0
+        self._reflected = 0
+        self._good = self._missed = self._waited = self._mirrored = 0
+        for at in range(JOINTS):
+            self.plant.set_torque(at, True)
+        self.stand()
+        self.plant.catch_up(self.now_s())
+
+    # -- the arm
+
+    @property
+    def is_commanded(self) -> bool:
+        """Whether a client's positions are, or are about to be, what the arm does."""
+        return self.state >= State.COMMANDING_WAIT
+
+    def stand(self) -> None:
+        """Hold the arm where it is."""
+        self.aim(self.plant.position_rad)
+
+    def aim(self, position_rad: Sequence[float]) -> None:
+        self.commanded = tuple(position_rad)
+        for at, rad in enumerate(self.commanded):
+            self.plant.set_target(at, rad)
+
+    # -- one cycle
+
+    def hear(self, command: Command) -> None:
+        """Take an answer: of several in one cycle the last counts."""
+        self._answer = command
+
+    def cycle(self) -> Monitoring:
+        """Judge the answer to the message before, and say the next one."""
+        answer, self._answer = self._answer, None
+        answered = answer is not None and (self._sequence - answer.reflected) & COUNTER < self.multiplier
+        if answer is not None and answered:
+            self._reflected = answer.sequence
+        self._judge(answered)
+        if self._missed > LOST_AFTER and self.state > State.MONITORING_WAIT:
+            self._leave(State.MONITORING_WAIT, "no answers")
+        elif self.is_commanded and (why := self._why_not_movable()):
+            self._leave(State.MONITORING_READY, why)
+        else:
+            self._step(answer if answered else None)
+        self.plant.catch_up(self.now_s())
+        self._sequence = (self._sequence + 1) & COUNTER
+        return self._said()
+
+    def _judge(self, answered: bool) -> None:
+        """Count, and derive the quality of the connection. Only every so many cycles an answer is due."""
+        self._waited = 0 if answered else self._waited + 1
+        if answered:
+            self._good, self._missed = self._good + 1, 0
+        elif self._waited >= self.multiplier:
+            self._waited = 0
+            self._good, self._missed = 0, self._missed + 1
+        if self._missed > POOR_AFTER:
+            self.quality = Quality.POOR
+        for after, quality in ((FAIR_AFTER, 1), (GOOD_AFTER, 2), (EXCELLENT_AFTER, 3)):
+            if self._good >= after:
+                self.quality = Quality(max(self.quality, quality))
+
+    def _why_not_movable(self) -> str:
+        if self.safety:
+            return "safety stop"
+        if any(drive != Drive.ACTIVE for drive in self.drives):
+            return "a drive is off"
+        return "" if self.motion else "the motion was ended"
+
+    def _step(self, answer: Command | None) -> None:
+        match self.state:
+            case State.MONITORING_WAIT if self.quality >= Quality.GOOD:
+                self._enter(State.MONITORING_READY, "good")
+            case State.MONITORING_READY if self.quality is Quality.EXCELLENT and not self._why_not_movable():
+                self.simulated = False
+                self.stand()
+                self._mirrored = 0
+                self._enter(State.COMMANDING_WAIT, "motion started")
+            case State.COMMANDING_WAIT if answer is not None:
+                off = self._off(answer.position, self.commanded)
+                self._mirrored = self._mirrored + 1 if off <= MIRROR_RAD else 0
+                if self._mirrored >= MIRRORED:
+                    self._enter(State.COMMANDING_ACTIVE, "mirrored")
+            case State.COMMANDING_ACTIVE if answer is not None:
+                self._obey(answer)
+
+    def _obey(self, answer: Command) -> None:
+        if not answer.position:
+            self._abort("an answer without positions")
+            return
+        cycle_s = self.sample_ms * self.multiplier / 1e3
+        for at, (rad, before) in enumerate(zip(answer.position, self.commanded, strict=True)):
+            most = self._speed_rad_s[at] * cycle_s * STEP_TOLERANCE
+            if abs(rad - before) > most:
+                self._abort(f"joint{at + 1} steps {abs(rad - before):.5f} rad, limit {most:.5f}")
+                return
+            if abs(rad) > self._reach_rad[at] * STEP_TOLERANCE:
+                self._abort(f"joint{at + 1} is past its end")
+                return
+        self.aim(answer.position)
+
+    def _off(self, position: Sequence[float], wanted: Sequence[float]) -> float:
+        """Return the largest difference of two positions; infinite when there is none to compare."""
+        if not position:
+            return float("inf")
+        return max(abs(rad - other) for rad, other in zip(position, wanted, strict=True))
+
+    def mirrors(self, command: Command) -> bool:
+        """Tell whether a command only repeats the interpolated position while the controller waits for that."""
+        return self.state == State.COMMANDING_WAIT and self._off(command.position, self.commanded) <= MIRROR_RAD
+
+    def _abort(self, why: str) -> None:
+        """End the robot program's motion: only the pendant starts it again."""
+        self.motion = False
+        self._leave(State.MONITORING_READY, f"aborted, {why}")
+
+    def _leave(self, state: State, why: str) -> None:
+        if self.is_commanded:
+            self.stand()
+        self._enter(state, why)
+
+    def _enter(self, state: State, why: str) -> None:
+        self.state = state
+        self._note(f"{state.name}: {why}")
+
+    def _said(self) -> Monitoring:
+        effort = tuple(self.plant.effort_nm)
+        return Monitoring(
+            sequence=self._sequence,
+            reflected=self._reflected,
+            safety=self.safety,
+            drives=tuple(self.drives),
+            operation_mode=AUTOMATIC,
+            control_mode=self.control_mode,
+            position=tuple(self.plant.position_rad),
+            torque=effort,
+            commanded=self.commanded,
+            external_torque=(0.0,) * JOINTS,
+            state=int(self.state),
+            quality=int(self.quality),
+            sample_ms=self.sample_ms,
+            multiplier=self.multiplier,
+            interpolated=self.commanded if self.is_commanded else (),
+            client_mode=self.client_mode if self.is_commanded else int(ClientMode.NO_COMMAND_MODE),
+            overlay=self.overlay if self.is_commanded else int(Overlay.NO_OVERLAY),
+            tracking=1.0 if self.is_commanded else 0.0,
+        )

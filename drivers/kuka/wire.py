@@ -1,0 +1,231 @@
+"""The client's end of FRI in the wire process: it answers every cycle, and moves the arm while a setpoint lives."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import trio
+
+from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    Wire,
+    WireDown,
+)
+
+from .link import Link, answer_instead, failed, first_message
+from .protocol import JOINTS, Drive, Monitoring, State
+
+if TYPE_CHECKING:
+    from .driver import Kuka
+
+SHORTEST_MS, LONGEST_MS = 2, 20
+"""Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the published bound."""
+LOST_S = 0.5
+"""Without a message for so long the link counts as lost."""
+ACTIVE_S = 3.0
+"""So long arming waits for a session that is on its way to being commanded."""
+
+
+class KeptPort:
+    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its socket, and
+    another one could not be bound beside that."""
+
+    def __init__(self, driver: Kuka) -> None:
+        self._driver = driver
+        self._port: UdpListener | None = None
+
+    async def get(self) -> UdpListener:
+        """Raise ``WireDown``."""
+        if self._port is None:
+            try:
+                host, number = self._driver.place()
+            except ValueError as error:
+                raise WireDown(f"open: {error}") from None
+            self._port = await listen_udp(number, host)
+        return self._port
+
+    def release(self) -> None:
+        """Give it back, which otherwise the end of the process does."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+class KukaWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, driver: Kuka, kept: KeptPort, clock: Clock) -> None:
+        self._driver = driver
+        self._kept = kept
+        self._clock = clock
+        self._link_or_none: Link | None = None
+        self._permit: Permit | None = None  # of the setpoint that the arm moves by
+        self._written_ns = 0  # when that was written, or re-sent
+        self._seen: Monitoring | None = None
+        self._observation = Observation(0, (math.nan,) * JOINTS, (0,) * JOINTS)
+
+    async def open(self) -> dict[str, Any]:
+        """Wait for the controller, which speaks first. Nothing is sent."""
+        self.close()
+        driver = self._driver
+        port = await self._kept.get()
+        said: Monitoring | None = None
+        with trio.move_on_after(driver.connect_timeout_s):
+            said = await first_message(port)
+        if said is None:
+            host, number = driver.place()
+            raise WireDown(
+                f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
+                f"{driver.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
+                "address that it speaks to"
+            )
+        refuse_cycle(said)
+        self._link_or_none = Link(port, driver.arm, self._clock, said)
+        return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
+        link = self._link()
+        task_status.started()
+        while True:
+            said = await link.hear()
+            refuse_cycle(said)
+            if link.session.has_goal and not self._is_live():
+                link.session.hold()
+            link.answer(said)
+
+    def _is_live(self) -> bool:
+        """Whether the arm may still move: the setpoint stands, and was written or re-sent of late."""
+        lifetime_ns = self._driver.timing.stream_ttl_s * NS
+        if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
+            return False
+        try:
+            self._permit.check()
+        except PermitDenied:
+            return False
+        return True
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Energise nothing, which is the pendant's: hold, and wait a while for a session that may be commanded
+        soon. One that is not is armed all the same, and moves are refused until it is."""
+        link = self._link()
+        self._permit = None
+        permit.check()
+        with trio.move_on_after(ACTIVE_S):
+            while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
+                await link.news.wait()
+                permit.check()
+        permit.check()
+        return self._read(link)
+
+    async def read(self) -> Observation:
+        return self._read(self._link())
+
+    @property
+    def prompt(self) -> bool:
+        return self._link_or_none is not None
+
+    def _read(self, link: Link) -> Observation:
+        silent_s = link.silent_s()
+        if silent_s > LOST_S:
+            raise WireDown(f"read: no FRI message for {silent_s:.1f} s. Check the controller and the network")
+        said = link.said
+        if said is not self._seen:
+            self._seen = said
+            self._observation = observation_of(said, link.session.commanded, link.heard_ns)
+        return self._observation
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Take a target: the answers of the next cycles lead there, as long as the permit lasts."""
+        link = self._link()
+        if link.said.state != State.COMMANDING_ACTIVE:
+            raise PermitDenied(f"FRI session is {link.state}")
+        permit.check()
+        self._permit, self._written_ns = permit, self._clock.now_ns()
+        link.session.aim(values[:JOINTS], values[JOINTS])
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        link = self._link_or_none
+        if link is None:
+            return failed(self._driver.arm, "not connected")
+        self._permit = None  # from the next answer on nothing moves
+
+        async def cycle() -> None:
+            await link.news.wait()  # ``serve`` answers it
+
+        return await link.bring_to_stand(cycle, "")
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
+        arm, link = self._driver.arm, self._link_or_none
+        written = False
+        try:
+            if link is not None:
+                self._permit = None
+                written = link.hold_unasked()
+            port = await self._kept.get()
+            reports = await answer_instead(port, arm, self._clock, 0.0, "")
+        except WireDown as down:
+            return failed(arm, str(down), written)
+        return reports or failed(arm, "the controller says nothing", written)
+
+    def handover(self) -> tuple[int, ...]:
+        return (self._link().port.fileno(),)
+
+    def close(self) -> None:
+        """Answer no more: the controller drops the session and holds the arm."""
+        self._link_or_none = self._permit = None
+
+    def _link(self) -> Link:
+        if self._link_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._link_or_none
+
+
+def refuse_cycle(said: Monitoring) -> None:
+    """Raise ``WireDown`` for a cycle that cannot be kept."""
+    cycle_ms = said.sample_ms * said.multiplier
+    if said.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
+        raise WireDown(
+            f"FRI sample time {said.sample_ms} ms, receive multiplier {said.multiplier}. Set a sample time "
+            f"of {SHORTEST_MS} ms or more in the robot program, and both together {LONGEST_MS} ms or less"
+        )
+
+
+def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int) -> Observation:
+    """``commanded``: what the arm is told by us; empty: nothing."""
+    numbers = {
+        "fri_state": said.state,
+        "fri_quality": said.quality,
+        "sample_time_s": said.sample_ms / 1e3,
+        "safety_state": said.safety,
+        "operation_mode": said.operation_mode,
+        "control_mode": said.control_mode,
+        "client_mode": said.client_mode,
+        "overlay": said.overlay,
+        "tracking": said.tracking,
+    }
+    sensors = {name: (float(number),) for name, number in numbers.items()}
+    return Observation(
+        t_ns=heard_ns,
+        position=said.position,
+        stamp_ns=(heard_ns,) * JOINTS,
+        sensors={
+            "torque_nm": said.torque,
+            "external_torque_nm": said.external_torque,
+            "commanded_rad": commanded or said.commanded,
+            "drive_state": tuple(map(float, said.drives)),
+            **sensors,
+        },
+    )
+
+
+def _is_ready(said: Monitoring) -> bool:
+    """Whether nothing but time stands between a session and its being commanded, as far as it tells."""
+    return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)

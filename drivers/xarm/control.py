@@ -1,0 +1,191 @@
+"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire and by the
+root's stop channel."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import MotorReport, Permit, WireDown
+
+from . import protocol as p
+from .arms import AXES
+from .protocol import Register, State
+
+if TYPE_CHECKING:
+    from .driver import XArm
+
+ATTEMPTS = 3
+ACKNOWLEDGE_S, CONFIRM_S = 0.1, 0.2
+"""Of each attempt: three, and a connection, fit into what a stop may take."""
+
+LOOK_S = 0.02
+"""How often a permit is checked while a reply is awaited."""
+
+FORGET_S = 1.0
+"""A reply that has not come by then never comes."""
+
+
+class Stream(ByteStream, Protocol):
+    """What is needed of a connection."""
+
+    def read_waiting(self) -> bytes | None: ...
+
+    def close_in_order(self) -> None: ...
+
+
+OpenStream = Callable[[str, int], Awaitable[Stream]]
+
+
+class Control:
+    """Requests leave at once; replies are known by their number. Everything raises ``WireDown``."""
+
+    def __init__(self, stream: Stream, name: str, clock: Clock) -> None:
+        self._stream = stream
+        self._name = name
+        self._clock = clock
+        self._decoder = p.Decoder()
+        self._number = 0
+        self._open: dict[int, tuple[int, int]] = {}  # register and when it was sent, of what has not been answered
+        self._awaited: dict[int, p.Reply | None] = {}
+        self._heard_ns = 0
+        self.errors: tuple[int, int] = (0, 0)  # error and warning, when it was last asked
+        self.error_pending = False  # by the last reply to anything
+
+    @property
+    def idle(self) -> bool:
+        """Return whether it owes no reply."""
+        return not self._open
+
+    def silent_s(self, now_ns: int) -> float:
+        """Return how long it has owed a reply and said nothing."""
+        if not self._open:
+            return 0.0
+        first_ns = next(iter(self._open.values()))[1]
+        return (now_ns - max(first_ns, self._heard_ns)) / NS
+
+    def send(self, register: int, data: bytes = b"") -> int:
+        """Send a request now; return its number."""
+        self._number = self._number % p.LAST_NUMBER + 1
+        self._stream.write(p.request(self._number, register, data))
+        self._open[self._number] = register, self._clock.now_ns()
+        return self._number
+
+    async def ask(
+        self, register: int, data: bytes = b"", *, within_s: float, permit: Permit | None = None
+    ) -> p.Reply | None:
+        """Send a request and wait for its reply; None: none came in time. ``permit`` is checked meanwhile."""
+        number = self.send(register, data)
+        self._awaited[number] = None
+        end_s = trio.current_time() + within_s
+        try:
+            while self._awaited[number] is None and (left_s := end_s - trio.current_time()) > 0:
+                if permit is not None:
+                    permit.check()
+                with trio.move_on_after(min(left_s, LOOK_S)):
+                    self._take(await self._stream.read())
+            return self._awaited[number]
+        finally:
+            del self._awaited[number]
+
+    def take_waiting(self) -> None:
+        """Take in what has arrived. Never waits."""
+        while (data := self._stream.read_waiting()) is not None:
+            self._take(data)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def close_in_order(self) -> None:
+        """Close, and let what was sent be delivered: a stop that a frozen controller has not read yet."""
+        self._stream.close_in_order()
+
+    def _take(self, data: bytes) -> None:
+        now_ns = self._clock.now_ns()
+        try:
+            for heard in self._decoder.feed(data):
+                self._take_reply(p.reply_of(heard))
+        except MalformedFrame as malformed:
+            raise WireDown(f"{self._name}: cannot be understood ({malformed}). Reconnect") from None
+        self._heard_ns = now_ns
+        late = [number for number, (_, sent_ns) in self._open.items() if now_ns - sent_ns > FORGET_S * NS]
+        for number in late:
+            del self._open[number]
+
+    def _take_reply(self, reply: p.Reply) -> None:
+        asked = self._open.pop(reply.number, None)
+        if asked is None:
+            return  # later than anybody waits
+        if asked[0] != reply.register:
+            raise MalformedFrame(f"register {reply.register} for {asked[0]}")
+        self.error_pending = bool(reply.state & p.ERROR)
+        if reply.register == Register.ERRORS:
+            self.errors = p.errors_of(reply.data)
+        if reply.number in self._awaited:
+            self._awaited[reply.number] = reply
+
+
+async def open_control(driver: XArm, clock: Clock, open_stream: OpenStream) -> Control:
+    """Connect to the control port. Raise ``WireDown``."""
+    try:
+        host, port = driver.address()
+    except ValueError as error:
+        raise WireDown(str(error)) from None
+    return Control(await open_stream(host, port), f"{driver.robot} at {host}:{port}", clock)
+
+
+class Outcome(NamedTuple):
+    """What became of making the arm safe. ``detail``: why it is not known to be safe; empty when it is."""
+
+    written: bool
+    acknowledged: bool
+    detail: str
+
+    def reports(self) -> tuple[MotorReport, ...]:
+        """Return all joints alike: the controller answers for its arm."""
+        written, acknowledged, detail = self
+        return tuple(
+            MotorReport(axis, number, written, acknowledged, not detail, detail)
+            for number, axis in enumerate(AXES, 1)
+        )
+
+
+async def stop(control: Control) -> Outcome:
+    """Bring the arm to state 4, and read that it is. Never raises."""
+    written = acknowledged = False
+    detail = "silent"
+    try:
+        for _ in range(ATTEMPTS):
+            reply = await control.ask(Register.SET_STATE, bytes((State.STOPPED,)), within_s=ACKNOWLEDGE_S)
+            written, acknowledged = True, acknowledged or reply is not None
+            said = await control.ask(Register.GET_STATE, within_s=CONFIRM_S)
+            detail = "silent" if said is None else unsafe_words(said.data)
+            if not detail:
+                break
+    except WireDown as down:
+        detail = str(down)
+    return Outcome(written, acknowledged, detail)
+
+
+async def stop_anew(driver: XArm, clock: Clock, open_stream: OpenStream) -> Outcome:
+    """Do as ``stop``, over a connection of its own."""
+    try:
+        control = await open_control(driver, clock, open_stream)
+    except WireDown as down:
+        return Outcome(False, False, str(down))
+    try:
+        return await stop(control)
+    finally:
+        control.close_in_order()
+
+
+def unsafe_words(data: bytes) -> str:
+    """Return why a controller in this state is not stopped; empty when it is."""
+    if data[:1] == bytes((State.STOPPED,)):
+        return ""
+    return f"its controller says state {data[0]}" if data else "its controller says no state"

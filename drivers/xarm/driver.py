@@ -1,0 +1,110 @@
+"""UFACTORY xArm 7, on the controller's own TCP protocol: no SDK.
+
+Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo mode. For
+everything else it is stopped: state 4, in which the controller holds the arm, drops what it was told and takes
+nothing more. It stays so until ``resume()``, which is where servo mode is set up again. Brakes and power are left
+as they are.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.sensors import Sensor
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.runtime.clock import Clock
+from strands_actors.runtime.contract import HOLDING_REASONS, Driver, Reason, SecondPath, Timing, WireDown
+
+from .arms import TABLES, ArmType, arm_of, axes_of
+from .gates import CONDITIONS, all_gates
+from .protocol import CONTROL_PORT, JOINTS, Version
+
+if TYPE_CHECKING:
+    from .wire import XArmWire
+
+
+class XArmOptions(DriverOptions, frozen=True):
+    control_frequency: Annotated[
+        float,
+        option("setpoints a second, 10 to 250; a joint may step as far as it turns in one period", ge=10, le=250),
+    ] = 100.0
+
+
+class XArm(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"xyz": "tcp_xyz_m", "rpy": "tcp_rpy_rad"}),)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
+
+    unit = "radians"
+    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
+    firmware_watchdog = (
+        "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
+    )
+    conditions = CONDITIONS
+    silent_s = 0.3
+    """Without a report, or a reply that is owed, for so long the link counts as lost."""
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, XArmOptions, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        hz = read_options(robot, XArmOptions, options).control_frequency
+        self.robot = TABLES.canonical(robot)
+        self.port = port
+        self.arm = arm_of(robot)
+        self.declare(Part(PartKind.ARM, axes_of(self.arm)))
+        self.timing = Timing(
+            control_hz=hz,
+            keepalive_s=0.1,  # nothing needs it: it heals a target that the controller did not take
+            stream_ttl_s=0.1,
+            oneshot_ttl_s=None,
+            state_ttl_s=0.1,
+            arm_s=10.0,
+            tick_s=min(0.01, 1 / hz),
+        )
+        self.gates = all_gates(self.arm, self.table, 1 / hz, self.timing.state_ttl_s)
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        return {"robot": self.robot, "joints": {axis: target[axis] for axis in self.axes if axis in named}}
+
+    def kind_of(self, version: Version) -> ArmType:
+        """Return an arm's type. Raise ``WireDown`` for an arm that is another than it should be."""
+        at = self.arm.type_at(version)
+        if at is None:
+            known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
+            raise WireDown(
+                f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
+                f"{self.robot} has {JOINTS}, of type {known}"
+            )
+        return self.arm.types[at]
+
+    def address(self) -> tuple[str, int]:
+        """Return host and control port. Raise ``ValueError`` for a ``port`` that is no address."""
+        return parse_address(self.port, CONTROL_PORT)
+
+    @property
+    def host(self) -> str:
+        return self.address()[0]
+
+    def preload(self) -> None:
+        importlib.import_module(f"{__package__}.wire")
+
+    def open_wire(self, clock: Clock) -> XArmWire:
+        from .wire import XArmWire
+
+        return XArmWire(self, clock)
+
+    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+        from .wire import XArmStopChannel
+
+        return XArmStopChannel(self, clock)

@@ -1,0 +1,139 @@
+"""What is refused before it reaches the controller. Every gate is a pure function of the candidate and the state;
+nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.runtime.messages import Refused
+
+from .arms import Arm, Range
+from .protocol import Mode, State, error_words
+
+LEAD_S = 0.1
+"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo mode drives to it
+at full speed, also when the arm was kept from following [assumed: no arm lags so far behind]."""
+
+_ROUNDING = 1e-9
+
+_AGAIN = "see to its cause, then call stop() and resume()"
+
+Axes = Sequence[Axis]
+
+
+def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), past_own_range(arm, axes), too_fast(arm, axes, period_s), runs_ahead(arm, axes)
+
+
+# -- what must be true for a motion to begin, and to go on
+
+
+def error_free(observation: Observation, now_ns: int) -> Refused | None:
+    error = _sensor(observation, "error")
+    if error == 0:
+        return None
+    words = "an unknown error" if error is None else f"error {error_words(error)}"
+    return Refused("error", f"move: controller holds {words}", "clear it at the arm, then resume()", words, "none")
+
+
+def running(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse to move an arm that somebody paused or stopped, by whatever client: it never goes on by itself."""
+    state = _sensor(observation, "state")
+    if state in (State.MOVING, State.READY):
+        return None
+    word = {State.PAUSED.value: "paused", State.STOPPED.value: "stopped"}.get(state or 0, "not ready")
+    return Refused("state", f"move: arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
+
+
+def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
+    mode = _sensor(observation, "mode")
+    if mode == Mode.SERVO:
+        return None
+    return Refused("mode", f"move: arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
+
+
+CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, running, in_servo_mode))
+
+
+# -- of one setpoint
+
+
+def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
+    """Refuse what is past the range of the arm's own type, which the wire puts beside its positions; without that,
+    what is past the range of any."""
+
+    def within(ranges: Sequence[Range]) -> GateCheck:
+        pairs = zip(axes, ranges, strict=True)
+        return past_range([msgspec.structs.replace(axis, low=low, high=high) for axis, (low, high) in pairs])
+
+    of_types: dict[tuple[Range, ...], GateCheck] = {kind.range_rad: within(kind.range_rad) for kind in arm.types}
+    joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
+    of_all = within([(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
+
+    def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
+        sensors = state.observation.sensors
+        lows, highs = sensors.get("range_low_rad", ()), sensors.get("range_high_rad", ())
+        return of_types.get(tuple(zip(lows, highs, strict=True)), of_all)(candidate, state)
+
+    return past_own_range
+
+
+def speed_limit(arm: Arm, state: GateState) -> float:
+    """Return the controller's own joint speed limit, rad/s, at most the table's; that one when it is unknown."""
+    told = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
+    return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
+
+
+def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
+    """Refuse a step from the last *commanded* target that is more than a joint turns in one period of the control
+    loop. Servo mode has no speed: it goes to each target at once, however rarely one comes."""
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        allowed = speed_limit(arm, state) * period_s
+        for at in candidate.named:
+            step = abs(candidate.values[at] - state.target[at])
+            if not step <= allowed + _ROUNDING:
+                shown = math.floor(allowed * 1e5) / 1e5
+                return Refused(
+                    "too_fast",
+                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                    f"step at most {shown:.5g} rad",
+                    f"{step:.5g}",
+                    f"{shown:.5g}",
+                )
+        return None
+
+    return too_fast
+
+
+def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
+    """Refuse small steps that come quicker than the arm follows, or while something holds it back."""
+
+    def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
+        allowed = speed_limit(arm, state) * LEAD_S
+        for at in candidate.named:
+            lead = abs(candidate.values[at] - state.observation.position[at])
+            if not lead <= allowed + _ROUNDING:
+                shown = math.floor(allowed * 1e4) / 1e4
+                return Refused(
+                    "runs_ahead",
+                    f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
+                    "send targets no quicker than the arm follows them",
+                    f"{lead:.4g}",
+                    f"{shown:.4g}",
+                )
+        return None
+
+    return runs_ahead
+
+
+def _sensor(observation: Observation, name: str) -> int | None:
+    row = observation.sensors.get(name)
+    return round(row[0]) if row else None

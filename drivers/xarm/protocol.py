@@ -1,0 +1,249 @@
+"""What goes over an xArm controller's control port, 502: requests and replies. Pure: no I/O, no clock.
+
+    request  u16 number | u16 protocol | u16 length | u8 register | data
+    reply    u16 number | u16 protocol | u16 length | u8 register | u8 state | data
+
+Headers and integers are big-endian, floats little-endian; ``length`` counts from the register on. A TCP stream has
+no start marks: once a header cannot be, only a new connection helps. Source: what the vendor's Python SDK 1.18.4
+sends and reads; what nobody has seen on a controller is marked [assumed].
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+CONTROL_PORT = 502
+
+JOINTS = 7
+
+
+class Register(enum.IntEnum):
+    VERSION = 1
+    SERIAL = 2
+    MOTION_ENABLE = 11
+    SET_STATE = 12
+    GET_STATE = 13
+    QUEUE = 14
+    ERRORS = 15
+    CLEAR_ERROR = 16
+    CLEAR_WARNING = 17
+    SET_MODE = 19
+    MOVE_JOINT = 23
+    MOVE_HOME = 25
+    SERVO_JOINT = 29
+    TCP_POSE = 41
+    JOINT_STATES = 42
+    JOINT_TORQUE = 55
+    JOINT_VELOCITY = 81
+
+
+class State(enum.IntEnum):
+    """``SET_STATE`` takes 0, 3 and 4; the controller answers with the others."""
+
+    GO = 0
+    MOVING = 1
+    READY = 2
+    PAUSED = 3
+    STOPPED = 4
+
+
+class Mode(enum.IntEnum):
+    POSITION = 0
+    SERVO = 1
+    TEACH = 2
+    VELOCITY = 4
+
+
+ALL_JOINTS = 8
+"""Of ``MOTION_ENABLE``."""
+
+ERROR, WARNING, NOT_READY, INVALID = 0x40, 0x20, 0x10, 0x08
+"""Bits of a reply's state."""
+
+ERRORS = {
+    1: "emergency stop button",
+    2: "emergency stop input",
+    3: "emergency stop of the three-state switch",
+    10: "servo motors",
+    **{10 + joint: f"servo motor {joint}" for joint in range(1, JOINTS + 1)},
+    18: "force torque sensor",
+    19: "end effector",
+    21: "kinematics",
+    22: "self-collision",
+    23: "joint angle past its limit",
+    24: "speed exceeds limit",
+    25: "planning",
+    26: "real-time system of the controller",
+    27: "command reply",
+    28: "end module",
+    30: "feedback speed exceeds limit",
+    31: "collision",
+    33: "controller inputs",
+    35: "safety boundary",
+    36: "too many delayed commands",
+    37: "abnormal motion in manual mode",
+    38: "abnormal joint angle",
+    39: "power board",
+    40: "joint trajectory",
+    60: "linear speed exceeds limit in servo mode",
+}
+"""The controller's error codes, as the vendor's SDK lists them."""
+
+
+def error_words(code: int) -> str:
+    return f"{code} ({ERRORS.get(code, 'unknown')})"
+
+
+# -- requests and replies
+
+
+class Frame(NamedTuple):
+    """One frame of either direction. ``body``: register and data, in a reply the state between them."""
+
+    number: int
+    protocol: int
+    body: bytes
+
+
+class Reply(NamedTuple):
+    number: int
+    register: int
+    state: int
+    data: bytes
+
+
+PROTOCOL = 2
+"""Of every request. The SDK changes to 3 once it has read a firmware from 1.8.6 on; 2 is what every firmware hears
+first."""
+HEARTBEAT_PROTOCOL = 1
+_PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
+
+LAST_NUMBER = 0xFFFF
+LONGEST = 1024
+"""Bytes of a frame's body. The longest there is has 320."""
+
+_HEADER = struct.Struct(">HHH")
+
+
+class Decoder:
+    """A stream of bytes in any pieces to frames."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[Frame]:
+        """Return the frames that are whole. Raise ``MalformedFrame`` at a header that cannot be."""
+        self._pending += data
+        while len(self._pending) >= _HEADER.size:
+            number, protocol, length = _HEADER.unpack_from(self._pending)
+            if protocol not in _PROTOCOLS or not 1 <= length <= LONGEST:
+                raise MalformedFrame(f"protocol {protocol}, length {length}")
+            end = _HEADER.size + length
+            if len(self._pending) < end:
+                return
+            body = bytes(self._pending[_HEADER.size : end])
+            del self._pending[:end]
+            yield Frame(number, protocol, body)
+
+
+def frame(number: int, body: bytes, protocol: int = PROTOCOL) -> bytes:
+    return _HEADER.pack(number, protocol, len(body)) + body
+
+
+def request(number: int, register: int, data: bytes = b"") -> bytes:
+    return frame(number, bytes((register,)) + data)
+
+
+def reply_of(heard: Frame) -> Reply:
+    """Read a frame as a reply. Raise ``MalformedFrame``."""
+    if len(heard.body) < 2 or heard.protocol == HEARTBEAT_PROTOCOL:
+        raise MalformedFrame(f"a reply of {len(heard.body)} bytes, protocol {heard.protocol}")
+    return Reply(heard.number, heard.body[0], heard.body[1], heard.body[2:])
+
+
+def floats(values: Sequence[float]) -> bytes:
+    return struct.pack(f"<{len(values)}f", *values)
+
+
+def unpack_floats(data: bytes, count: int, at: int = 0) -> tuple[float, ...]:
+    """Return ``count`` floats from ``at`` on. Raise ``MalformedFrame`` when there are not so many."""
+    if len(data) < at + 4 * count:
+        raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {at} on")
+    return struct.unpack_from(f"<{count}f", data, at)
+
+
+SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2 = math.pi, 20.0
+"""What a setpoint says in fields that the controller reserves. A hold says 0: so the two can be told apart on the
+wire, and a firmware that reads the fields does what they say."""
+
+
+def servo_data(target_rad: Sequence[float], *, hold: bool = False) -> bytes:
+    """Return the data of ``SERVO_JOINT``."""
+    speed, acc = (0.0, 0.0) if hold else (SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2)
+    return floats((*target_rad, speed, acc, 0.0))
+
+
+def errors_of(data: bytes) -> tuple[int, int]:
+    """Return error and warning. Raise ``MalformedFrame``."""
+    if len(data) < 2:
+        raise MalformedFrame(f"{len(data)} bytes of error codes")
+    return data[0], data[1]
+
+
+def classify(body: bytes) -> tuple[str, str | None]:
+    """Return a request in the words of the wire log, and the safe state that it alone brings the arm to."""
+    register, data = body[0], body[1:]
+    match register:
+        case Register.SET_STATE if data[:1] == bytes((State.STOPPED,)):
+            return "safe", "stop"
+        case Register.SET_STATE if data[:1] == bytes((State.PAUSED,)):
+            return "config", None
+        case Register.MOTION_ENABLE if data[1:2] == b"\0":
+            return "config", None
+        case Register.MOTION_ENABLE | Register.SET_STATE | Register.SET_MODE:
+            return "enable", None
+        case Register.SERVO_JOINT if len(data) >= 4 * JOINTS + 4 and unpack_floats(data, 1, 4 * JOINTS) == (0.0,):
+            return "safe", "hold"
+        case Register.SERVO_JOINT | Register.MOVE_JOINT | Register.MOVE_HOME | Register.JOINT_VELOCITY:
+            return "setpoint", None
+        case Register.CLEAR_ERROR | Register.CLEAR_WARNING:
+            return "config", None
+    return "read" if register in tuple(Register) else "other", None
+
+
+# -- the version string
+
+
+class Version(NamedTuple):
+    axes: int
+    arm_type: int
+    serial: str  # of the arm
+    firmware: tuple[int, int, int]
+
+    @property
+    def text(self) -> str:
+        return ".".join(map(str, self.firmware))
+
+
+_VERSION = re.compile(r"(\d),(\d+),([^,]*),([^,]*),\D*(\d+)\.(\d+)\.(\d+)")
+
+TEXT_SIZE = 40
+
+
+def parse_version(data: bytes) -> Version:
+    """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware. Raise
+    ``MalformedFrame`` for anything else; firmware that says less is older than 1.0 [assumed]."""
+    text = data.partition(b"\0")[0].decode("ascii", "replace")
+    found = _VERSION.match(text)
+    if found is None:
+        raise MalformedFrame(f"version {text!r} names no type and firmware")
+    axes, arm_type, serial, _, *firmware = found.groups()
+    major, minor, revision = (int(part) for part in firmware)
+    return Version(int(axes), int(arm_type), serial.strip(), (major, minor, revision))

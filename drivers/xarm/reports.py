@@ -1,0 +1,112 @@
+"""What an xArm controller pushes: reports, each with its size in front. Pure: no I/O, no clock.
+
+    u32 size | u8 state | mode << 4 | u16 queue | 7 f32 joints | 6 f32 pose | 7 f32 torques | ...
+
+Size and queue are big-endian, floats little-endian. Source: what the vendor's Python SDK 1.18.4 reads.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .protocol import JOINTS, Version, unpack_floats
+
+NORMAL_PORT, RICH_PORT, REAL_PORT = 30001, 30002, 30003
+
+REAL_SIZE, NORMAL_SIZE, RICH_SIZE = 135, 145, 494
+_SMALLEST, _LARGEST = 87, 2048
+_SPEED_LIMIT_AT = 217
+_CODES_AT = 89
+
+_BASE = struct.Struct("<7f6f7f")
+_BASE_AT = 7
+
+
+class Report(NamedTuple):
+    """What every report begins with."""
+
+    state: int
+    mode: int
+    queue: int
+    position_rad: tuple[float, ...]
+    pose_mm_rad: tuple[float, ...]
+    torque_nm: tuple[float, ...]  # unit [assumed]
+
+
+class ReportDecoder:
+    """A stream of bytes in any pieces to reports, each with its size in front."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Return the reports that are whole. Raise ``MalformedFrame`` at a size that cannot be."""
+        self._pending += data
+        while len(self._pending) >= 4:
+            (size,) = struct.unpack_from(">I", self._pending)
+            if not _SMALLEST <= size <= _LARGEST:
+                raise MalformedFrame(f"a report of {size} bytes")
+            if len(self._pending) < size:
+                return
+            report = bytes(self._pending[:size])
+            del self._pending[:size]
+            yield report
+
+
+def parse_report(data: bytes) -> Report:
+    """Read what every report has. Raise ``MalformedFrame`` for one too short, or whose joints are nowhere."""
+    if len(data) < _SMALLEST:
+        raise MalformedFrame(f"a report of {len(data)} bytes")
+    state_and_mode, queue = data[4], int.from_bytes(data[5:7], "big")
+    numbers = _BASE.unpack_from(data, _BASE_AT)
+    position = numbers[:7]
+    if not all(math.isfinite(rad) for rad in position):
+        raise MalformedFrame(f"joints at {position}")
+    return Report(state_and_mode & 0x0F, state_and_mode >> 4, queue, position, numbers[7:13], numbers[13:])
+
+
+def speed_limit_of(rich: bytes) -> float | None:
+    """Return the controller's joint speed limit in a rich report, rad/s; None when it says none that could be."""
+    if len(rich) < _SPEED_LIMIT_AT + 4:
+        return None
+    (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_AT)
+    return limit if 0.0 < limit < math.inf else None
+
+
+def pack_report(size: int, report: Report) -> bytearray:
+    """Make a report of ``size`` bytes; what is not in ``Report`` is zero."""
+    data = bytearray(size)
+    struct.pack_into(">IBH", data, 0, size, report.state | report.mode << 4, report.queue)
+    _BASE.pack_into(data, _BASE_AT, *report.position_rad, *report.pose_mm_rad, *report.torque_nm)
+    return data
+
+
+class Details(NamedTuple):
+    """What the normal and the rich report add."""
+
+    enabled: int  # a bit a joint
+    error: int
+    warning: int
+
+
+def pack_details(data: bytearray, details: Details) -> None:
+    """Put them into a normal or rich report."""
+    data[87:89] = details.enabled, details.enabled  # brakes released, motors on
+    data[_CODES_AT : _CODES_AT + 2] = details.error, details.warning
+    data[131:133] = 3, 3  # collision and teaching sensitivity
+    struct.pack_into("<f", data, 141, -9.81)
+
+
+def pack_rich(data: bytearray, version: Version, text: str, speed_limit_rad_s: float, celsius: int) -> None:
+    """Put them into a rich report. Limits but the joint speed's are the SDK's defaults."""
+    data[145:151] = version.arm_type, version.axes, 1, 1, 0, 0
+    data[151:181] = text.encode()[:30].ljust(30, b"\0")
+    struct.pack_into("<5f", data, 181, 1000.0, 1.0, 50000.0, 0.1, 1000.0)
+    struct.pack_into("<5f", data, 201, 20.0, 0.01, 20.0, 0.0001, speed_limit_rad_s)
+    struct.pack_into("<2f", data, 221, 2.3, 4.0)
+    data[245 : 245 + JOINTS] = bytes((celsius,)) * JOINTS

@@ -1,0 +1,147 @@
+"""One controller while it is connected: its two connections, what came over them, and how they are opened."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import WireDown
+
+from . import protocol as p
+from . import reports as r
+from .arms import ArmType
+from .control import Control, OpenStream, Stream, open_control
+from .protocol import Mode, Register, State
+
+if TYPE_CHECKING:
+    from .driver import XArm
+
+HANDSHAKE_S = 0.6
+"""More than a controller may be silent: one that opens and does not speak is told as such."""
+
+LIMIT_S = 0.5
+"""For the first rich report; they come five times a second."""
+
+HELD_RAD = 0.01
+"""An arm this near to its target holds it [assumed]."""
+
+_MOVABLE = (State.MOVING, State.READY)
+
+
+class Session:
+    """One controller while it is connected."""
+
+    def __init__(self, control: Control, kind: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
+        self.control = control
+        self.kind = kind
+        self.limit_rad_s = limit_rad_s
+        self.target: tuple[float, ...] = ()  # the last that was written, since it was armed
+        self.report: r.Report
+        self.stamp_ns = 0  # when the report came
+        self.asked_ns = 0  # when the errors were asked for
+        self._reports = reports
+        self._name = name
+        self._decoder = r.ReportDecoder()
+
+    def take_waiting(self, now_ns: int) -> None:
+        """Take in what has arrived on both connections. Raise ``WireDown``."""
+        self.control.take_waiting()
+        while (data := self._reports.read_waiting()) is not None:
+            self._take(data, now_ns)
+
+    async def next_report(self, clock: Clock, within_s: float) -> bool:
+        """Wait for a report that has not come yet; return whether one came in time. Raise ``WireDown``."""
+        before_ns = self.stamp_ns
+        with trio.move_on_after(within_s):
+            while self.stamp_ns == before_ns:
+                self._take(await self._reports.read(), clock.now_ns())
+        return self.stamp_ns != before_ns
+
+    def silent_s(self, now_ns: int) -> float:
+        """Return how long there has been no report, or no reply that is owed: whichever is longer."""
+        return max((now_ns - self.stamp_ns) / NS, self.control.silent_s(now_ns))
+
+    def close(self) -> None:
+        self.control.close()
+        self._reports.close()
+
+    @property
+    def movable(self) -> bool:
+        """Return whether the arm would follow a target."""
+        return self.report.mode == Mode.SERVO and self.report.state in _MOVABLE
+
+    def held_at(self, target: tuple[float, ...]) -> bool:
+        """Return whether the arm is where ``target`` says."""
+        pairs = zip(self.report.position_rad, target, strict=True)
+        return all(abs(rad - wanted) <= HELD_RAD for rad, wanted in pairs)
+
+    def _take(self, data: bytes, now_ns: int) -> None:
+        try:
+            for report in self._decoder.feed(data):
+                self.report, self.stamp_ns = r.parse_report(report), now_ns
+        except MalformedFrame as malformed:
+            raise WireDown(f"{self._name}: its reports cannot be understood ({malformed}). Reconnect") from None
+
+
+async def open_session(driver: XArm, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
+    """Connect, ask who it is, hear its first report; return the session and facts for ``status``. Nothing is
+    written. Raise ``WireDown``."""
+    control = await open_control(driver, clock, open_stream)
+    try:
+        version = await _ask_version(driver, control)
+        kind = driver.kind_of(version)
+        if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
+            raise WireDown(f"{driver.robot} at {driver.port}: does not say its errors. Restart the controller")
+        told = await _read_speed_limit(driver, open_stream)
+        limit_rad_s = told or driver.arm.speed_rad_s
+        stream = await open_stream(driver.host, r.REAL_PORT)
+    except BaseException:
+        control.close()
+        raise
+    name = f"{driver.robot} at {driver.host}:{r.REAL_PORT}"
+    session = Session(control, kind, limit_rad_s, stream, name)
+    try:
+        if not await session.next_report(clock, HANDSHAKE_S):
+            raise WireDown(f"{name}: connected, but no report. Restart the controller")
+    except BaseException:
+        session.close()
+        raise
+    return session, {
+        "address": driver.port,
+        "firmware": version.text,
+        "arm_type": version.arm_type,
+        "serial": version.serial,
+        "speed_limit_rad_s": round(limit_rad_s, 4),
+        "speed_limit": "the controller's" if told else "not told by the controller: assumed",
+    }
+
+
+async def _ask_version(driver: XArm, control: Control) -> p.Version:
+    name = f"{driver.robot} at {driver.port}"
+    reply = await control.ask(Register.VERSION, within_s=HANDSHAKE_S)
+    if reply is None:
+        raise WireDown(f"{name}: connected, but no answer. Is it an xArm's controller? Restart it")
+    try:
+        return p.parse_version(reply.data)
+    except MalformedFrame as malformed:
+        raise WireDown(f"{name}: {malformed}. Update its firmware") from None
+
+
+async def _read_speed_limit(driver: XArm, open_stream: OpenStream) -> float | None:
+    """Return the controller's own, from its rich report; None when it does not tell."""
+    decoder = r.ReportDecoder()
+    with trio.move_on_after(LIMIT_S):
+        try:
+            stream = await open_stream(driver.host, r.RICH_PORT)
+            try:
+                while True:
+                    for report in decoder.feed(await stream.read()):
+                        return r.speed_limit_of(report)
+            finally:
+                stream.close()
+        except (WireDown, MalformedFrame):
+            pass  # the table's limit counts then, and status says so
+    return None

@@ -1,0 +1,212 @@
+"""The robot's end of an xArm's wire: control port, three ports of reports; MuJoCo behind them.
+
+Besides the control lines of every twin it takes ``error CODE`` (0: its cause is gone), ``state N`` and ``mode N``,
+as another client on the controller would set them.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Unpack
+
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.twin import (
+    ClientGone,
+    Exchange,
+    Fault,
+    Faults,
+    Handler,
+    Reply,
+    Start,
+    TcpServer,
+    WireLog,
+    answering,
+    known_options,
+    own_host,
+    run_server,
+)
+
+from .. import protocol as p
+from ..arms import arm_of
+from .body import XArmBody
+from .controller import TICK_HZ, Controller
+from .publisher import HZ, Publisher
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": f"TCP port of its control (default: {p.CONTROL_PORT}, which the vendor's software expects; where this "
+    "user may not have it, any free one). The ports of the reports are fixed",
+    "arm_type": "type in its version string: 3, 7 or 13 (default 7)",
+    "serial": "serial number of the arm (default XF1300012345)",
+    "firmware": "version of its firmware (default 1.12.10)",
+    "speed_limit_rad_s": "joint speed limit that it tells (default 3.14159)",
+}
+
+
+class Machine:
+    """What may happen to the robot."""
+
+    def __init__(self, controller: Controller, faults: Faults) -> None:
+        self.controller = controller
+        self.faults = faults
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None:
+        """Set a fault. ``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
+        if unit is None:
+            self.faults.set(fault)
+        elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
+            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
+        else:
+            raise ValueError(f"a joint, 1 to {p.JOINTS}, can be ok or stuck, not {fault}")
+
+    def power_cycle(self) -> None:
+        self.controller.wake_up()
+
+
+class ControlSession:
+    """What hears one client of the control port."""
+
+    def __init__(self, controller: Controller, faults: Faults) -> None:
+        self._controller = controller
+        self._faults = faults
+        self._decoder = p.Decoder()
+        self._felt: dict[int, bytes] = {}  # what each register said last: one that is stuck repeats it
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        try:
+            for heard in self._decoder.feed(data):
+                raw = p.frame(heard.number, heard.body, heard.protocol)
+                if heard.protocol == p.HEARTBEAT_PROTOCOL:
+                    yield Exchange("keepalive", raw, ())
+                else:
+                    kind, brings_to = p.classify(heard.body)
+                    yield Exchange(kind, raw, self._replies(heard, kind), brings_to)
+        except MalformedFrame:
+            raise ClientGone from None  # as a server does with what it cannot follow
+
+    def _replies(self, heard: p.Frame, kind: str) -> Sequence[Reply]:
+        register = heard.body[0]
+        stuck = self._faults.of(None) is Fault.STUCK
+        if stuck and kind != "read":
+            flags, data = self._controller.flags, b""  # it answers, and does not move
+        else:
+            flags, data = self._controller.obey(register, heard.body[1:])
+            if stuck:
+                data = self._felt.get(register, data)
+            self._felt[register] = data
+        answer = p.frame(heard.number, bytes((register, flags)) + data, heard.protocol)
+        reply = self._faults.apply(Reply(0.0, answer, None, kind))
+        return () if reply is None else (reply,)
+
+
+class XArmServer(TcpServer):
+    """Serves one controller at its ports, and makes its time pass."""
+
+    def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
+        self.controller = controller
+        faults = Faults()
+        self._machine = Machine(controller, faults)
+        self._publisher = Publisher(controller, faults)
+        self._body = XArmBody(controller)
+        handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
+        for number in HZ:
+            handlers[number] = functools.partial(self._publisher.serve, number)
+        super().__init__(self._machine, handlers, log, host)
+
+    @property
+    def body(self) -> XArmBody:
+        return self._body
+
+    def set_fault(self, text: str) -> None:
+        was_off = self._machine.faults.of(None) is Fault.OFF
+        super().set_fault(text)
+        is_off = self._machine.faults.of(None) is Fault.OFF
+        if is_off:
+            self.power_cycle()
+            self.unplug()
+        elif was_off:
+            self.plug()
+
+    def power_cycle(self) -> None:
+        """End every connection; the controller comes back with the motors off."""
+        super().power_cycle()
+        self.unplug()
+        self.plug()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["error", code] if code.isdecimal():
+                self.controller.fail(int(code))
+            case ["state", number] if number.isdecimal():
+                self.controller.set_state(int(number))
+            case ["mode", number] if number.isdecimal():
+                self.controller.set_mode(int(number))
+            case _:
+                return False
+        return True
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(super().serve)
+            nursery.start_soon(self._tick)
+
+    async def _tick(self) -> None:
+        period_s = 1.0 / TICK_HZ
+        due_s = trio.current_time()
+        while True:
+            await self._frost.thawed()
+            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
+            self.controller.tick()
+            self._publisher.push(time.monotonic())
+            due_s = max(due_s + period_s, trio.current_time() - period_s)
+            await trio.sleep_until(due_s)
+
+
+def may_bind(port: int) -> bool:
+    """Return whether this user may have the port at all, whoever has it now."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((own_host(), port))
+        except OSError as error:
+            return error.errno not in (errno.EACCES, errno.EPERM)
+    return True
+
+
+def controller_of(
+    robot: str,
+    *,
+    arm_type: int = 7,
+    serial: str = "XF1300012345",
+    firmware: str = "1.12.10",
+    speed_limit_rad_s: float = 3.14159,
+    now_s: Callable[[], float] = time.monotonic,
+) -> Controller:
+    """Raise ``ValueError`` for a type that is not known."""
+    arm = arm_of(robot)
+    text = f"{p.JOINTS},{arm_type},{serial},AC1300012345,v{firmware}"
+    at = arm.type_at(p.parse_version(text.encode()))
+    if at is None:
+        known = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
+        raise ValueError(f"arm_type is {arm_type}. Use {known}")
+    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host = given.pop("host", None)
+    port = int(given.pop("port", p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0))
+    kinds = {"arm_type": int, "speed_limit_rad_s": float}
+    controller = controller_of(robot, **{name: kinds.get(name, str)(value) for name, value in given.items()})
+
+    def build(wire_log: WireLog) -> XArmServer:
+        return XArmServer(controller, wire_log, host, port)
+
+    run_server(build, **start)

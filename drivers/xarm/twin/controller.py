@@ -1,0 +1,290 @@
+"""The controller of the twin: its registers, its state, its arm. It knows no sockets.
+
+Time passes in ticks, on the clock it is given; between them it only changes what it is told to. What nobody has
+seen on a real controller is marked [assumed].
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.physics import Plant
+
+from .. import protocol as p
+from .. import reports as r
+from ..arms import ArmType, arm_of, model_table
+from ..protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
+
+TICK_HZ = 250.0
+"""Of these controllers."""
+
+STEP_RAD = 0.5
+"""A servo target further than this from the one before: error 24 [assumed]."""
+
+STANDING_RAD_S = 0.01
+ARRIVED_RAD = 2e-3
+
+BRAKING_S = 0.05
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
+
+SLOWEST_RAD_S = 0.01
+SPEED_EXCEEDED, JOINT_PAST_LIMIT = 24, 23
+
+_RUNNING = (State.MOVING, State.READY)
+_ACKNOWLEDGED = frozenset({18, *range(31, 39), 70, 253, 254})
+"""Settings that are taken and change nothing here."""
+
+
+class Controller:
+    def __init__(
+        self,
+        robot: str,
+        kind: ArmType,
+        version: str,
+        *,
+        speed_limit_rad_s: float,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``speed_limit_rad_s``: what it says of itself; its arm turns as the table says."""
+        self.plant = Plant.from_table(model_table(robot, kind))
+        self.version_text = version
+        self.version = p.parse_version(version.encode())
+        self.speed_limit_rad_s = speed_limit_rad_s
+        self._kind = kind
+        self._top_rad_s = arm_of(robot).speed_rad_s
+        self._now_s = now_s
+        self.wake_up()
+
+    def wake_up(self) -> None:
+        """Begin as when switched on; the arm stays where it is, its brakes on."""
+        self.state: int = State.STOPPED
+        self.mode: int = Mode.POSITION
+        self.error = self.warning = 0
+        self.enabled = 0  # a bit a joint
+        self.led = False  # whether a simulation moves the arm: until it is energised on the wire
+        self._queue: deque[tuple[Sequence[float], float]] = deque()
+        self._goal: Sequence[float] | None = None  # of servo mode
+        self._rates: tuple[Sequence[float], float] | None = None  # of velocity mode, and until when
+        self._ticked_s = self._now_s()
+        self._set_brakes()
+        self._halt()
+        self.plant.catch_up(self._ticked_s)
+
+    # -- what it is
+
+    @property
+    def runs(self) -> bool:
+        """Return whether whoever is on the wire has the arm."""
+        return bool(self.enabled) and self.state in (*_RUNNING, State.PAUSED)
+
+    @property
+    def flags(self) -> int:
+        """Return the state byte of any reply."""
+        ready = self.enabled and self.state in _RUNNING and not self.error
+        return ERROR * bool(self.error) | WARNING * bool(self.warning) | NOT_READY * (not ready)
+
+    def report(self) -> r.Report:
+        plant = self.plant
+        return r.Report(
+            self.state, self.mode, len(self._queue), plant.position_rad, self._pose(), tuple(plant.effort_nm)
+        )
+
+    @property
+    def details(self) -> r.Details:
+        return r.Details(self.enabled, self.error, self.warning)
+
+    # -- what may happen to it
+
+    def fail(self, error: int) -> None:
+        """Stop by itself, motors off until they are enabled again [assumed]. 0: the cause is gone."""
+        self.error = error
+        if error:
+            self.enabled = 0
+            self._stop()
+            self._set_brakes()
+
+    def set_state(self, state: int) -> None:
+        match state:
+            case State.GO if self.enabled and not self.error:
+                self.state = State.READY
+            case State.PAUSED if self.state in _RUNNING:
+                self.state = State.PAUSED
+                self._halt()
+            case State.STOPPED:
+                self._stop()
+
+    def set_mode(self, mode: int) -> None:
+        self.mode = mode
+        self._stop()
+
+    # -- registers
+
+    def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
+        """Do what a request says; return state byte and data of the reply."""
+        try:
+            invalid, answer = self._obey(register, data)
+        except (MalformedFrame, IndexError):
+            invalid, answer = True, b""
+        return self.flags | INVALID * invalid, answer
+
+    def _obey(self, register: int, data: bytes) -> tuple[bool, bytes]:
+        """Return whether the register or its data cannot be, and what it answers."""
+        plant = self.plant
+        match register:
+            case Register.VERSION:
+                return False, self.version_text.encode().ljust(p.TEXT_SIZE, b"\0")
+            case Register.SERIAL:
+                return False, self.version.serial.encode().ljust(14, b"\0").ljust(p.TEXT_SIZE, b"\0")
+            case Register.MOTION_ENABLE:
+                if not 1 <= data[0] <= p.ALL_JOINTS:
+                    return True, b""
+                self._enable(data[0], bool(data[1]))
+            case Register.SET_STATE:
+                self.set_state(data[0])
+            case Register.GET_STATE:
+                return False, bytes((self.state,))
+            case Register.QUEUE:
+                return False, struct.pack(">H", len(self._queue))
+            case Register.ERRORS:
+                return False, bytes((self.error, self.warning))
+            case Register.CLEAR_ERROR:
+                self.error = 0
+            case Register.CLEAR_WARNING:
+                self.warning = 0
+            case Register.SET_MODE:
+                self.set_mode(data[0])
+            case Register.MOVE_JOINT | Register.SERVO_JOINT | Register.JOINT_VELOCITY | Register.MOVE_HOME:
+                self._move(register, data)
+            case Register.TCP_POSE:
+                return False, p.floats(self._pose())
+            case Register.JOINT_STATES:
+                rows = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm)
+                return False, b"".join(p.floats(row) for row in rows[: data[0] & 0x0F if data else 1])
+            case Register.JOINT_TORQUE:
+                return False, p.floats(plant.effort_nm)
+            case 45 | 46:
+                return False, b"\0"  # nothing is past a limit
+            case 233:
+                return False, bytes(8)
+            case _:
+                return register not in _ACKNOWLEDGED, b""
+        return False, b""
+
+    def _enable(self, joint: int, on: bool) -> None:
+        bits = (1 << p.JOINTS) - 1 if joint == p.ALL_JOINTS else 1 << joint - 1
+        self.enabled = self.enabled | bits if on else self.enabled & ~bits
+        if on:
+            self.led = False
+        else:
+            self._stop()
+        self._set_brakes()
+
+    def _move(self, register: int, data: bytes) -> None:
+        """Take a target, each sort in a mode of its own; an arm that is paused keeps it for later."""
+        if not self.runs or self.error:
+            return
+        numbers = p.unpack_floats(data, p.JOINTS)
+        if not all(map(math.isfinite, numbers)):
+            raise MalformedFrame(f"joints at {numbers}")
+        match register, self.mode:
+            case Register.SERVO_JOINT, Mode.SERVO:
+                self._servo(numbers)
+            case Register.MOVE_JOINT, Mode.POSITION:
+                (speed,) = p.unpack_floats(data, 1, 4 * p.JOINTS)
+                self._queue.append((numbers, max(SLOWEST_RAD_S, min(self._top_rad_s, speed))))
+            case Register.JOINT_VELOCITY, Mode.VELOCITY:
+                duration_s = p.unpack_floats(data, 1, 4 * p.JOINTS + 1)[0] if len(data) > 4 * p.JOINTS + 1 else -1.0
+                until_s = self._now_s() + duration_s if duration_s >= 0 else math.inf
+                self._rates = numbers, until_s
+
+    def _servo(self, goal: Sequence[float]) -> None:
+        before = self._goal or self._target
+        ranges = self._kind.range_rad
+        if any(not low - 1e-3 <= rad <= high + 1e-3 for rad, (low, high) in zip(goal, ranges, strict=True)):
+            self.fail(JOINT_PAST_LIMIT)
+        elif max(abs(rad - was) for rad, was in zip(goal, before, strict=True)) > STEP_RAD:
+            self.fail(SPEED_EXCEEDED)
+        else:
+            self._goal = goal
+
+    # -- the arm
+
+    def _stop(self) -> None:
+        self.state = State.STOPPED
+        self._queue.clear()
+        self._goal = self._rates = None
+        self._halt()
+
+    def _halt(self) -> None:
+        columns = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
+        self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
+
+    def aim(self, goal: Sequence[float]) -> None:
+        """Take the target of a simulation."""
+        self._target = list(goal)
+
+    def hold(self) -> None:
+        self._halt()
+
+    def lead(self, on: bool) -> None:
+        """Let a simulation move the arm, or take it back."""
+        self.led = on
+        self._halt()
+        self._set_brakes()
+
+    def _set_brakes(self) -> None:
+        for joint in range(p.JOINTS):
+            released = self.led or bool(self.enabled >> joint & 1)
+            self.plant.set_stuck(joint, not released)
+            self.plant.set_torque(joint, released)
+
+    # -- time
+
+    def tick(self) -> None:
+        now_s = self._now_s()
+        elapsed_s, self._ticked_s = min(now_s - self._ticked_s, 0.1), now_s
+        self.advance(elapsed_s)
+        self.plant.catch_up(now_s)
+        if self.state in _RUNNING:
+            moves = max(map(abs, self.plant.velocity_rad_s)) > STANDING_RAD_S
+            self.state = State.MOVING if self._queue or moves else State.READY
+
+    def advance(self, elapsed_s: float) -> None:
+        """Set the joints' targets for the time that has passed."""
+        if self.state in _RUNNING and not self.led:
+            if self.mode == Mode.SERVO and self._goal is not None:
+                self._target = list(self._goal)  # at full speed, whenever it comes
+            elif self.mode == Mode.POSITION and self._queue:
+                self._follow_queue(elapsed_s)
+            elif self.mode == Mode.VELOCITY and self._rates is not None:
+                self._follow_rates(elapsed_s)
+        for joint, rad in enumerate(self._target):
+            self.plant.set_target(joint, rad)
+
+    def _follow_queue(self, elapsed_s: float) -> None:
+        goal, speed = self._queue[0]
+        step = speed * elapsed_s
+        self._target = [at + max(-step, min(step, rad - at)) for at, rad in zip(self._target, goal, strict=True)]
+        if max(abs(at - rad) for at, rad in zip(self.plant.position_rad, goal, strict=True)) < ARRIVED_RAD:
+            self._queue.popleft()
+
+    def _follow_rates(self, elapsed_s: float) -> None:
+        assert self._rates is not None
+        rates, until_s = self._rates
+        if self._now_s() >= until_s:
+            self._rates = None
+            self._halt()
+        else:
+            self._target = [at + rate * elapsed_s for at, rate in zip(self._target, rates, strict=True)]
+
+    def _pose(self) -> tuple[float, ...]:
+        """Return the flange in the base: millimetres, then roll, pitch and yaw."""
+        flange = self.plant.data.body("link7")
+        m = flange.xmat
+        roll, pitch = math.atan2(m[7], m[8]), math.asin(max(-1.0, min(1.0, -m[6])))
+        return (*(1e3 * metres for metres in flange.xpos.tolist()), roll, pitch, math.atan2(m[3], m[0]))

@@ -1,0 +1,76 @@
+"""What the twin's controller pushes: three ports, each with a report of its own length and rate."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
+
+from .. import reports as r
+from .controller import TICK_HZ, Controller
+
+HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}
+WRONG_BY_RAD = 0.5
+ROOM_C = 30
+
+
+class Publisher:
+    """All who listen to one controller. Reports are not logged: a hundred a second would bury the rest."""
+
+    def __init__(self, controller: Controller, faults: Faults) -> None:
+        self._controller = controller
+        self._faults = faults
+        self._listeners: list[Listener] = []
+        self._stale: r.Report | None = None
+
+    def push(self, now_s: float) -> None:
+        """Send what is due after a tick."""
+        for listener in self._listeners:
+            if now_s >= listener.due_s:
+                listener.due_s = max(listener.due_s + 1 / HZ[listener.port], now_s - 1 / TICK_HZ)
+                reply = self._faults.apply(Reply(0.0, self._packed(listener.port)))
+                if reply is not None:
+                    listener.waiting.append((now_s + reply.delay_s + reply.late_s, reply.data))
+            listener.flush(now_s)
+
+    async def serve(self, port: int, connection: Connection) -> None:
+        listener = Listener(port, connection)
+        self._listeners.append(listener)
+        try:
+            while True:
+                t_ns, data = await connection.receive()
+                connection.heard(t_ns, "other", data)
+        finally:
+            self._listeners.remove(listener)
+
+    def _packed(self, port: int) -> bytes:
+        report = self._report()
+        if port == r.REAL_PORT:
+            return bytes(r.pack_report(r.REAL_SIZE, report))
+        controller = self._controller
+        data = r.pack_report(r.NORMAL_SIZE if port == r.NORMAL_PORT else r.RICH_SIZE, report)
+        r.pack_details(data, controller.details)
+        if port == r.RICH_PORT:
+            r.pack_rich(data, controller.version, controller.version_text, controller.speed_limit_rad_s, ROOM_C)
+        return bytes(data)
+
+    def _report(self) -> r.Report:
+        fault = self._faults.of(None)
+        if fault is Fault.STUCK and self._stale is not None:
+            return self._stale
+        report = self._stale = self._controller.report()
+        if fault is Fault.WRONG:
+            return report._replace(position_rad=tuple(rad + WRONG_BY_RAD for rad in report.position_rad))
+        return report
+
+
+class Listener:
+    def __init__(self, port: int, connection: Connection) -> None:
+        self.port = port
+        self.due_s = 0.0
+        self.waiting: deque[tuple[float, bytes]] = deque()
+        self._connection = connection
+
+    def flush(self, now_s: float) -> None:
+        while self.waiting and self.waiting[0][0] <= now_s:
+            self._connection.send(self.waiting.popleft()[1])

@@ -1,0 +1,238 @@
+"""An xArm's controller in the wire process, and the root's stop channel to it.
+
+Two connections: requests and replies on one, a hundred reports a second on the other. Reading is taking in what has
+arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a deadline.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.runtime.clock import NS, Clock
+from strands_actors.runtime.contract import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    SecondPath,
+    Wire,
+    WireDown,
+)
+
+from . import protocol as p
+from .control import CONFIRM_S, OpenStream, Outcome, stop, stop_anew
+from .protocol import Mode, Register, State
+from .session import Session, open_session
+
+if TYPE_CHECKING:
+    from .driver import XArm
+
+ENABLE_S = 5.0
+"""The vendor's SDK waits so long for motors to be enabled."""
+SETTING_S = 1.0
+READY_S = 2.0
+
+ERRORS_EVERY_S = 0.05
+
+QUIET_S = 0.05
+"""No setpoint is written to a controller that has been silent for so long: it would be taken up late."""
+
+HOLD_S = 0.25
+"""An arm that is told to hold is there within this time, or it is stopped. A stop may have to wait for that."""
+
+_REFUSED = p.ERROR | p.NOT_READY | p.INVALID
+
+
+class XArmWire(Wire):
+    def __init__(self, driver: XArm, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._open_stream = open_stream
+        self._session_or_none: Session | None = None
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        self._session_or_none, facts = await open_session(self._driver, self._clock, self._open_stream)
+        return facts
+
+    async def arm(self, permit: Permit) -> Observation:
+        session = self._session()
+        await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
+        self._refuse_error(session)
+        settings = (
+            (Register.MOTION_ENABLE, bytes((p.ALL_JOINTS, 1)), ENABLE_S),
+            (Register.SET_MODE, bytes((Mode.SERVO,)), SETTING_S),
+            (Register.SET_STATE, bytes((State.GO,)), SETTING_S),
+        )
+        for register, data, within_s in settings:
+            permit.check()
+            await self._ask(session, register, data, within_s, permit)
+            if session.control.error_pending:
+                await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
+                self._refuse_error(session)
+        await self._until_movable(session, permit)
+        here = session.report.position_rad
+        reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(here, hold=True), SETTING_S, permit)
+        if reply.state & _REFUSED:
+            raise WireDown(f"enable: the arm does not take its position as target (status 0x{reply.state:02x})")
+        session.target = here
+        return self._observation(session)
+
+    @property
+    def prompt(self) -> bool:
+        return True
+
+    async def read(self) -> Observation:
+        session = self._session()
+        now_ns = self._clock.now_ns()
+        session.take_waiting(now_ns)
+        self._check_alive(session, now_ns)
+        control = session.control
+        since_s = (now_ns - session.asked_ns) / NS
+        news = control.error_pending != bool(control.errors[0])
+        # rather alone: who answers one request a reading is asked one at a time. But a reply may never come
+        if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
+            control.send(Register.ERRORS)
+            session.asked_ns = now_ns
+        return self._observation(session)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        now_ns = self._clock.now_ns()
+        session.take_waiting(now_ns)
+        silent_s = session.silent_s(now_ns)
+        if silent_s > QUIET_S:
+            raise PermitDenied(f"the controller is silent for {silent_s * 1e3:.0f} ms")
+        permit.check()
+        session.control.send(Register.SERVO_JOINT, p.servo_data(values))
+        session.target = values
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return Outcome(False, False, "not connected").reports()
+        if rung == "hold" and session.target:
+            outcome = await self._hold(session)
+            if not outcome.detail:
+                return outcome.reports()
+        session.target = ()
+        outcome = await stop(session.control)
+        if not outcome.written:  # its connection is gone: the arm need not be
+            outcome = await stop_anew(self._driver, self._clock, self._open_stream)
+        return outcome.reports()
+
+    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+        return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.close()
+        self._session_or_none = None
+
+    # -- arming
+
+    async def _ask(
+        self, session: Session, register: Register, data: bytes, within_s: float, permit: Permit
+    ) -> p.Reply:
+        reply = await session.control.ask(register, data, within_s=within_s, permit=permit)
+        if reply is None:
+            raise WireDown(f"enable: no answer to {register.name} within {within_s:g} s. Check the controller")
+        return reply
+
+    def _refuse_error(self, session: Session) -> None:
+        error = session.control.errors[0]
+        if error:
+            raise WireDown(
+                f"enable: controller holds error {p.error_words(error)}. Clear it at the arm, then resume()"
+            )
+
+    async def _until_movable(self, session: Session, permit: Permit) -> None:
+        """Wait for a report that shows servo mode and a state that moves. Raise ``WireDown``."""
+        session.take_waiting(self._clock.now_ns())
+        with trio.move_on_after(READY_S):
+            while await session.next_report(self._clock, READY_S):
+                permit.check()
+                if session.movable:
+                    return
+        report = session.report
+        raise WireDown(
+            f"enable: the arm is in state {report.state}, mode {report.mode} after {READY_S:g} s, not ready in "
+            "servo mode. Look at it in the vendor's software"
+        )
+
+    # -- holding
+
+    async def _hold(self, session: Session) -> Outcome:
+        """Tell it its last target once more, and see it there. Never raises."""
+        acknowledged = False
+        try:
+            data = p.servo_data(session.target, hold=True)
+            reply = await session.control.ask(Register.SERVO_JOINT, data, within_s=CONFIRM_S)
+            acknowledged = reply is not None
+            if reply is None or reply.state & _REFUSED:
+                return Outcome(True, acknowledged, "not held")
+            session.take_waiting(self._clock.now_ns())
+            with trio.move_on_after(HOLD_S):
+                while await session.next_report(self._clock, HOLD_S):
+                    if session.movable and session.held_at(session.target):
+                        return Outcome(True, True, "")
+        except WireDown as down:
+            return Outcome(True, acknowledged, str(down))
+        return Outcome(True, acknowledged, "not where it is to hold")
+
+    # -- parts
+
+    def _check_alive(self, session: Session, now_ns: int) -> None:
+        silent_s = session.silent_s(now_ns)
+        if silent_s > self._driver.silent_s:
+            raise WireDown(
+                f"read: {self._driver.robot} is silent for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
+
+    def _observation(self, session: Session) -> Observation:
+        report, (error, warning) = session.report, session.control.errors
+        low, high = zip(*session.kind.range_rad, strict=True)
+        return Observation(
+            t_ns=session.stamp_ns,
+            position=report.position_rad,
+            stamp_ns=(session.stamp_ns,) * p.JOINTS,
+            sensors={
+                "torque_nm": report.torque_nm,
+                "tcp_xyz_m": tuple(mm / 1e3 for mm in report.pose_mm_rad[:3]),
+                "tcp_rpy_rad": report.pose_mm_rad[3:],
+                "state": (float(report.state),),
+                "mode": (float(report.mode),),
+                "error": (float(error),),
+                "warning": (float(warning),),
+                "speed_limit_rad_s": (session.limit_rad_s,),
+                "range_low_rad": low,
+                "range_high_rad": high,
+            },
+            faults={"controller": f"error {p.error_words(error)}"} if error else {},
+        )
+
+    def _session(self) -> Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+class XArmStopChannel(SecondPath):
+    """The root's way to the controller: a connection of its own, made when it is needed. By then the wire's is
+    gone with its process, so a controller that takes one client takes this one. A name for an address has to be
+    looked up then, too: a number is quicker."""
+
+    def __init__(self, driver: XArm, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._open_stream = open_stream
+
+    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+        return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
+
+    def close(self) -> None:
+        """Nothing is kept open."""

@@ -1,0 +1,449 @@
+"""A Franka arm on the real tree: real processes, the twin at its wire. Judged by the twin's log."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import os
+import signal
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from twin_process import TwinProcess
+
+from strands_actors import Robot
+from strands_actors.drivers.franka.arms import arm_of
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
+
+from .arms_on_twins import arm_on, away, cycle_of, is_at, pid, wait_at
+
+SLACK_S = 1.0
+"""On the published bounds, for a busy machine."""
+JOINTS = arm_of("panda").keys
+
+
+@pytest.fixture(scope="module")
+def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("panda", tmp_path_factory.mktemp("twin")) as process:
+        yield process
+
+
+@pytest.fixture
+def twin(twin_process: Twin) -> Iterator[Twin]:
+    os.truncate(twin_process.log.path, 0)
+    yield twin_process
+    twin_process.go_on()
+    twin_process.fault("ok")
+    twin_process.plug()
+    for line in ("mode IDLE", "success-rate measured"):
+        twin_process.order(line)
+
+
+@pytest.fixture
+def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    with arm_on(twin) as connected:
+        yield connected
+
+
+@pytest.fixture
+def moving(arm: RealRobot, twin: Twin) -> RealRobot:
+    """On its way for a second or more, to and fro from test to test."""
+    far = 0.6 if arm.get_observation()[JOINTS[0]] < 0.5 else -0.6
+    began_ns = time.monotonic_ns()
+    json_of(arm.send_action({**arm.get_observation(), JOINTS[0]: arm.get_observation()[JOINTS[0]] + far}))
+    until(lambda: len(twin.log.host("setpoint", began_ns)) > 100, "it moves")
+    return arm
+
+
+def first_safe(twin: Twin, since_ns: int) -> float:
+    """Seconds until the first safe frame; no setpoint comes after it."""
+    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(since_ns)
+    return (safe.t_ns - since_ns) / 1e9
+
+
+def comes_back(arm: RealRobot, twin: Twin) -> None:
+    """By itself, disarmed; moves only after a resume, from where it is."""
+    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+    back_ns = time.monotonic_ns()
+    assert "resume() first" in why(arm.send_action(away(arm, 0.01)))
+    time.sleep(0.2)
+    twin.log.silent_after(back_ns, "setpoint", "enable")
+    resumed = json_of(arm.resume())
+    seen = arm.get_observation()
+    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.01 for joint in JOINTS)
+    time.sleep(0.1)
+    twin.log.silent_after(back_ns, "setpoint", "enable")
+    goal = away(arm, -0.01)
+    json_of(arm.send_action(goal))
+    wait_at(arm, goal)
+
+
+def recovers(arm: RealRobot) -> None:
+    """As soon as no stop is under way."""
+    answer = until(lambda: None if (told := arm.recover())["status"] == "error" else told, "it recovers")
+    assert json_of(answer) == {"recovered": True}
+
+
+def worst_status_s(arm: RealRobot, for_s: float) -> float:
+    worst_s, end_s = 0.0, time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        began_s = time.monotonic()
+        status(arm)
+        worst_s = max(worst_s, time.monotonic() - began_s)
+        time.sleep(0.02)
+    return worst_s
+
+
+def commanded(twin: Twin, since_ns: int) -> list[tuple[float, ...]]:
+    """q_c of each setpoint, by the log."""
+    return [struct.unpack_from("<Q7d", entry.data)[1:] for entry in twin.log.host("setpoint", since_ns)]
+
+
+# -- the verbs
+
+
+def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
+    seen = arm.get_observation()
+    assert list(seen) == list(JOINTS)
+    goal = away(arm, 0.05)
+    began_ns = time.monotonic_ns()
+    answer = json_of(arm.send_action(goal))
+    assert answer == {"robot": "panda", "joints": list(JOINTS), "targets": goal, "speed_factor": 0.2}
+    wait_at(arm, goal)
+    assert [entry.kind for entry in twin.log.entries(began_ns) if entry.kind == "reflex"] == []
+    assert twin.log.host("setpoint", began_ns)[-1].data[8:64] == struct.pack("<7d", *goal.values())
+    arrived_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert state(arm) == "armed"
+    twin.log.silent_after(arrived_ns, "setpoint"), "the controller holds the arm by itself"
+
+    began_ns = time.monotonic_ns()
+    stopped = json_of(arm.stop())
+    assert stopped["rung"] == "stop"
+    assert list(stopped["motors"]) == list(JOINTS)
+    assert first_safe(twin, began_ns) < SLACK_S
+    comes_back(arm, twin)
+
+
+def test_a_motion_keeps_the_share_of_the_limits_that_was_asked_for(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    goal = away(arm, -0.3)
+    json_of(arm.send_action(goal))
+    wait_at(arm, goal)
+    path = commanded(twin, began_ns)
+    numbers = [struct.unpack_from("<Q", entry.data)[0] for entry in twin.log.host("setpoint", began_ns)]
+    limits = arm_of("panda")
+    for (at, before), (then, after) in itertools.pairwise(zip(numbers, path, strict=True)):
+        for joint in range(7):
+            speed = abs(after[joint] - before[joint]) / ((then - at) / 1e3)
+            assert speed <= 0.2 * limits.speed[joint] + 1e-6
+
+
+def test_a_new_target_replaces_the_one_before(moving: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    goal = away(moving, 0.0)
+    json_of(moving.send_action(goal))
+    wait_at(moving, goal)
+    assert [entry.kind for entry in twin.log.entries(began_ns) if entry.kind == "reflex"] == []
+    assert not twin.log.host("enable", began_ns), "within the same motion"
+
+
+def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    here = arm.get_observation()
+    assert "joint7 missing" in why(arm.send_action({joint: here[joint] for joint in JOINTS[:6]}))
+    assert "joint4 is nan" in why(arm.send_action({**here, "joint4": math.nan}))
+    assert "joint4 0.5000 rad is past -0.0698" in why(arm.send_action({**here, "joint4": 0.5}))
+    assert "fr3_joint1 is not a joint of panda" in why(arm.send_action({**here, "fr3_joint1": 0.0}))
+    time.sleep(0.1)
+    twin.log.silent_after(began_ns, "setpoint", "enable")
+
+
+def test_policies_are_refused_by_name(arm: RealRobot) -> None:
+    for answer in (arm.run_policy(lambda seen: dict(seen)), arm.start_task("wave", policy_provider="mock")):
+        assert "is moved by send_action" in why(answer)
+
+
+def test_saf_013_status_says_stride_scheduling_and_what_the_firmware_does(arm: RealRobot) -> None:
+    told = status(arm)
+    assert (told["state_hz"], told["stride"], told["fci"], told["speed_factor"]) == (1000, 33, 5, 0.2)
+    assert told["stream_rate_hz"] == pytest.approx(30.3, abs=0.1)
+    assert told["cycle_scheduling"].startswith(("SCHED_FIFO", "ordinary"))
+    assert "after 20 ms of a motion without a command" in told["firmware_watchdog"]
+    assert told["sensors"]["robot_mode"] == [1.0]
+    assert told["sensors"]["flange_m"][2] == pytest.approx(0.59, abs=0.3)
+
+
+@pytest.mark.parametrize("robot", ["fr3", "fr3_v2"])
+def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
+    with Twin(robot, tmp_path) as twin, arm_on(twin, robot, speed_factor=0.5, stream_rate_hz=100.0) as arm:
+        assert (status(arm)["fci"], status(arm)["stride"]) == (10, 10)
+        goal = away(arm, 0.2)
+        json_of(arm.send_action(goal))
+        wait_at(arm, goal)
+        near_the_end = {**arm.get_observation(), arm.driver.axes[3]: arm.driver.limits.high[3]}
+        json_of(arm.send_action(near_the_end))
+        wait_at(arm, near_the_end)
+        began_ns = time.monotonic_ns()
+        json_of(arm.stop())
+        assert first_safe(twin, began_ns) < SLACK_S
+        assert [entry.kind for entry in twin.log.entries() if entry.kind == "reflex"] == []
+
+
+@pytest.mark.parametrize(
+    ("robot", "fci", "said"),
+    [
+        ("panda", 10, "connect: controller speaks 10, panda speaks 5. use the fr3 or fr3_v2 driver"),
+        ("fr3", 5, "connect: controller speaks 5, fr3 speaks 10. use the panda driver"),
+    ],
+)
+def test_a_controller_of_the_other_version_is_named(
+    robot: str, fci: int, said: str, tmp_path: Path, run_dir: Path
+) -> None:
+    with TwinProcess(tmp_path, robot, "franka", options={"fci": fci}) as twin:
+        arm = Robot(robot, mode="real", port=twin.port)
+        try:
+            until(lambda: said in (arm.connect_eagerly() or ""), "it says so")
+        finally:
+            arm.cleanup()
+        assert not [kind for kind, _ in twin.logged("host") if kind in ("setpoint", "enable")]
+
+
+def test_a_twin_without_anything_else(run_dir: Path) -> None:
+    """As in the README: no vendor's SDK, no port."""
+    with Robot("fr3", mode="real", transport="twin") as arm:
+        goal = {joint: here - 0.05 for joint, here in arm.get_observation().items()}
+        json_of(arm.send_action(goal))
+        wait_at(arm, goal)
+
+
+def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
+    """One joint is enough: what gates refuse is the real arm's."""
+    with Robot("panda") as sim:
+        json_of(sim.send_action({"joint1": 0.3}))
+        wait_at(sim, {"joint1": 0.3})
+        goal = {joint: here + 0.3 for joint, here in sim.get_observation().items()}
+        json_of(sim.send_action(goal))
+        until(
+            lambda: all(abs(sim.get_observation()[joint] - goal[joint]) < 0.01 for joint in JOINTS), "it is there"
+        )
+        assert sim.render(64, 48).shape == (48, 64, 3)
+
+
+# -- the controller says no
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        ("reflex joint_reflex", "arm is in reflex (joint_reflex). recover() first"),
+        ("mode USER_STOPPED", "user_stopped"),
+    ],
+)
+def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, order: str, said: str) -> None:
+    """Named, disarmed; nothing goes on by itself when it is over, and arming is refused as long as it lasts."""
+    began_ns = time.monotonic_ns()
+    twin.order(order)
+    until(lambda: state(moving) == "disarmed", "the tree notices by itself")
+    assert first_safe(twin, began_ns) < SLACK_S
+    assert said in why(moving.resume())
+    if order.startswith("reflex"):
+        recovers(moving)
+    else:
+        until(lambda: "the controller refuses" in why(moving.recover()), "it is said")
+        twin.order("mode IDLE")
+    lifted_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    twin.log.silent_after(lifted_ns, "setpoint")
+    until(lambda: moving.resume()["status"] == "success", "it can be armed again")
+    goal = away(moving, 0.01)
+    json_of(moving.send_action(goal))
+    wait_at(moving, goal)
+
+
+def test_a_reflex_before_connecting_is_named(twin: Twin, run_dir: Path) -> None:
+    twin.order("reflex cartesian_reflex")
+    time.sleep(0.1)
+    arm = Robot("panda", mode="real", port=twin.port)
+    try:
+        until(lambda: "arm is in reflex (cartesian_reflex)" in (arm.connect_eagerly() or ""), "it says so")
+        assert not twin.log.host("setpoint")
+        recovers(arm)
+        until(lambda: arm.connect_eagerly() is None, "it connects when it has recovered")
+    finally:
+        arm.cleanup()
+
+
+def test_commands_that_do_not_arrive_are_told_and_new_targets_refused(moving: RealRobot, twin: Twin) -> None:
+    twin.order("success-rate 0.4")
+    until(lambda: "40%" in status(moving)["faults"].get("success_rate", ""), "status warns")
+    assert "40% of the commands reach" in why(moving.send_action(moving.get_observation()))
+
+
+# -- processes die and freeze
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    """Its connection ends with it; the root sees that the arm stands, by one of its own."""
+    victim, cycle = pid(moving, "wire"), cycle_of(moving)
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"]
+    until(lambda: not Path(f"/proc/{cycle}").exists(), "the process of the cycle has ended with it")
+    comes_back(moving, twin)
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    began_ns = time.monotonic_ns()
+    os.kill(pid(moving, "root"), fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    json_of(moving.resume())
+    goal = away(moving, 0.01)
+    json_of(moving.send_action(goal))
+    wait_at(moving, goal)
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_cycle_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    """The controller stops the arm by itself, or the end of the connection does: which is first is chance."""
+    cycle = cycle_of(moving)
+    began_ns = time.monotonic_ns()
+    os.kill(cycle, fault)
+    until(
+        lambda: [entry for entry in twin.log.entries(began_ns) if entry.kind in ("reflex", "aborted")], "it stops"
+    )
+    until(lambda: state(moving) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("safe", began_ns)
+    until(lambda: not Path(f"/proc/{cycle}").exists(), "nothing is left of it")
+    if status(moving)["sensors"]["robot_mode"] == [4.0]:
+        assert "communication_constraints_violation" in why(moving.resume())
+        recovers(moving)
+    comes_back(moving, twin)
+
+
+def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> None:
+    wire, root = pid(moving, "wire"), pid(moving, "root")
+    began_ns = time.monotonic_ns()
+    os.kill(root, signal.SIGKILL)
+    os.kill(wire, signal.SIGKILL)
+    until(lambda: [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"], "the motion ends")
+    ended_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    twin.log.silent_after(ended_ns, "setpoint")
+
+
+# -- the controller freezes, or its network goes
+
+
+def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    """What is on its way then is followed by a safe frame when it wakes up."""
+    twin.pause()
+    assert worst_status_s(moving, 2.0) < 0.2 + SLACK_S
+    assert not status(moving)["connected"]
+    assert why(moving.send_action(dict.fromkeys(JOINTS, 0.1)))
+    thawed_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: state(moving) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("safe", thawed_ns)
+    assert len(twin.log.host("setpoint", thawed_ns)) < 30
+    if status(moving)["sensors"]["robot_mode"] == [4.0]:
+        recovers(moving)
+    comes_back(moving, twin)
+
+
+def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
+    moving: RealRobot, twin: Twin
+) -> None:
+    twin.pause()
+    time.sleep(0.05)
+    began_s = time.monotonic()
+    answer = moving.stop()
+    assert time.monotonic() - began_s < 3.0 + SLACK_S
+    assert all(joint in why(answer) for joint in JOINTS), answer
+    thawed_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: twin.log.host("safe", thawed_ns), "SAF-010: what executes late is followed by the stop")
+    until(lambda: state(moving) == "disarmed", "it is confirmed")
+    twin.log.no_setpoint_after_safe(thawed_ns)
+    comes_back(moving, twin)
+
+
+def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    pulled_ns = time.monotonic_ns()
+    twin.unplug()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    until(lambda: "cannot connect" in (status(moving)["connect_error"] or ""), "it says why")
+    assert [entry for entry in twin.log.entries(pulled_ns) if entry.kind == "aborted"], "the controller stopped it"
+    assert why(moving.stop())
+    twin.plug()
+    comes_back(moving, twin)
+
+
+@pytest.mark.parametrize("fault", ["stuck", "garbage"])
+def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Twin, fault: str) -> None:
+    """Its numbers stand still, or nothing is a state: the connection is open all the same."""
+    twin.fault(fault)
+    until(lambda: not status(moving)["connected"] or state(moving) == "disarmed", "it is noticed")
+    twin.fault("ok")
+    until(lambda: state(moving) == "disarmed", "it is back, disarmed")
+    if status(moving)["sensors"]["robot_mode"] == [4.0]:
+        recovers(moving)
+    comes_back(moving, twin)
+
+
+def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
+    wire = pid(arm, "wire")
+    for _ in range(5):
+        twin.unplug()
+        until(lambda: not status(arm)["connected"], "it is noticed")
+        twin.plug()
+        until(lambda: state(arm) == "disarmed", "it is back")
+        json_of(arm.resume())
+    goal = away(arm, 0.01)
+    json_of(arm.send_action(goal))
+    wait_at(arm, goal)
+    assert pid(arm, "wire") == wire
+    children = Path(f"/proc/{wire}/task/{wire}/children")
+    until(lambda: len(children.read_text().split()) == 1, "one process of the cycle, and none left unburied")
+
+
+def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
+    twin.power_cycle()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    comes_back(moving, twin)
+
+
+def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin: Twin, run_dir: Path) -> None:
+    """The vendor's constructors never return here."""
+    twin.pause()
+    arm = Robot("panda", mode="real", port=twin.port)
+    connecting = threading.Thread(target=arm.connect_eagerly)
+    try:
+        connecting.start()
+        time.sleep(0.5)
+        assert worst_status_s(arm, 1.5) < 0.2 + SLACK_S
+        began_s = time.monotonic()
+        arm.stop()
+        assert time.monotonic() - began_s < 3.0 + SLACK_S
+        twin.go_on()
+        connecting.join(30.0)
+        assert not connecting.is_alive()
+        until(lambda: arm.connect_eagerly() is None, "it connects", 60.0)
+        goal = away(arm, 0.01)
+        json_of(arm.send_action(goal))
+        until(functools.partial(is_at, arm, goal), "it moves")
+    finally:
+        twin.go_on()
+        arm.cleanup()

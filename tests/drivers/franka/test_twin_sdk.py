@@ -1,0 +1,284 @@
+"""The vendor's clients, as they are, against the twin: panda-python (FCI 5) and pylibfranka (FCI 10).
+
+In processes of their own: their constructors wait for ever for a controller that is frozen, one of them with the
+interpreter's lock.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from twin_process import PATIENCE_S, TwinProcess
+
+PRELUDE = """
+import json, math, os, sys, time, warnings
+host = sys.argv[1]
+
+def end(**told):
+    print(json.dumps(told), flush=True)
+    os._exit(0)
+
+"""
+PANDA = """
+import panda_py
+from panda_py import controllers, libfranka
+panda = panda_py.Panda(host, realtime_config=libfranka.RealtimeConfig.kIgnore)
+"""
+FR3 = """
+import pylibfranka as franka
+robot = franka.Robot(host, franka.RealtimeConfig.kIgnore)
+"""
+
+
+def twin_of(robot: str, directory: Path, **options: Any) -> TwinProcess:
+    return TwinProcess(directory, robot, "franka", options=options)
+
+
+@pytest.fixture
+def panda(tmp_path: Path) -> Iterator[TwinProcess]:
+    with twin_of("panda", tmp_path) as process:
+        yield process
+
+
+@pytest.fixture
+def fr3(tmp_path: Path) -> Iterator[TwinProcess]:
+    with twin_of("fr3", tmp_path) as process:
+        yield process
+
+
+def program(twin: TwinProcess, text: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", PRELUDE + text, twin.port.partition(":")[0]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def hear(client: subprocess.Popen[str], word: str) -> None:
+    """Wait until the program says so."""
+    assert client.stdout is not None
+    while word not in (line := client.stdout.readline()):
+        assert line, "the client has ended"
+
+
+def told_by(client: subprocess.Popen[str]) -> dict[str, Any]:
+    """What the program tells at its end."""
+    try:
+        said, _ = client.communicate(timeout=3 * PATIENCE_S)
+    finally:
+        client.kill()
+    lines = [line for line in said.splitlines() if line.startswith("{")]
+    assert client.returncode == 0 and lines, said
+    told: dict[str, Any] = json.loads(lines[-1])
+    return told
+
+
+def run(twin: TwinProcess, text: str) -> dict[str, Any]:
+    return told_by(program(twin, text))
+
+
+# -- FCI 5
+
+
+def test_panda_python_connects_reads_moves_and_loads_the_model(panda: TwinProcess) -> None:
+    told = run(
+        panda,
+        PANDA
+        + """
+first = panda.get_state()
+goal = [rad + 0.1 for rad in panda.q]
+moved = panda.move_to_joint_position(goal, speed_factor=0.2)
+reached = max(abs(there - here) for there, here in zip(goal, panda.get_state().q))
+started = panda.move_to_start()
+coriolis = list(panda.get_model().coriolis(panda.get_state()))
+end(mode=str(first.robot_mode), moved=moved, reached=reached, started=started, pose=list(first.O_T_EE),
+    coriolis=coriolis)
+""",
+    )
+    assert told["mode"] == "RobotMode.kIdle"
+    assert told["moved"] and told["started"]
+    assert told["reached"] < 0.01
+    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)  # of the vendor's start pose
+    assert told["coriolis"] == [0.0] * 7
+    kinds = [kind for kind, _ in panda.logged("host")]
+    assert kinds.count("enable") == 2 and kinds.count("setpoint") > 1000
+
+
+def test_panda_python_runs_a_controller_of_its_own_and_stops_it(panda: TwinProcess) -> None:
+    told = run(
+        panda,
+        PANDA
+        + """
+q = list(panda.q)
+controller = controllers.JointPosition()
+panda.start_controller(controller)
+with panda.create_context(frequency=200, max_runtime=1.0) as context:
+    while context.ok():
+        controller.set_control([rad + 0.05 * math.sin(math.pi * min(context.time, 0.5)) for rad in q])
+moved = panda.get_state().q[0] - q[0]
+panda.stop_controller()
+end(moved=moved, mode=str(panda.get_state().robot_mode))
+""",
+    )
+    assert told["moved"] == pytest.approx(0.05, abs=0.015)
+    assert told["mode"] == "RobotMode.kIdle"
+
+
+def test_panda_python_sees_a_reflex_and_recovers(panda: TwinProcess) -> None:
+    client = program(
+        panda,
+        PANDA
+        + """
+print("ready", flush=True)
+while panda.get_state().robot_mode == libfranka.RobotMode.kIdle:
+    pass
+reflex = str(panda.get_state().robot_mode)
+errors = str(panda.get_state().last_motion_errors)
+panda.recover()
+end(reflex=reflex, errors=errors, after=str(panda.get_state().robot_mode), moved=panda.move_to_start())
+""",
+    )
+    hear(client, "ready")
+    panda.command("reflex joint_reflex")
+    told = told_by(client)
+    assert told["reflex"] == "RobotMode.kReflex"
+    assert "joint_reflex" in told["errors"]
+    assert told["after"] == "RobotMode.kIdle"
+    assert told["moved"]
+
+
+def test_panda_python_is_told_of_the_other_version(tmp_path: Path) -> None:
+    with twin_of("panda", tmp_path, fci=10) as twin:
+        told = run(
+            twin,
+            """
+import panda_py
+from panda_py import libfranka
+try:
+    panda_py.Panda(host, realtime_config=libfranka.RealtimeConfig.kIgnore)
+except Exception as error:
+    end(error=str(error))
+""",
+        )
+    assert "version 10" in told["error"] and "version 5" in told["error"], told
+
+
+# -- FCI 10
+
+
+def test_pylibfranka_connects_reads_and_loads_the_model(fr3: TwinProcess) -> None:
+    told = run(
+        fr3,
+        FR3
+        + """
+state = robot.read_once()
+gravity = robot.load_model().gravity(state)
+end(mode=str(state.robot_mode), q=list(state.q), pose=list(state.O_T_EE), gravity=len(list(gravity)))
+""",
+    )
+    assert told["mode"] == "RobotMode.Idle"
+    assert told["q"] == pytest.approx([0, -0.7854, 0, -2.3562, 0, 1.5708, 0.7854], abs=1e-3)
+    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)
+    assert told["gravity"] == 7
+
+
+MOVE = """
+active = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+start, elapsed, cycles = None, 0.0, 0
+while elapsed < 1.0:
+    state, duration = active.readOnce()
+    start = start or list(state.q_d)
+    elapsed, cycles = elapsed + duration.to_sec(), cycles + 1
+    swing = 0.05 * (1 - math.cos(math.pi * min(elapsed, 1.0)))
+    command = franka.JointPositions([rad + swing for rad in start])
+    command.motion_finished = elapsed >= 1.0
+    active.writeOnce(command)
+"""
+
+
+def test_pylibfranka_moves_at_1_khz(fr3: TwinProcess) -> None:
+    told = run(
+        fr3,
+        FR3
+        + MOVE
+        + """
+for _ in range(300):
+    state = robot.read_once()
+end(cycles=cycles, moved=[there - here for there, here in zip(state.q, start)], mode=str(state.robot_mode))
+""",
+    )
+    assert told["cycles"] > 900
+    assert told["moved"] == pytest.approx([0.1] * 7, abs=0.01)
+    assert told["mode"] == "RobotMode.Idle"
+
+
+def test_pylibfranka_is_stopped_by_a_guard_and_recovers(fr3: TwinProcess) -> None:
+    """It jumps; the controller's guard ends the motion, names why, and is cleared."""
+    told = run(
+        fr3,
+        FR3
+        + """
+active = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+try:
+    for cycle in range(200):
+        state, _ = active.readOnce()
+        start = list(state.q_d) if cycle == 0 else start
+        active.writeOnce(franka.JointPositions([rad + (0.2 if cycle > 50 else 0.0) for rad in start]))
+    error = ""
+except Exception as failure:
+    error = str(failure)
+reflex = str(robot.read_once().robot_mode)
+del active
+robot.automatic_error_recovery()
+"""
+        + MOVE
+        + "end(error=error, reflex=reflex, cycles=cycles)",
+    )
+    assert "joint_motion_generator_velocity_limits_violation" in told["error"]
+    assert told["reflex"] == "RobotMode.Reflex"
+    assert told["cycles"] > 900
+
+
+def test_pylibfranka_is_told_of_the_other_version(tmp_path: Path) -> None:
+    with twin_of("fr3", tmp_path, fci=5) as twin:
+        told = run(
+            twin,
+            """
+import pylibfranka as franka
+try:
+    franka.Robot(host, franka.RealtimeConfig.kIgnore)
+except Exception as error:
+    end(error=str(error))
+""",
+        )
+    assert "version: 5" in told["error"], told
+
+
+# -- both
+
+
+@pytest.mark.parametrize(("robot", "text"), [("panda", PANDA), ("fr3", FR3)])
+def test_saf_003_a_client_that_is_killed_leaves_an_arm_that_stands(robot: str, text: str, tmp_path: Path) -> None:
+    """Its connection ends with it, and the controller ends the motion with the connection."""
+    with twin_of(robot, tmp_path) as twin:
+        motion = (
+            "print('moving', flush=True); panda.move_to_joint_position([rad + 1.0 for rad in panda.q], 0.2)"
+            if robot == "panda"
+            else "print('moving', flush=True)\n" + MOVE.replace("elapsed < 1.0", "True").replace(">= 1.0", "> 99")
+        )
+        client = program(twin, text + motion)
+        hear(client, "moving")
+        while len([kind for kind, _ in twin.logged("host") if kind == "setpoint"]) < 50:
+            assert client.poll() is None
+        client.kill()
+        client.communicate()
+        while ("aborted", "") not in twin.logged("robot"):
+            assert twin.process.poll() is None
+        assert [kind for kind, _ in twin.logged("host")][-1] in ("setpoint", "other")

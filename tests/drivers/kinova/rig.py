@@ -1,0 +1,98 @@
+"""The Kinova wire and its stop channel on the twin's base, in memory under virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import trio
+from memory_port import MemoryPort, Permission
+
+from strands_actors.drivers.kinova.driver import Kinova
+from strands_actors.drivers.kinova.protocol import Call, Decoder, Frame
+from strands_actors.drivers.kinova.stop_channel import StopChannel
+from strands_actors.drivers.kinova.twin import KinovaTwin, KortexSession, twin_of
+from strands_actors.drivers.kinova.wire import KinovaWire
+from strands_actors.runtime.clock import VirtualClock
+from strands_actors.runtime.contract import MotorReport, Observation
+
+HOST = "192.0.2.10"
+
+
+class Rig:
+    """``told``: every frame that reached the base, in order."""
+
+    def __init__(self, options: dict[str, Any] | None = None, **bench: Any) -> None:
+        self.driver = Kinova("kinova_gen3", HOST, options or {})
+        self.twin: KinovaTwin = twin_of("kinova_gen3", now_s=trio.current_time, **bench)
+        self.clock = VirtualClock()
+        self.wire = KinovaWire(self.driver, self.clock, self.connect)
+        self.ports: list[MemoryPort] = []
+        self.told: list[tuple[float, Frame]] = []
+        self.silent = False  # hears, and says nothing
+        self.deaf: set[int] = set()  # calls that are lost before they are done
+        self.delay_s: Callable[[int], float] = lambda call: 0.001
+        self.target: tuple[float, ...] | None = None
+
+    async def connect(self, host: str, port: int) -> MemoryPort:
+        assert (host, port) == (HOST, 10000)
+        session = KortexSession(self.twin)
+
+        def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
+            for frame in Decoder().feed(data):
+                self.told.append((trio.current_time(), frame))
+                if frame.call in self.deaf:
+                    continue
+                for exchange in session.receive(frame.encode(), None):
+                    for reply in exchange.replies if not self.silent else ():
+                        yield self.delay_s(frame.call) + reply.late_s, reply.data
+
+        await trio.lowlevel.checkpoint()
+        self.ports.append(MemoryPort(peer))
+        return self.ports[-1]
+
+    # -- what the tree does
+
+    async def armed(self) -> Rig:
+        await self.wire.open()
+        await self.wire.arm(Permission())
+        self.told.clear()
+        return self
+
+    async def period(self, earned: bool = True) -> Observation:
+        """One control period: re-send what is live, then read."""
+        await trio.sleep(self.driver.period_s)
+        if earned and self.target is not None:
+            await self.wire.write(self.target, Permission())
+        return await self.wire.read()
+
+    async def go(self, joint: int, step_rad: float) -> None:
+        """Write a target, as far away from where the joint is."""
+        target = list((await self.wire.read()).position)
+        target[joint] += step_rad
+        self.target = tuple(target)
+        await self.wire.write(self.target, Permission())
+
+    async def stop(self, rung: str = "stop") -> tuple[MotorReport, ...]:
+        self.target = None
+        return await self.wire.make_safe(rung)
+
+    def stop_channel(self) -> StopChannel:
+        return StopChannel(self.driver, (), self.clock, self.connect)
+
+    # -- what came of it
+
+    def calls(self, since_s: float = 0.0) -> list[int]:
+        return [frame.call for at_s, frame in self.told if at_s >= since_s]
+
+    def stops(self) -> list[float]:
+        return [at_s for at_s, frame in self.told if frame.call == Call.STOP]
+
+    def speeds(self) -> list[tuple[float, Frame]]:
+        return [(at_s, frame) for at_s, frame in self.told if frame.call == Call.SEND_JOINT_SPEEDS]
+
+    @property
+    def velocity(self) -> float:
+        """Of the fastest joint, as it is."""
+        self.twin.base.advance()
+        return max(abs(rad_s) for rad_s in self.twin.base.plant.velocity_rad_s)

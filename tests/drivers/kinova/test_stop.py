@@ -1,0 +1,396 @@
+"""How the wire and its stop channel stop the twin's arm, in memory under virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+import trio
+from memory_port import Permission, virtual
+
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.kinova.base import Base, CallFailed, Session
+from strands_actors.drivers.kinova.client import KortexClient, Page
+from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
+from strands_actors.drivers.kinova.stop_channel import StopChannel
+from strands_actors.runtime.contract import MotorReport, WireDown
+
+from .rig import Rig
+
+STEP_RAD = 0.02
+STOPS_WITHIN_S = 1.5
+REACHES_WITHIN_S = 1.25
+"""What is left of it for a wire without a link."""
+
+
+def all_safe(reports: tuple[MotorReport, ...]) -> bool:
+    return len(reports) == 7 and all(report.safe and report.acknowledged for report in reports)
+
+
+async def moving(rig: Rig) -> Rig:
+    await rig.armed()
+    await rig.go(0, STEP_RAD)
+    await trio.sleep(0.04)
+    assert rig.velocity > 0.05
+    rig.told.clear()
+    return rig
+
+
+def refuse(base: Base, why: SubError, *calls: Call) -> None:
+    """Make the base refuse these calls."""
+    obey = base._call
+
+    def refusing(session: Session, request: Frame) -> bytes:
+        if request.call in calls:
+            raise CallFailed(why)
+        return obey(session, request)
+
+    base._call = refusing  # type: ignore[method-assign]
+
+
+# -- by the wire
+
+
+def test_a_stop_leaves_before_anything_is_waited_for_and_is_seen_to_work() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        began_s = trio.current_time()
+        reports = await rig.stop()
+        assert rig.told[0][0] == began_s and rig.told[0][1].call == Call.STOP
+        assert all_safe(reports)
+        assert [report.axis for report in reports] == list(rig.driver.axes)
+        assert rig.velocity < 0.01
+        assert trio.current_time() - began_s < 0.4
+
+    virtual(main)
+
+
+def test_after_a_hold_the_next_target_is_led_to_from_where_the_arm_is() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        assert all_safe(await rig.stop("hold"))
+        rig.told.clear()
+        for _ in range(8):
+            assert (await rig.period()).faults == {}, "there is nothing left to expire"
+        assert rig.stops() == []
+        await rig.go(0, STEP_RAD)
+        assert len(rig.speeds()) == 1
+        await rig.period()
+
+    virtual(main)
+
+
+def test_saf_005_a_stop_that_is_lost_is_sent_again() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.deaf = {Call.STOP}
+
+        async def hear_again() -> None:
+            await trio.sleep(0.2)
+            rig.deaf = set()
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(hear_again)
+            assert all_safe(await rig.stop())
+        assert 6 < len(rig.stops()) < 12
+        assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("late_s", [0.03, 0.06, 0.15])
+def test_a_stop_whose_answers_are_late_is_confirmed_all_the_same(late_s: float) -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.delay_s = lambda call: late_s
+        began_s = trio.current_time()
+        assert all_safe(await rig.stop())
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        await trio.sleep(0.2)
+        rig.delay_s = lambda call: 0.001
+        for _ in range(8):
+            await rig.period()
+        waiting = set(rig.wire._session().client._awaited) - set(rig.wire._session().asked_ns)
+        assert waiting == set(), "nothing is waited for any more"
+
+    virtual(main)
+
+
+def test_saf_005_what_is_not_answered_is_not_called_safe_and_stops_go_on() -> None:
+    """Nor is an emergency stop left in the way of a base that comes back."""
+
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.silent = True
+        began_s = trio.current_time()
+        reports = await rig.stop()
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        assert all(report.written and not report.safe and report.detail for report in reports)
+        assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
+        rig.silent, count = False, len(rig.stops())
+        await rig.period()
+        await rig.period()
+        assert len(rig.stops()) > count
+
+    virtual(main)
+
+
+def test_a_base_that_refuses_the_stop_is_stopped_by_its_emergency_stop() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        base = rig.twin.base
+        refuse(base, SubError.METHOD_FAILED, Call.STOP)
+        reports = await rig.stop()
+        assert rig.calls().count(Call.APPLY_EMERGENCY_STOP) == 1
+        assert all_safe(reports) and base.state is ArmState.IN_FAULT
+
+    virtual(main)
+
+
+def test_saf_005_an_arm_that_does_not_obey_is_reported_by_joint() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.twin.base.halt = lambda: None  # type: ignore[method-assign]
+        began_s = trio.current_time()
+        reports = await rig.stop()
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        assert [report.axis for report in reports if not report.safe] == ["joint_1"]
+        assert reports[0].detail == "moves" and reports[0].acknowledged
+        assert Call.APPLY_EMERGENCY_STOP not in rig.calls(), "it was not refused"
+
+    virtual(main)
+
+
+def test_old_readings_prove_no_standstill() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.twin.set_fault(Fault.STUCK)
+        reports = await rig.stop()
+        assert not reports[0].safe and reports[0].acknowledged
+
+    virtual(main)
+
+
+def test_a_base_in_fault_that_stands_is_safe_whatever_it_refuses() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        base = rig.twin.base
+        base.set_state(ArmState.IN_FAULT)
+        refuse(base, SubError.ROBOT_IN_FAULT, Call.STOP, Call.APPLY_EMERGENCY_STOP)
+        reports = await rig.stop()
+        assert all(report.safe for report in reports)
+
+    virtual(main)
+
+
+def test_without_a_connection_it_says_so() -> None:
+    async def main() -> None:
+        rig = Rig()
+        reports = await rig.stop()
+        assert {report.detail for report in reports} == {"not connected"}
+        await rig.armed()
+        rig.ports[0].unplugged = True
+        reports = await rig.stop()
+        assert not any(report.written for report in reports) and "the port is gone" in reports[0].detail
+
+    virtual(main)
+
+
+# -- by the wire without a link
+
+
+def test_saf_020_a_stop_is_written_on_the_connection_that_was_lost_before_anything_is_asked() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.silent = True
+        began_s = trio.current_time()
+        reports = await rig.wire.reach("stop")
+        assert rig.stops()[0] == began_s
+        assert trio.current_time() - began_s < REACHES_WITHIN_S
+        assert all(report.written and not report.safe for report in reports)
+        assert Call.CREATE_SESSION in rig.calls(), "another way was tried"
+        rig.silent = False
+        assert all_safe(await rig.wire.reach("stop")), "and again, on the same connection"
+
+    virtual(main)
+
+
+def test_saf_020_a_dead_connection_is_replaced_for_a_stop() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        rig.ports[0].unplugged = True
+        assert all_safe(await rig.wire.reach("stop"))
+        assert rig.calls()[:2] == [Call.CREATE_SESSION, Call.STOP]
+        assert rig.ports[1].closed and rig.velocity < 0.01
+        assert all_safe(await rig.wire.reach("stop")), "as often as it is asked to"
+
+    virtual(main)
+
+
+def test_a_stop_before_there_ever_was_a_link() -> None:
+    async def main() -> None:
+        rig = Rig()
+        assert all_safe(await rig.wire.reach("stop"))
+        assert rig.wire.handover() == ()
+
+    virtual(main)
+
+
+# -- by the stop channel
+
+
+@asynccontextmanager
+async def served(channel: StopChannel) -> AsyncIterator[StopChannel]:
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        yield channel
+        nursery.cancel_scope.cancel()
+    channel.close()
+
+
+def wires(rig: Rig, channel: StopChannel) -> None:
+    """Give it the wire's connection, as the descriptors would."""
+    session = rig.wire._session()
+    page = Page(session.client.page._memory)
+    channel._wires = KortexClient(rig.ports[0], "the wire's", rig.clock, page)
+
+
+@pytest.mark.parametrize("second", ["accepted", "refused", "powerless"])
+def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: str) -> None:
+    async def main() -> None:
+        rig = Rig(second=second)
+        await rig.wire.open()
+        channel = rig.stop_channel()
+        wires(rig, channel)
+        async with served(channel):
+            await rig.wire.arm(Permission())
+            await rig.go(0, STEP_RAD)
+            await trio.sleep(0.1)  # the wire is dead, the arm goes on
+            assert rig.velocity > 0.3
+            last = max(frame.message for _, frame in rig.told if frame.session == 1)
+            rig.told.clear()
+            began_s = trio.current_time()
+            reports = await channel.make_safe("stop")
+            assert next(frame.message for _, frame in rig.told if frame.session == 1) == last + 1
+            assert rig.stops() == [began_s] * (1 if second == "refused" else 2)
+            assert all_safe(reports), reports
+            assert rig.velocity < 0.01
+            assert rig.twin.base.state is ArmState.SERVOING_READY, "no emergency stop was needed"
+            await trio.sleep(0.01)
+            assert rig.twin.base._sessions == {}, "there is room for the next wire"
+
+    virtual(main)
+
+
+def test_the_own_session_is_kept_up_for_longer_than_a_base_remembers() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        async with served(rig.stop_channel()) as channel:
+            await trio.sleep(10.0)
+            assert rig.calls().count(Call.KEEP_ALIVE) > 15
+            rig.told.clear()
+            assert all_safe(await channel.make_safe("stop"))
+            assert Call.CREATE_SESSION not in rig.calls()
+
+    virtual(main)
+
+
+def test_a_question_that_is_still_open_does_not_keep_the_stop_waiting() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        async with served(rig.stop_channel()) as channel:
+            rig.silent = True
+            await trio.sleep(0.6)  # it waits for the answer to a keep-alive
+            rig.silent = False
+            rig.told.clear()
+            assert all_safe(await channel.make_safe("stop"))
+            await trio.sleep(2.0)
+            assert {Call.CREATE_SESSION, Call.KEEP_ALIVE}.isdisjoint(rig.calls())
+
+    virtual(main)
+
+
+def test_a_lost_own_session_is_made_anew() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        async with served(rig.stop_channel()) as channel:
+            rig.ports[1].unplugged = True
+            await trio.sleep(2.0)
+            assert len(rig.ports) == 3
+            assert all_safe(await channel.make_safe("stop"))
+
+    virtual(main)
+
+
+def test_without_any_way_the_link_does_not_count_as_up() -> None:
+    async def main() -> None:
+        rig = await Rig(second="refused").armed()
+        with pytest.raises(ExceptionGroup) as failure:
+            async with served(rig.stop_channel()):
+                pass
+        assert failure.group_contains(WireDown, match="METHOD_FAILED")
+
+    virtual(main)
+
+
+def test_a_channel_that_is_needed_before_it_is_ready_logs_in_and_stops() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        channel = rig.stop_channel()
+        assert all_safe(await channel.make_safe("stop"))
+        async with trio.open_nursery() as nursery:
+            await nursery.start(channel.serve)  # cancelled already: returns, having said so
+        channel.close()
+
+    virtual(main)
+
+
+def test_a_stop_may_be_asked_for_again_and_again() -> None:
+    """The root writes before it fences the wire, is cut off, and writes again; until every joint has confirmed."""
+
+    async def main() -> None:
+        rig = await moving(Rig())
+        channel = rig.stop_channel()
+        wires(rig, channel)
+        async with served(channel):
+            rig.told.clear()
+            with trio.move_on_after(0.01):
+                await channel.make_safe("stop")
+            assert len(rig.stops()) == 2
+            for _ in range(3):
+                assert all_safe(await channel.make_safe("stop"))
+            rig.ports[-1].unplugged = True
+            assert all_safe(await channel.make_safe("stop"))
+
+    virtual(main)
+
+
+def test_a_session_that_was_forgotten_is_replaced() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        async with served(rig.stop_channel()) as channel:
+            rig.twin.base._sessions.clear()
+            assert all_safe(await channel.make_safe("stop"))
+            assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
+
+    virtual(main)
+
+
+def test_a_dead_network_is_reported_within_the_time_of_a_stop() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        async with served(rig.stop_channel()) as channel:
+            rig.ports[1].unplugged = True
+
+            async def nobody(host: str, port: int) -> None:
+                raise WireDown("192.0.2.10:10000: cannot connect")
+
+            channel._open_stream = nobody  # type: ignore[assignment]
+            began_s = trio.current_time()
+            reports = await channel.make_safe("stop")
+            assert trio.current_time() - began_s < STOPS_WITHIN_S
+            assert not any(report.safe for report in reports)
+            assert "cannot connect" in reports[0].detail
+
+    virtual(main)

@@ -1,0 +1,385 @@
+"""A Gen3's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from twin_process import TwinProcess
+
+from strands_actors import Robot
+from strands_actors.drivers.kinova.protocol import Call, Decoder, Feedback
+from strands_actors.portal import portal
+from strands_actors.robot import RealRobot
+from strands_actors.runtime.contract import Reason
+from strands_actors.testing import WireLog
+from tests.answers import json_of, state, status, task_ended, until, why
+
+SLACK_S = 1.0
+"""On the published bounds, for a busy machine."""
+
+AXES = [f"joint_{number}" for number in range(1, 8)]
+STEP_RAD = 0.02
+
+
+class Bench:
+    """A twin, and an arm on it."""
+
+    def __init__(self, twin: TwinProcess, arm: RealRobot) -> None:
+        self.twin = twin
+        self.arm = arm
+        self.log = WireLog(twin.log_path)
+
+    def pid(self, role: str) -> int:
+        tree = self.arm.tree()
+        assert tree is not None
+        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+        return found
+
+    def nudge(self, joint: str = "joint_1", step: float = STEP_RAD) -> Mapping[str, object]:
+        return self.arm.send_action({joint: self.arm.get_observation().get(joint, 0.0) + step})
+
+    def works(self) -> None:
+        """It moves; on a busy machine after a second try: what was read 75 ms ago is no position."""
+
+        def moves() -> bool:
+            if self.nudge()["status"] == "success":
+                return True
+            self.arm.resume()
+            return False
+
+        until(moves, "it moves")
+
+    def connect(self) -> None:
+        until(lambda: self.arm.connect_eagerly() is None, "it is connected")
+
+    def move(self) -> None:
+        """Have it on its way, by a policy."""
+        for _ in range(3):  # a machine that pauses ends a rollout before anything was broken
+            since_ns = time.monotonic_ns()
+            if state(self.arm) != "armed":
+                until(lambda: self.arm.resume()["status"] == "success", "it is armed")
+            json_of(self.arm.run_policy(wave(), duration=60.0))
+            try:
+                until(lambda: len(self.log.host("setpoint", since_ns)) > 20, "it moves", 5.0)  # noqa: B023
+            except AssertionError:
+                continue
+            if json_of(self.arm.get_task_status())["running"]:
+                return
+        pytest.fail("it does not move")
+
+    def safe_within(self, since_ns: int, seconds: float) -> None:
+        """A safe frame, in time, and no setpoint after it."""
+        safe = until(lambda: self.log.first_safe(since_ns), "a safe frame")
+        assert (safe.t_ns - since_ns) / 1e9 < seconds
+        time.sleep(0.3)
+        assert self.log.setpoints_after_safe(since_ns) == 0
+
+    def comes_back(self) -> None:
+        """By itself, disarmed; moves only after a resume, from where it is."""
+        until(lambda: state(self.arm) == "disarmed", "it is back, disarmed")
+        until(lambda: not json_of(self.arm.get_task_status())["running"], "the rollout has ended")
+        back_ns = time.monotonic_ns()
+        assert "resume() first" in why(self.nudge())
+        time.sleep(0.2)
+        assert not self.log.host("setpoint", back_ns) and not self.log.host("enable", back_ns)
+        resumed = json_of(self.arm.resume())["position"]
+        seen = self.arm.get_observation()
+        assert all(abs(resumed[joint] - seen[joint]) < 0.01 for joint in AXES)
+        self.works()
+        until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
+
+
+def wave(amplitude: float = 0.2, rate: float = 2.0) -> Callable[[Mapping[str, float]], dict[str, float]]:
+    """A policy: joint_1 goes to and fro from where it is, by up to 0.2 rad/s."""
+    zero: list[float] = []
+    phase = [0.0]
+
+    def step(observation: Mapping[str, float]) -> dict[str, float]:
+        zero.append(observation["joint_1"])
+        phase[0] += rate * 0.025
+        return {"joint_1": zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
+
+    return step
+
+
+@contextmanager
+def bench_of(directory: Path, connect: bool = True, **options: object) -> Iterator[Bench]:
+    with TwinProcess(directory, "kinova_gen3", "kinova", options=options) as twin:
+        bench = Bench(twin, Robot("kinova_gen3", mode="real", port=twin.port))
+        try:
+            if connect:
+                bench.connect()
+            yield bench
+        finally:
+            twin.process.send_signal(signal.SIGCONT)
+            bench.arm.cleanup()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with bench_of(tmp_path) as made:
+        yield made
+
+
+# -- the verbs
+
+
+def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
+    arm, log = bench.arm, bench.log
+    told = status(arm)
+    assert (told["state"], told["actuators"], told["address"]) == ("armed", 7, bench.twin.port)
+    assert set(told["ladder"].values()) == {"hold", "stop"}
+    assert "never expire" in told["firmware_watchdog"]
+    assert told["sensors"]["arm_state"] == [7.0]
+    seen = arm.get_observation()
+    assert list(seen) == AXES
+    assert seen == pytest.approx(dict(zip(AXES, (0, 0.262, 3.142, -2.269, 0, 0.96, 1.571), strict=True)), abs=1e-3)
+
+    target = seen["joint_4"] + STEP_RAD
+    answer = json_of(arm.send_action({"joint_4": target}))
+    assert answer == {
+        "robot": "kinova_gen3",
+        "joints": ["joint_4"],
+        "joint_speeds": {"joint_4": pytest.approx(STEP_RAD / 0.025, rel=0.01)},
+    }
+    until(lambda: abs(arm.get_observation()["joint_4"] - target) < 1e-3, "it is there")
+    since_ns = time.monotonic_ns()
+    time.sleep(0.5)
+    assert 10 < len(log.host("setpoint", since_ns)) < 30, "it is re-sent at 40 Hz while the caller lives"
+    assert state(arm) == "armed"
+
+    assert "joint_4 needs" in why(arm.send_action({"joint_4": target + 0.1}))
+    assert "joint_8 is not a joint of kinova_gen3" in why(arm.send_action({"joint_8": 0.0}))
+    since_ns = time.monotonic_ns()
+    stopped = json_of(arm.stop())
+    assert (stopped["rung"], list(stopped["motors"])) == ("stop", AXES)
+    bench.safe_within(since_ns, SLACK_S)
+    bench.comes_back()
+
+
+def test_a_policy_runs_at_40_hz_and_ends_in_a_hold_that_the_next_command_leaves(bench: Bench) -> None:
+    for _ in range(5):  # a machine that pauses for 75 ms ends a rollout
+        json_of(bench.arm.run_policy(wave(), duration=2.0))
+        ended = task_ended(bench.arm)
+        if ended["exit_reason"] == "duration":
+            break
+        until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
+    assert ended["exit_reason"] == "duration", ended
+    assert ended["steps"] > 40, "half of what a free machine does"
+    assert state(bench.arm) == "holding"
+    held_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert not bench.log.host("setpoint", held_ns)
+    bench.works()
+    assert state(bench.arm) == "armed"
+
+
+def test_an_emergency_stop_locks(bench: Bench) -> None:
+    tree = bench.arm._tree
+    assert tree is not None
+    bench.move()
+    since_ns = time.monotonic_ns()
+    portal().call(tree.stop, Reason.ESTOP, True)
+    bench.safe_within(since_ns, SLACK_S)
+    assert "e-stopped by" in why(bench.nudge())
+    json_of(bench.arm.resume())
+    bench.works()
+
+
+# -- the base
+
+
+@pytest.mark.parametrize(
+    ("line", "named"), [("state IN_FAULT", "base in fault (bank 0x1)"), ("state IDLE", "IDLE (2)")]
+)
+def test_saf_003_a_base_that_is_no_longer_ready_disarms_the_tree_and_says_why(
+    bench: Bench, line: str, named: str
+) -> None:
+    bench.move()
+    bench.twin.command(line)
+    task_ended(bench.arm)
+    until(lambda: state(bench.arm) == "disarmed", "it is disarmed")
+    assert named in why(bench.arm.resume())
+    bench.twin.command("state SERVOING_READY")
+    since_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert not bench.log.host("setpoint", since_ns), "nothing goes on by itself"
+    bench.comes_back()
+
+
+def test_a_base_in_fault_is_refused_at_connect(tmp_path: Path) -> None:
+    with bench_of(tmp_path, connect=False) as bench:
+        bench.twin.command("state IN_FAULT")
+        time.sleep(0.2)
+        until(lambda: "clear it, then reconnect" in (bench.arm.connect_eagerly() or ""), "it says so")
+        assert not bench.log.host("enable") and not bench.log.host("setpoint")
+        bench.twin.command("state SERVOING_READY")
+        bench.connect()
+
+
+def test_a_wrong_password_is_named_and_not_told(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "kinova_gen3", "kinova") as twin:
+        arm = Robot("kinova_gen3", mode="real", port=twin.port, password="hunter2")
+        try:
+            until(lambda: "INVALID_PASSWORD" in (arm.connect_eagerly() or ""), "it says so")
+            assert "hunter2" not in str(arm.get_status())
+            assert "hunter2" not in repr(arm)
+        finally:
+            arm.cleanup()
+        assert b"hunter2".hex() not in twin.log_path.read_text()
+
+
+# -- processes die and freeze
+
+
+@pytest.mark.parametrize("second", ["accepted", "refused", "powerless"])
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_wire_process_dies_or_freezes_on_every_kind_of_base(
+    tmp_path: Path, second: str, fault: signal.Signals
+) -> None:
+    with bench_of(tmp_path, second=second) as bench:
+        bench.move()
+        wire, since_ns = bench.pid("wire"), time.monotonic_ns()
+        os.kill(wire, fault)
+        bench.safe_within(since_ns, 0.125 + SLACK_S)
+        until(lambda: abs(arm_velocity(bench)) < 0.01, "it stands")
+        bench.comes_back()
+        assert not [entry for entry in bench.log.entries() if call_of(entry.data) == Call.APPLY_EMERGENCY_STOP]
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_process_dies_or_freezes(bench: Bench, fault: signal.Signals) -> None:
+    bench.move()
+    root, since_ns = bench.pid("root"), time.monotonic_ns()
+    os.kill(root, fault)
+    bench.safe_within(since_ns, 0.125 + SLACK_S)
+    until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
+    bench.works()
+
+
+def test_saf_003_the_stop_channel_stands_before_anything_is_energised(bench: Bench) -> None:
+    calls = [call_of(entry.data) for entry in bench.log.entries() if entry.sender == "host"]
+    logins = [at for at, call in enumerate(calls) if call == Call.CREATE_SESSION]
+    assert len(logins) == 2 and logins[1] < calls.index(Call.SEND_JOINT_SPEEDS)
+
+
+# -- the base freezes, or its network goes
+
+
+def test_saf_012_frozen_while_it_moves(bench: Bench) -> None:
+    """What was on its way is carried out when it wakes up, and the stop behind it."""
+    bench.move()
+    bench.twin.process.send_signal(signal.SIGSTOP)
+    until(lambda: not status(bench.arm)["connected"], "it is noticed")
+    assert why(bench.arm.stop())
+    thawed_ns = time.monotonic_ns()
+    bench.twin.process.send_signal(signal.SIGCONT)
+    bench.comes_back()
+    heard = [entry.kind for entry in bench.log.entries(thawed_ns) if entry.sender == "host"]
+    assert "safe" in heard
+    before_safe = heard[: heard.index("safe")].count("setpoint")
+    assert before_safe <= 6, "three periods of them"
+
+
+def test_saf_010_a_stop_of_a_frozen_base_is_not_called_success_and_is_carried_out_after_what_was_sent(
+    bench: Bench,
+) -> None:
+    bench.move()
+    bench.twin.process.send_signal(signal.SIGSTOP)
+    answer = bench.arm.stop()
+    assert all(axis in why(answer) for axis in AXES)
+    thawed_ns = time.monotonic_ns()
+    bench.twin.process.send_signal(signal.SIGCONT)
+    bench.safe_within(thawed_ns, 3.0 + SLACK_S)
+    bench.comes_back()
+
+
+@pytest.mark.parametrize("second", ["accepted", "refused"])
+def test_saf_020_unplugged_while_it_moves_the_first_frame_on_the_new_link_is_the_safe_one(
+    tmp_path: Path, second: str
+) -> None:
+    """A base with room for one session has to forget the old one first."""
+    with bench_of(tmp_path, second=second) as bench:
+        bench.move()
+        bench.twin.command("unplug")
+        until(lambda: not status(bench.arm)["connected"], "it is noticed")
+        assert why(bench.nudge())
+        since_ns = time.monotonic_ns()
+        bench.twin.command("plug")
+        bench.comes_back()
+        written = [entry.kind for entry in bench.log.entries(since_ns) if entry.sender == "host"]
+        assert next(kind for kind in written if kind in ("safe", "setpoint", "enable")) == "safe"
+
+
+def test_it_comes_back_however_often_it_is_unplugged(bench: Bench) -> None:
+    for _ in range(5):
+        bench.twin.command("unplug")
+        until(lambda: not status(bench.arm)["connected"], "it is noticed")
+        bench.twin.command("plug")
+        until(lambda: state(bench.arm) == "disarmed", "it is back")
+        json_of(bench.arm.resume())
+    bench.works()
+
+
+def test_the_power_is_cut(bench: Bench) -> None:
+    bench.move()
+    bench.twin.command("power-cycle")
+    until(lambda: state(bench.arm) != "armed", "it is noticed")
+    bench.comes_back()
+
+
+def test_the_power_is_off_for_a_while(bench: Bench) -> None:
+    bench.move()
+    bench.twin.command("fault off")
+    until(lambda: not status(bench.arm)["connected"], "it is noticed")
+    bench.twin.command("fault ok")
+    bench.comes_back()
+
+
+def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
+    bench.move()
+    since_ns = time.monotonic_ns()
+    bench.twin.command("fault delayed")
+    bench.safe_within(since_ns, 0.3 + SLACK_S)
+    bench.twin.command("fault ok")
+    task_ended(bench.arm)
+    until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
+    bench.works()
+
+
+# -- in numbers
+
+
+def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(bench: Bench) -> None:
+    """Joint speeds never expire: how far the arm goes is the root's doing."""
+    bench.move()
+    until(lambda: arm_velocity(bench) > 0.05, "it is on its way")
+    since_ns = time.monotonic_ns()
+    before = bench.arm.get_observation()["joint_1"]
+    os.kill(bench.pid("wire"), signal.SIGKILL)
+    bench.safe_within(since_ns, 0.05 + SLACK_S)
+    until(lambda: state(bench.arm) == "disarmed", "it is back")
+    went = abs(bench.arm.get_observation()["joint_1"] - before)
+    assert went < 0.2 * (0.05 + SLACK_S), "so far a policy of 0.2 rad/s would have had it in the time"
+
+
+def arm_velocity(bench: Bench) -> float:
+    """Fastest joint, of the newest feedback that the twin has said."""
+    for entry in reversed(list(bench.log.entries())):
+        if entry.sender == "robot" and entry.kind == "read":
+            for frame in Decoder().feed(entry.data):
+                if frame.call == Call.REFRESH_FEEDBACK:
+                    seen = Feedback.decode(frame.payload)
+                    return max(abs(math.radians(one.velocity_deg_s)) for one in seen.actuators)
+    return math.inf
+
+
+def call_of(data: bytes) -> int:
+    return next((frame.call for frame in Decoder().feed(data)), 0)

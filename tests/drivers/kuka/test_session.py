@@ -1,0 +1,201 @@
+"""The client's side of a session: what is answered to what is said, cycle by cycle."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from strands_actors.drivers.kuka.protocol import COUNTER, JOINTS, Monitoring, State
+from strands_actors.drivers.kuka.robots import arm_of
+from strands_actors.drivers.kuka.session import LIVE_RAD, Session
+
+SPEED = arm_of("kuka_iiwa").speed_rad_s
+HERE = (0.1, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)
+Row = tuple[float, ...]
+
+
+def off(position: Row, joint: int, rad: float) -> Row:
+    return (*position[:joint], position[joint] + rad, *position[joint + 1 :])
+
+
+class Controller:
+    """What an active session says: it takes every answer that it is given."""
+
+    def __init__(self, sample_ms: int = 5, state: int = State.COMMANDING_ACTIVE, sequence: int = 0) -> None:
+        self.session = Session(SPEED)
+        self.said = Monitoring(sequence, commanded=HERE, interpolated=HERE, state=state, sample_ms=sample_ms)
+
+    def cycle(self, arrives: bool = True) -> Row:
+        """One message and its answer; the answered position."""
+        answer = self.session.answer(self.said)
+        assert answer.reflected == self.said.sequence
+        self.said = replace(self.said, sequence=(self.said.sequence + 1) & COUNTER)
+        if arrives:
+            taken = answer.position or self.said.commanded
+            self.said = replace(self.said, reflected=answer.sequence, commanded=taken)
+        return answer.position
+
+    def enter(self, state: int) -> None:
+        self.said = replace(self.said, state=state)
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.MONITORING_WAIT, State.MONITORING_READY, 9])
+def test_a_controller_that_only_monitors_is_answered_without_positions(state: int) -> None:
+    controller = Controller(state=state)
+    assert [controller.cycle() for _ in range(3)] == [()] * 3
+
+
+def test_saf_011_the_first_command_is_what_was_mirrored() -> None:
+    controller = Controller(state=State.COMMANDING_WAIT)
+    mirrored = [controller.cycle() for _ in range(20)]
+    controller.enter(State.COMMANDING_ACTIVE)
+    controller.said = replace(controller.said, position=off(HERE, 0, 0.01))  # what is measured is no command
+    assert {*mirrored, controller.cycle(), controller.cycle()} == {HERE}
+
+
+def test_saf_011_who_joins_an_active_session_holds_what_the_controller_has() -> None:
+    assert Controller().cycle() == HERE
+
+
+def test_a_hold_repeats_the_answer_to_the_last_bit() -> None:
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, 0.02), 0.02)
+    moved = controller.cycle()
+    controller.session.hold()
+    assert {controller.cycle() for _ in range(100)} == {moved}
+    assert moved != HERE
+
+
+@pytest.mark.parametrize("sample_ms", [2, 5, 10])
+def test_a_step_is_spread_over_its_period(sample_ms: int) -> None:
+    controller = Controller(sample_ms)
+    controller.session.aim(off(off(HERE, 0, 0.02), 3, -0.01), 0.02)
+    cycles = 20 // sample_ms
+    rows = [HERE, *(controller.cycle() for _ in range(cycles))]
+    assert rows[-1] == pytest.approx(off(off(HERE, 0, 0.02), 3, -0.01), abs=1e-9)
+    steps = [later[0] - earlier[0] for earlier, later in itertools.pairwise(rows)]
+    assert steps == pytest.approx([0.02 / cycles] * cycles, abs=1e-9)
+
+
+@pytest.mark.parametrize("sample_ms", [2, 5, 10])
+def test_no_cycle_steps_further_than_the_joint_turns_in_it(sample_ms: int) -> None:
+    """However far the goal is, and however short its period."""
+    controller = Controller(sample_ms)
+    controller.session.aim((1.0,) * JOINTS, 0.001)
+    before = HERE
+    for _ in range(1000):
+        after = controller.cycle()
+        for was, now, speed in zip(before, after, SPEED, strict=True):
+            assert abs(now - was) <= speed * sample_ms / 1e3 + 5 * LIVE_RAD
+        before = after
+    assert before == pytest.approx((1.0,) * JOINTS, abs=1e-9)
+
+
+def test_while_a_setpoint_lives_no_two_answers_are_alike_and_the_arm_stays() -> None:
+    controller = Controller()
+    controller.session.aim(HERE, 0.02)
+    rows = [controller.cycle() for _ in range(10_000)]
+    assert all(earlier != later for earlier, later in itertools.pairwise(rows))
+    assert max(abs(rad - to) for row in rows for rad, to in zip(row, HERE, strict=True)) <= 4 * LIVE_RAD
+
+
+@given(st.lists(st.booleans(), min_size=2, max_size=60), st.sampled_from([0.0, 0.02, 1.0]))
+def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
+    """The one before was heard, or the one that was taken last: no answer of a setpoint looks like a hold."""
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, way), 0.02)
+    before = HERE
+    for arrives in taken:
+        has = controller.said.commanded
+        after = controller.cycle(arrives)
+        assert after not in (before, has)
+        before = after
+
+
+def test_the_same_goal_again_changes_nothing() -> None:
+    """A re-send: the step was spread when it was given."""
+    once, again = Controller(), Controller()
+    goal = off(HERE, 0, 0.02)
+    once.session.aim(goal, 0.02)
+    rows = []
+    for _ in range(4):
+        again.session.aim(goal, 0.02)
+        rows.append(again.cycle())
+    assert rows == [once.cycle() for _ in range(4)]
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=120), st.sampled_from([2, 5, 10]))
+def test_of_answers_that_are_lost_no_jump_comes(arrived: list[bool], sample_ms: int) -> None:
+    """From what the controller has taken to what it takes next is one cycle's step at most, a hold included."""
+    controller = Controller(sample_ms)
+    controller.session.aim((2.0,) * JOINTS, 0.02)
+    for number, arrives in enumerate(arrived):
+        if number == len(arrived) // 2:
+            controller.session.hold()
+        before = controller.said.commanded
+        controller.cycle(arrives)
+        for was, now, speed in zip(before, controller.said.commanded, SPEED, strict=True):
+            assert abs(now - was) <= speed * sample_ms / 1e3 + 5 * LIVE_RAD
+
+
+@pytest.mark.parametrize("state", [State.MONITORING_WAIT, State.MONITORING_READY, State.COMMANDING_WAIT])
+def test_saf_008_a_goal_does_not_outlive_its_session(state: State) -> None:
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, 1.0), 0.02)
+    moved = controller.cycle()
+    controller.said = replace(controller.said, interpolated=moved)
+    controller.enter(state)
+    controller.cycle()
+    controller.enter(State.COMMANDING_ACTIVE)
+    assert {controller.cycle() for _ in range(10)} == {moved}
+    assert not controller.session.has_goal
+
+
+def test_a_message_that_comes_twice_or_late_is_not_answered_and_a_new_session_is() -> None:
+    controller = Controller(sequence=500)
+    said = controller.said
+    controller.cycle()
+    due = {ahead: controller.session.is_due(replace(said, sequence=500 + ahead)) for ahead in (-10, -1, 0, 1, 7)}
+    assert due == {-10: False, -1: False, 0: False, 1: True, 7: True}
+    assert controller.session.is_due(replace(said, sequence=0))
+
+
+def test_sequence_numbers_wrap() -> None:
+    controller = Controller(sequence=COUNTER)
+    controller.said = replace(controller.said, reflected=COUNTER)
+    answer = controller.session.answer(controller.said)
+    assert (answer.sequence, answer.reflected) == (0, COUNTER)
+    assert controller.session.is_due(replace(controller.said, sequence=0))
+
+
+def test_a_receive_multiplier_is_answered_every_so_many_messages() -> None:
+    session = Session(SPEED)
+    answered = []
+    for sequence in range(9):
+        said = Monitoring(sequence, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=2, multiplier=3)
+        if session.is_due(said):
+            session.answer(said)
+            answered.append(sequence)
+    assert answered == [0, 3, 6]
+
+
+def test_own_numbers_go_on_from_what_the_controller_has_taken() -> None:
+    """So the stop channel takes over: it hears the sequence itself."""
+    controller = Controller()
+    controller.said = replace(controller.said, reflected=41)
+    assert controller.session.answer(controller.said).sequence == 42
+
+
+def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, 1.0), 0.02)
+    said, moved = controller.said, controller.cycle()
+    unasked = controller.session.again(said)
+    assert (unasked.position, unasked.reflected) == (moved, said.sequence)
+    assert not controller.session.has_goal
+    assert math.isclose(moved[0], HERE[0] + SPEED[0] * 0.005)

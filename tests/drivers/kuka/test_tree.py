@@ -1,0 +1,430 @@
+"""A KUKA arm on the real tree: real processes, the twin's FRI session. Judged by the twin's log."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from strands import Agent
+
+from strands_actors import Robot, estop
+from strands_actors.drivers.kuka.protocol import JOINTS, decode_command
+from strands_actors.recording import read, replay
+from strands_actors.robot import RealRobot
+from strands_actors.testing import WireLog
+from tests.agents.scripted import Scripted
+from tests.answers import json_of, state, status, task, task_ended, until, why
+from tests.drivers.twin_process import TwinProcess
+
+AXES = [f"joint{number}" for number in range(1, JOINTS + 1)]
+PROGRAM = "from strands_actors.cli import main; main()"
+SLACK_S = 1.0
+"""On the published bounds, for a busy machine."""
+
+
+class Arm:
+    """A robot that is connected and armed, its twin, and the twin's log."""
+
+    def __init__(self, robot: RealRobot, twin: TwinProcess) -> None:
+        self.robot = robot
+        self.twin = twin
+        self.log = WireLog(twin.log_path)
+
+    def nudge(self, joint: str = "joint1", rad: float = 0.01) -> Mapping[str, Any]:
+        """A step from where the joint is."""
+        answer: Mapping[str, Any] = self.robot.send_action({joint: self.told(joint) + rad})
+        return answer
+
+    def told(self, joint: str = "joint1") -> float:
+        row: list[float] = status(self.robot)["sensors"]["commanded_rad"]
+        return row[AXES.index(joint)]
+
+    def pid(self, role: str) -> int:
+        tree = self.robot.tree()
+        assert tree is not None
+        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+        return found
+
+    def commandable(self) -> None:
+        """Wait for an active session, and resume if it was disarmed."""
+        until(lambda: status(self.robot).get("connected"), "it is connected")
+        if state(self.robot) not in ("armed", "holding"):
+            until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        until(lambda: self.nudge(rad=0.0)["status"] == "success", "it may be commanded")
+
+    def roll_out(self) -> None:
+        """A policy that moves joint1; a busy machine may end it before it has begun."""
+
+        def runs() -> bool:
+            if not task(self.robot)["running"]:
+                self.commandable()
+                began_ns[0] = time.monotonic_ns()
+                json_of(self.robot.run_policy(wave(), duration=60.0))
+                return False
+            return len(self.log.host("setpoint", began_ns[0])) > 30
+
+        began_ns = [0]
+        until(runs, "it moves")
+
+    def sessions(self, since_ns: int = 0) -> list[str]:
+        """What became of the session: its states, each with why."""
+        entries = self.log.entries(since_ns)
+        return [entry.data.decode() for entry in entries if entry.kind == "session"]
+
+    def first_safe_s(self, since_ns: int) -> float:
+        """Seconds until the first safe frame; no setpoint comes after it."""
+        safe = until(lambda: self.log.first_safe(since_ns), "a safe frame")
+        time.sleep(0.3)
+        self.log.no_setpoint_after_safe(since_ns)
+        return (safe.t_ns - since_ns) / 1e9
+
+    def comes_back(self) -> None:
+        """By itself, disarmed; moves only after a resume."""
+        until(lambda: state(self.robot) == "disarmed", "it is back, disarmed")
+        until(lambda: not task(self.robot)["running"], "the rollout has ended")
+        back_ns = time.monotonic_ns()
+        assert "resume() first" in why(self.robot.send_action({"joint1": 0.0}))
+        time.sleep(0.2)
+        assert not self.log.host("setpoint", back_ns), "nothing moves by itself"
+        self.commandable()
+        until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
+
+
+def wave(amplitude: float = 0.2) -> Callable[[Mapping[str, float]], dict[str, float]]:
+    """A policy: joint1 goes to and fro from where it is. A pause does not make it jump."""
+    zero: list[float] = []
+    phase = [0.0]
+
+    def step(observation: Mapping[str, float]) -> dict[str, float]:
+        zero.append(observation["joint1"])
+        phase[0] += 0.04
+        return {"joint1": zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
+
+    return step
+
+
+@contextlib.contextmanager
+def arm(directory: Path, options: Mapping[str, Any] | None = None, **keywords: Any) -> Iterator[Arm]:
+    directory.mkdir(exist_ok=True)
+    with TwinProcess(directory, "kuka_iiwa", "kuka", options={"sample_ms": 5, **(options or {})}) as twin:
+        robot = Robot("kuka_iiwa", mode="real", **{"port": twin.port, **keywords})
+        with robot:
+            connected = Arm(robot, twin)
+            connected.commandable()
+            yield connected
+
+
+# -- the verbs
+
+
+def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
+    with arm(tmp_path) as iiwa:
+        seen = iiwa.robot.get_observation()
+        assert list(seen) == AXES
+        target = iiwa.told() + 0.02
+        answer = json_of(iiwa.robot.send_action({"joint1": target}))
+        assert (answer["robot"], answer["joints"], answer["control_period"]) == ("kuka_iiwa", ["joint1"], 0.02)
+        assert answer["targets"] == {"joint1": target}
+        until(lambda: abs(iiwa.robot.get_observation()["joint1"] - target) < 0.002, "it is there")
+        told = status(iiwa.robot)
+        assert (told["sample_ms"], told["receive_multiplier"]) == (5, 1)
+        assert "drops it to monitoring" in told["firmware_watchdog"]
+        assert set(told["ladder"].values()) == {"hold"}
+
+        began_ns = time.monotonic_ns()
+        stopped = json_of(iiwa.robot.stop())
+        assert (stopped["rung"], stopped["unconfirmed"], list(stopped["motors"])) == ("hold", [], AXES)
+        assert iiwa.first_safe_s(began_ns) < SLACK_S
+        assert "resume() first" in why(iiwa.robot.send_action({"joint1": 0.0}))
+        iiwa.comes_back()
+        assert not [line for line in iiwa.sessions() if "aborted" in line]
+
+
+@pytest.mark.parametrize("sample_ms", [10, 5, 2])
+def test_a_stream_moves_the_arm_at_every_sample_time(tmp_path: Path, sample_ms: int) -> None:
+    """0.3 rad at 0.5 rad/s. A machine that pauses ends the stream: then it goes on from where it is."""
+    with arm(tmp_path, {"sample_ms": sample_ms}) as iiwa:
+        began = iiwa.told()
+        deadline_s = time.monotonic() + 60.0
+        while iiwa.told() < began + 0.3 - 1e-6:
+            assert time.monotonic() < deadline_s, iiwa.sessions()
+            if iiwa.robot.send_action({"joint1": min(iiwa.told() + 0.01, began + 0.3)})["status"] != "success":
+                iiwa.commandable()
+            time.sleep(0.02)
+        until(lambda: abs(iiwa.robot.get_observation()["joint1"] - began - 0.3) < 0.005, "it is there")
+        assert not [line for line in iiwa.sessions() if "aborted" in line]
+
+
+def test_saf_014_refusals_name_the_joint_and_write_nothing(tmp_path: Path) -> None:
+    with arm(tmp_path) as iiwa:
+        json_of(iiwa.robot.stop())
+        json_of(iiwa.robot.resume())
+        began_ns = time.monotonic_ns()
+        assert "joint4 is nan" in why(iiwa.robot.send_action({"joint4": math.nan}))
+        assert "joint4 2.5000 rad is past 2.0943" in why(iiwa.robot.send_action({"joint4": 2.5}))
+        assert "limit 0.02617 at 50 Hz" in why(iiwa.robot.send_action({"joint4": 0.0}))
+        assert "elbow is not a joint of kuka_iiwa" in why(iiwa.robot.send_action({"elbow": 0.0}))
+        time.sleep(0.1)
+        assert not iiwa.log.host("setpoint", began_ns)
+
+
+def test_without_a_port_whoever_speaks_is_the_controller(tmp_path: Path) -> None:
+    with arm(tmp_path, {"port": 30277, "from_port": 30278}, port=None, fri_port=30277) as iiwa:
+        assert status(iiwa.robot)["address"] == iiwa.twin.port
+        json_of(iiwa.nudge())
+
+
+def test_what_it_is_given_is_checked_before_anything_is_started() -> None:
+    with pytest.raises(ValueError, match=r"'fri_prot' -> 'fri_port'"):
+        Robot("kuka_iiwa", mode="real", fri_prot=30201)
+    with pytest.raises(ValueError, match="control_frequency is 1000"):
+        Robot("kuka_iiwa", mode="real", control_frequency=1000)
+
+
+def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "kuka_iiwa", "kuka", options={"sample_ms": 1}) as twin:
+        robot = Robot("kuka_iiwa", mode="real", port=twin.port)
+        try:
+            problem = robot.connect_eagerly()
+            assert problem is not None and "FRI sample time 1 ms" in problem and "2 ms or more" in problem
+        finally:
+            robot.cleanup()
+
+
+# -- the pendant
+
+
+@pytest.mark.parametrize(
+    ("order", "undo", "code", "text"),
+    [
+        (
+            "motion stop",
+            "motion start",
+            "fri_state",
+            "FRI session is MONITORING_READY. start the motion on the pendant",
+        ),
+        ("safety 1", "safety 0", "safety", "safety stop, level 1"),
+        ("drive 3 0", "drive 3 2", "drives", "drive of joint3 is OFF"),
+        ("client_mode 3", "client_mode 1", "client_mode", "FRI client command mode is TORQUE"),
+        ("control_mode 2", "control_mode 0", "control_mode", "control mode is JOINT_IMPEDANCE"),
+        ("overlay 0", "overlay 1", "overlay", "the overlay is lost"),
+    ],
+)
+def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
+    tmp_path: Path, order: str, undo: str, code: str, text: str
+) -> None:
+    """Nobody sends a setpoint that could be refused: the tree notices, holds and says why; nothing goes on when it
+    is lifted."""
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        ordered_ns = time.monotonic_ns()
+        iiwa.twin.command(order)
+        ended = task_ended(iiwa.robot)
+        # Which of the two notices first is chance: the setpoint that is refused, or the tick that looks.
+        until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
+        assert text.partition(". ")[0] in f"{ended['exit_detail']}, {status(iiwa.robot)['cause']}"
+        iiwa.first_safe_s(ordered_ns)
+        json_of(iiwa.robot.resume())
+        refusal = iiwa.robot.send_action({"joint1": iiwa.told()})
+        assert text in why(refusal)
+        assert refusal["content"][1]["json"]["refused"]["code"] == code
+        iiwa.twin.command(undo)
+        lifted_ns = time.monotonic_ns()
+        until(lambda: status(iiwa.robot)["sensors"]["fri_state"] == [4.0], "it is active again")
+        time.sleep(0.2)
+        assert not iiwa.log.host("setpoint", lifted_ns), "nothing moves by itself"
+        iiwa.commandable()
+
+
+# -- the host stalls, the wire or the root freezes
+
+
+@pytest.mark.parametrize(("sample_ms", "dropped"), [(5, False), (2, True)])
+def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
+    tmp_path: Path, sample_ms: int, dropped: bool
+) -> None:
+    with arm(tmp_path, {"sample_ms": sample_ms}) as iiwa:
+        iiwa.roll_out()
+        wire, stalled_ns = iiwa.pid("wire"), time.monotonic_ns()
+        os.kill(wire, signal.SIGSTOP)
+        time.sleep(0.031)
+        os.kill(wire, signal.SIGCONT)
+        task_ended(iiwa.robot)
+        until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
+        iiwa.log.no_setpoint_after_safe(stalled_ns)
+        lost = [line for line in iiwa.sessions(stalled_ns) if line == "MONITORING_WAIT: no answers"]
+        assert bool(lost) >= dropped  # a stall may last longer than it was meant to
+        ended_ns = time.monotonic_ns()
+        until(lambda: status(iiwa.robot)["sensors"]["fri_quality"] >= [2.0], "the connection is good again")
+        time.sleep(0.2)
+        assert not iiwa.log.host("setpoint", ended_ns), "nothing moves by itself"
+        iiwa.commandable()
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
+    tmp_path: Path, fault: signal.Signals
+) -> None:
+    """At 10 ms a session outlives 100 ms of silence just so: then the root goes on where the wire was; one that was
+    dropped is only monitored."""
+    with arm(tmp_path, {"sample_ms": 10}) as iiwa:
+        iiwa.roll_out()
+        began_ns = time.monotonic_ns()
+        last = decode_command(iiwa.log.host("setpoint")[-1].data)
+        os.kill(iiwa.pid("wire"), fault)
+        assert iiwa.first_safe_s(began_ns) < 0.15 + SLACK_S
+        safe = decode_command(iiwa.log.host("safe", began_ns)[0].data)
+        assert safe.sequence > last.sequence
+        iiwa.comes_back()
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_process_dies_or_freezes(tmp_path: Path, fault: signal.Signals) -> None:
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        victim, began_ns = iiwa.pid("root"), time.monotonic_ns()
+        os.kill(victim, fault)
+        assert iiwa.first_safe_s(began_ns) < 0.15 + SLACK_S
+        until(lambda: iiwa.robot.resume()["status"] == "success", "another tree")
+        iiwa.commandable()
+
+
+def test_when_all_of_us_are_gone_the_session_ends_and_the_arm_is_held(tmp_path: Path) -> None:
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        victims, gone_ns = [iiwa.pid("root"), iiwa.pid("wire")], time.monotonic_ns()
+        for pid in victims:
+            os.kill(pid, signal.SIGKILL)
+        until(lambda: "MONITORING_WAIT: no answers" in iiwa.sessions(gone_ns), "the controller drops it")
+        assert len(iiwa.log.host("setpoint", gone_ns)) <= 1, "one may have been on its way"
+
+
+# -- holding
+
+
+def test_saf_019_a_hold_moves_no_joint_nor_does_what_is_sent_to_another_after_it(tmp_path: Path) -> None:
+    """Where the arm was measured lags behind what it is told: that is what it is held at."""
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        until(lambda: abs(iiwa.told() - iiwa.robot.get_observation()["joint1"]) > 0.001, "it lags behind")
+        json_of(iiwa.robot.stop_task())
+        until(lambda: state(iiwa.robot) == "holding", "it is held")
+        held = decode_command(iiwa.log.host("safe")[-1].data).position
+        json_of(iiwa.nudge("joint2"))
+        time.sleep(0.2)
+        json_of(iiwa.robot.stop())
+        now = decode_command(iiwa.log.host("safe")[-1].data).position
+        assert now[0] == pytest.approx(held[0], abs=1e-9)
+        assert now[1] == pytest.approx(held[1] + 0.01, abs=1e-9)
+
+
+def test_saf_004_a_script_that_is_stopped_is_held_and_its_session_goes_on(tmp_path: Path) -> None:
+    """A latched target lives as long as its caller does."""
+    program = (
+        "import sys, time; from strands_actors import Robot\n"
+        "robot = Robot('kuka_iiwa', mode='real', port=sys.argv[1]); robot.connect_eagerly()\n"
+        "while True:\n"
+        "    told = robot.get_status()['content'][0]['json']['sensors']['commanded_rad'][0]\n"
+        "    robot.send_action({'joint1': told + 0.005}); time.sleep(0.02)\n"
+    )
+    with TwinProcess(tmp_path, "kuka_iiwa", "kuka") as twin:
+        log = WireLog(twin.log_path)
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        with subprocess.Popen([sys.executable, "-c", program, twin.port], env=environment) as script:
+            try:
+                until(lambda: len(log.host("setpoint")) > 30, "it moves")
+                stopped_ns = time.monotonic_ns()
+                script.send_signal(signal.SIGSTOP)
+                until(lambda: log.first_safe(stopped_ns), "a safe frame")
+                time.sleep(0.5)
+                log.no_setpoint_after_safe(stopped_ns)
+                assert not [entry for entry in log.entries(stopped_ns) if entry.kind == "session"]
+            finally:
+                script.kill()
+
+
+def test_saf_010_what_a_controller_that_was_frozen_takes_up_late_ends_in_a_hold(tmp_path: Path) -> None:
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        iiwa.twin.process.send_signal(signal.SIGSTOP)
+        answer = iiwa.robot.stop()
+        assert all(joint in why(answer) for joint in AXES), "not confirmed, by name"
+        thawed_ns = time.monotonic_ns()
+        iiwa.twin.process.send_signal(signal.SIGCONT)
+        until(lambda: state(iiwa.robot) == "disarmed", "it is confirmed when it is heard again")
+        kinds = [entry.kind for entry in iiwa.log.entries(thawed_ns) if entry.sender == "host"]
+        assert "setpoint" not in kinds[kinds.index("safe") :]
+
+
+# -- others
+
+
+def test_a_recording_of_it_is_decided_the_same_again(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    with arm(tmp_path / "twin") as iiwa:
+        command = [sys.executable, "-c", PROGRAM, "record", "kuka_iiwa", "-o", str(path)]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, env=environment, text=True) as recorder:
+            try:
+                assert recorder.stderr is not None
+                assert recorder.stderr.readline().startswith("recording kuka_iiwa")
+                iiwa.roll_out()
+                json_of(iiwa.robot.stop())
+                iiwa.comes_back()
+                assert "joint4 2.5000 rad is past" in why(iiwa.robot.send_action({"joint4": 2.5}))
+                recorder.send_signal(signal.SIGINT)
+                _, told = recorder.communicate(timeout=60.0)
+                assert recorder.returncode == 0, told
+            finally:
+                recorder.kill()
+    outcome = replay(read(path))
+    assert outcome.equal, outcome.difference
+    assert outcome.steps > 50
+
+
+def test_its_simulation_yields_to_what_is_on_the_wire(run_dir: Path) -> None:
+    with Robot("kuka_iiwa") as sim:
+        json_of(sim.send_action({"joint1": 0.5, "joint4": -1.0}))
+        until(lambda: abs(sim.get_observation()["joint1"] - 0.5) < 0.01, "it is simulated")
+        with Robot("kuka_iiwa", mode="real", transport="twin", sim=sim) as real:
+            until(lambda: real.send_action({"joint1": 0.5})["status"] == "success", "the wire commands it")
+            assert abs(real.get_observation()["joint1"] - 0.5) < 0.02, "no jump"
+            until(lambda: "held by the robot on its wire" in str(sim.send_action({"joint1": 0.0})), "it yields")
+
+
+def test_saf_007_one_estop_of_the_mesh_stops_it_beside_an_so101(tmp_path: Path) -> None:
+    with arm(tmp_path / "twin") as iiwa, Robot("so101", mode="real", transport="twin") as so101:
+        json_of(so101.send_action({"gripper": 20.0}))
+        iiwa.roll_out()
+        pressed_ns = time.monotonic_ns()
+        outcomes = {outcome.robot: outcome for outcome in estop(by="the red button", within_s=5.0)}
+        assert {name: outcome.outcome for name, outcome in outcomes.items()} == {
+            "kuka_iiwa": "safe",
+            "so101": "safe",
+        }
+        assert iiwa.first_safe_s(pressed_ns) < SLACK_S
+        task_ended(iiwa.robot)
+        assert "e-stopped by the red button" in why(iiwa.nudge())
+        json_of(iiwa.robot.resume())
+        iiwa.commandable()
+
+
+def test_an_agent_keeps_it_and_stops_it(tmp_path: Path) -> None:
+    with arm(tmp_path) as iiwa:
+        iiwa.roll_out()
+        began_ns = time.monotonic_ns()
+        model = Scripted([("kuka_iiwa", {"action": "stop"})], "done")
+        agent = Agent(model=model, tools=[iiwa.robot], callback_handler=None)
+        assert agent.tool_names == ["kuka_iiwa"]
+        agent("stop it")
+        assert model.heard[0][0]["status"] == "success"
+        assert iiwa.first_safe_s(began_ns) < SLACK_S

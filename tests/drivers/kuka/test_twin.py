@@ -1,0 +1,259 @@
+"""The twin's FRI session, cycle by cycle; and an independent client on its wire."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from strands_actors.drivers.kuka.protocol import ClientMode, Command, Monitoring, Quality, State
+from strands_actors.drivers.kuka.robots import arm_of
+from strands_actors.drivers.kuka.twin.controller import Controller
+from strands_actors.testing import WireLog
+from tests.drivers.twin_process import TwinProcess, wait_until
+
+from .fri_client import Client
+
+ARM = arm_of("kuka_iiwa")
+
+
+class Peer:
+    """A client in virtual time, cycle by cycle: it answers as it should, unless it is told otherwise."""
+
+    def __init__(self, sample_ms: int = 5, multiplier: int = 1) -> None:
+        self.now_s = 0.0
+        self.notes: list[str] = []
+        self.controller = Controller(
+            ARM, sample_ms=sample_ms, multiplier=multiplier, now_s=lambda: self.now_s, note=self.notes.append
+        )
+        self.said = self.listen()
+        self.sequence = 0
+
+    def listen(self) -> Monitoring:
+        self.now_s += self.controller.sample_ms / 1e3
+        self.said = self.controller.cycle()
+        return self.said
+
+    def answer(self, position: tuple[float, ...] | None = None, reflected: int | None = None) -> Monitoring:
+        if position is None:
+            position = self.said.commanded if self.said.state >= State.COMMANDING_WAIT else ()
+        self.sequence += 1
+        self.controller.hear(
+            Command(self.sequence, self.said.sequence if reflected is None else reflected, position)
+        )
+        return self.listen()
+
+    def until(self, reached: Callable[[Monitoring], bool], at_most: int = 400) -> int:
+        """How many answers it took."""
+        for count in range(at_most):
+            if reached(self.said):
+                return count
+            self.answer()
+        raise AssertionError(f"{self.notes}, {self.said}")
+
+    def active(self) -> Peer:
+        self.until(lambda said: said.state == State.COMMANDING_ACTIVE)
+        return self
+
+    def stepped(self, joint: int, rad: float) -> tuple[float, ...]:
+        position = list(self.said.commanded)
+        position[joint] += rad
+        return tuple(position)
+
+
+def test_a_session_gets_ready_then_waits_to_be_mirrored_then_is_active() -> None:
+    peer = Peer()
+    assert (peer.said.state, peer.said.quality) == (State.MONITORING_WAIT, Quality.POOR)
+    ready = peer.until(lambda said: said.state == State.MONITORING_READY)
+    waits = ready + peer.until(lambda said: said.state == State.COMMANDING_WAIT)
+    assert (ready, waits) == (20, 100)
+    assert peer.said.client_mode == ClientMode.POSITION
+    assert peer.said.interpolated == pytest.approx(peer.said.position, abs=1e-6)
+    assert peer.until(lambda said: said.state == State.COMMANDING_ACTIVE) == 20
+
+
+def test_who_does_not_mirror_does_not_command() -> None:
+    peer = Peer()
+    peer.until(lambda said: said.state == State.COMMANDING_WAIT)
+    for _ in range(60):
+        peer.answer(peer.stepped(0, 1e-3))
+    assert peer.said.state == State.COMMANDING_WAIT
+
+
+def test_an_answer_that_names_another_message_is_none() -> None:
+    peer = Peer()
+    for _ in range(300):
+        peer.answer(reflected=peer.said.sequence - 1)
+    assert (peer.said.state, peer.said.quality) == (State.MONITORING_WAIT, Quality.POOR)
+
+
+def test_an_answer_that_comes_a_cycle_late_is_not_taken_and_not_reflected() -> None:
+    peer = Peer().active()
+    told, reflected = peer.said.commanded, peer.said.reflected
+    late = peer.said.sequence
+    peer.listen()
+    said = peer.answer(peer.stepped(0, 0.005), reflected=late)
+    assert (said.commanded, said.reflected) == (told, reflected)
+
+
+def test_a_receive_multiplier_asks_for_every_third_message() -> None:
+    peer = Peer(multiplier=3)
+    for _ in range(600):
+        peer.answer()
+        peer.listen()
+        peer.listen()
+    assert peer.said.state == State.COMMANDING_ACTIVE
+    for _ in range(40):
+        peer.listen()
+    assert peer.said.state == State.MONITORING_WAIT
+
+
+@pytest.mark.parametrize(
+    ("sample_ms", "state"),
+    [(10, State.COMMANDING_ACTIVE), (5, State.COMMANDING_ACTIVE), (2, State.MONITORING_WAIT)],
+)
+def test_a_stall_of_31_ms_costs_the_quality_and_at_2_ms_the_session(sample_ms: int, state: State) -> None:
+    peer = Peer(sample_ms).active()
+    for _ in range(31 // sample_ms):
+        peer.listen()
+    assert peer.said.state == state
+    assert peer.said.quality == (Quality.EXCELLENT if sample_ms == 10 else Quality.POOR)
+    peer.active()  # and it comes back
+
+
+def test_the_arm_follows_what_it_is_told_and_stands_when_it_is_told_the_same() -> None:
+    peer = Peer().active()
+    began = peer.said.position[0]
+    for _ in range(60):
+        peer.answer(peer.stepped(0, 0.005))
+    for _ in range(60):
+        peer.answer()
+    assert peer.said.position[0] - began == pytest.approx(0.3, abs=1e-3)
+    assert peer.said.state == State.COMMANDING_ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("position", "why"),
+    [
+        (lambda peer: peer.stepped(3, 0.0066), "joint4 steps 0.00660 rad, limit 0.00655"),
+        (lambda peer: (), "an answer without positions"),
+    ],
+)
+def test_what_the_arm_cannot_do_ends_the_motion_until_the_pendant_starts_it(
+    position: Callable[[Peer], tuple[float, ...]], why: str
+) -> None:
+    peer = Peer().active()
+    peer.answer(position(peer))
+    assert peer.said.state == State.MONITORING_READY
+    assert why in peer.notes[-1]
+    for _ in range(300):
+        peer.answer()
+    assert peer.said.state == State.MONITORING_READY
+    peer.controller.motion = True
+    peer.active()
+
+
+def test_an_arm_at_its_end_goes_no_further() -> None:
+    peer = Peer().active()
+    for _ in range(2000):
+        if peer.said.state != State.COMMANDING_ACTIVE:
+            break
+        peer.answer(peer.stepped(5, 0.01))
+    assert "joint6 is past its end" in peer.notes[-1]
+    assert abs(peer.said.position[5]) < ARM.joints[5].reach_rad * 1.01
+
+
+def test_silence_drops_the_session_and_holds_the_arm() -> None:
+    peer = Peer().active()
+    for _ in range(20):
+        peer.answer(peer.stepped(0, 0.005))
+    dropped = peer.said
+    for _ in range(12):
+        dropped = peer.listen()
+    assert dropped.state == State.MONITORING_WAIT
+    stood = peer.listen().position[0]
+    for _ in range(50):
+        peer.listen()
+    assert peer.said.position[0] == pytest.approx(stood, abs=0.01)
+
+
+@pytest.mark.parametrize("knob", ["safety", "drive", "motion"])
+def test_the_controllers_own_stops_end_the_commanding(knob: str) -> None:
+    peer = Peer().active()
+    if knob == "safety":
+        peer.controller.safety = 1
+    elif knob == "drive":
+        peer.controller.drives[2] = 0
+    else:
+        peer.controller.motion = False
+    said = peer.answer()
+    assert said.state == State.MONITORING_READY
+    assert (said.safety, said.drives[2]) == (knob == "safety", 0 if knob == "drive" else 2)
+
+
+# -- on its wire
+
+
+@pytest.mark.parametrize(
+    ("sample_ms", "packed", "checksum"), [(10, False, True), (5, True, True), (2, False, False)]
+)
+def test_an_independent_client_becomes_active_and_moves(
+    tmp_path: Path, sample_ms: int, packed: bool, checksum: bool
+) -> None:
+    options = {"sample_ms": sample_ms, "packed": packed, "checksum": checksum}
+    with TwinProcess(tmp_path, "kuka_iiwa", "kuka", options=options) as twin:
+        with Client(int(twin.port.rpartition(":")[2])) as client:
+            client.until(State.COMMANDING_ACTIVE)
+            assert client.sample_ms == sample_ms
+            goal = [*client.commanded]
+            goal[0] += 0.3
+            deadline_s = time.monotonic() + 20.0
+            while abs(client.measured[0] - goal[0]) > 0.005:
+                assert time.monotonic() < deadline_s, client.states
+                if client.cycle(goal, 0.001 * sample_ms) != State.COMMANDING_ACTIVE:  # a machine that paused
+                    client.until(State.COMMANDING_ACTIVE)
+        log = WireLog(tmp_path / "wire.ndjson")
+        wait_until(lambda: any(b"no answers" in entry.data for entry in log.entries()), "it misses its client")
+    kinds = [entry.kind for entry in log.entries() if entry.sender == "host"]
+    first = kinds.index("setpoint")
+    assert set(kinds[:first]) == {"safe"}, "what was said before the motion commands nothing"
+    assert kinds[first:].count("setpoint") >= 20
+
+
+def test_the_pendant_by_control_lines(tmp_path: Path) -> None:
+    with (
+        TwinProcess(tmp_path, "kuka_iiwa", "kuka", options={"sample_ms": 2}) as twin,
+        Client(int(twin.port.rpartition(":")[2])) as client,
+    ):
+        client.until(State.COMMANDING_ACTIVE)
+        for order in ("motion stop", "safety 1", "drive 3 0"):
+            twin.command(order)
+            client.until(State.MONITORING_READY)
+            for line in ("motion start", "safety 0", "drive 3 2"):
+                twin.command(line)
+            client.until(State.COMMANDING_ACTIVE)
+        twin.command("unplug")
+        client.sock.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            while True:
+                client.cycle()
+        twin.command("plug")
+        client.sock.settimeout(10.0)
+        client.until(State.COMMANDING_ACTIVE)
+
+
+def test_two_twins_do_not_meet_at_the_clients_end(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    with (
+        TwinProcess(tmp_path / "one", "kuka_iiwa", "kuka", options={"sample_ms": 2}) as one,
+        TwinProcess(tmp_path / "other", "kuka_iiwa", "kuka", options={"sample_ms": 5}) as other,
+    ):
+        told = []
+        for twin in (one, other):
+            with Client(int(twin.port.rpartition(":")[2])) as client:
+                client.until(State.MONITORING_READY)
+                told.append(client.sample_ms)
+    assert told == [2, 5]

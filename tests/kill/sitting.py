@@ -1,0 +1,13 @@
+"""A policy that has the robot stay where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+
+class Sitting:
+    def __init__(self, axes: Sequence[str]) -> None:
+        pass
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        return dict(observation)

@@ -1,0 +1,143 @@
+"""SAF-018: a tree that ends obeys nobody any more and leaves nothing energised. Real processes, the wire's log."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors.nodes import open_node
+from strands_actors.robot import RealRobot
+from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.node import AskTimeout, Unreachable
+from strands_actors.runtime.zenoh_mesh import unix_endpoint
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.messages import GetStatus, Resume
+from strands_actors.testing import Twin, WireLog
+from strands_actors.testing.bench import Bench, Caller, moving_robot
+
+from ..answers import until
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+DELAYS_S = (0.0, 0.004, 0.008, 0.012, 0.016)
+"""From the first limp frame of the end to a resume: where most of them were obeyed."""
+
+
+class Operator(threading.Thread):
+    """Presses resume so long after the first safe frame since ``since_ns``, past everybody but the gate."""
+
+    def __init__(self, run_dir: Path, robot: str, log: WireLog, delay_s: float) -> None:
+        super().__init__()
+        self._endpoint = unix_endpoint(str(run_dir / f"{robot}.wire.sock"))
+        self._robot = robot
+        self._log = log
+        self._delay_s = delay_s
+        self.ready = threading.Event()
+        self.since_ns = 2**62
+        self.answer: Message | Exception | None = None
+        self.start()
+        assert self.ready.wait(20.0)
+
+    def run(self) -> None:
+        trio.run(self._wait_and_press)
+
+    async def _wait_and_press(self) -> None:
+        async with open_node(f"operator.{os.getpid()}", connect=[self._endpoint]) as (node, _):
+            gate = node.ref(addresses.of(self._robot).gate, Gate)
+            with trio.fail_after(20.0):
+                while True:
+                    try:
+                        await gate.ask(GetStatus(), 1.0)
+                        break
+                    except Unreachable:
+                        await trio.sleep(0.01)
+            tail = self._log.tail()
+            self.ready.set()
+            with trio.fail_after(20.0):
+                while not any(  # noqa: ASYNC110  # the wire is another process's: there is no event
+                    entry.kind == "safe" and entry.t_ns >= self.since_ns for entry in tail.new()
+                ):
+                    await trio.sleep(0.0005)
+            await trio.sleep(self._delay_s)
+            try:
+                self.answer = await gate.ask(Resume("an operator"), 2.0)
+            except (AskTimeout, Unreachable) as failure:
+                self.answer = failure
+
+
+def nothing_is_energised(log: WireLog, since_ns: int) -> None:
+    safe = log.first_safe(since_ns)
+    assert safe is not None and safe.rung == "limp"
+    time.sleep(0.5)  # what must not happen has no event to wait for
+    log.silent_after(safe.t_ns, "enable", "setpoint")
+
+
+@pytest.mark.parametrize("delay_s", DELAYS_S)
+def test_saf_018_a_resume_during_cleanup_energises_nothing(
+    strands_robot: Start, strands_run_dir: Path, delay_s: float
+) -> None:
+    arm, twin = strands_robot("so101")
+    assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
+    operator = Operator(strands_run_dir, "so101", twin.log, delay_s)
+    began_ns = operator.since_ns = time.monotonic_ns()
+    assert arm.cleanup()["status"] == "success"
+    operator.join()
+    nothing_is_energised(twin.log, began_ns)
+    assert isinstance(operator.answer, Refused | AskTimeout | Unreachable), operator.answer
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[tuple[Bench, Caller]]:
+    with moving_robot("so101") as moving:
+        yield moving
+
+
+@pytest.mark.parametrize("delay_s", DELAYS_S)
+def test_saf_018_a_resume_at_the_death_of_the_caller_energises_nothing(
+    bench: tuple[Bench, Caller], delay_s: float
+) -> None:
+    caller = bench[0].moving("loop")
+    log, robot = bench[0].log, caller.tree["robot"]
+    operator = Operator(caller.run_dir, robot, log, delay_s)
+    began_ns = operator.since_ns = time.monotonic_ns()
+    os.kill(caller.pid("caller"), signal.SIGKILL)
+    operator.join()
+    nothing_is_energised(log, began_ns)
+    assert isinstance(operator.answer, Refused | AskTimeout | Unreachable), operator.answer
+    bench[0].drop()
+
+
+def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Bench, Caller]) -> None:
+    """Its caller is dead. Its note says which motor; it ends when that one is heard."""
+    caller = bench[0].moving("loop")
+    pids, note = caller.pids(), caller.run_dir / f"{caller.tree['robot']}.json"
+    bench[0].twin.fault("garbage:5")
+    time.sleep(0.1)
+    os.kill(pids["caller"], signal.SIGKILL)
+    until(lambda: json.loads(note.read_bytes()).get("unconfirmed") == ["wrist_roll"], "the note says so")
+    time.sleep(1.0)
+    assert Path(f"/proc/{pids['root']}").exists(), "it has not ended: it has a robot to make safe"
+    assert not Path(f"/proc/{pids['wire']}").exists()
+    healed_ns = time.monotonic_ns()
+    bench[0].twin.fault("ok")
+    until(lambda: not alive(pids["root"]), "it ends")
+    assert bench[0].log.first_safe(healed_ns) is not None
+    assert json.loads(note.read_bytes())["unconfirmed"] == []
+    bench[0].drop()
+
+
+def alive(pid: int) -> bool:
+    """Not gone, nor waiting to be buried."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
+    except OSError:
+        return False

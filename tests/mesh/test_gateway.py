@@ -1,0 +1,259 @@
+"""The gateway: what comes from another host reaches the gate dated, in time, from its own sender, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from typing import NamedTuple
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.nodes import open_node
+from strands_actors.rundir import notes
+from strands_actors.runtime.actor import Actor
+from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.frames import TELL, frame
+from strands_actors.runtime.messages import Message, Refused
+from strands_actors.runtime.node import Node, Unreachable
+from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gateway import Gateway, GatewayStop
+from strands_actors.supervisors.gateway_messages import Datable, Dated, Sync, Synced
+from strands_actors.supervisors.messages import (
+    Accepted,
+    Acquire,
+    Beat,
+    GetObservation,
+    GetStatus,
+    Lease,
+    Perform,
+    Release,
+    Resume,
+    Resumed,
+    SafeDone,
+    Setpoint,
+    Status,
+    Stop,
+    StopReport,
+)
+from strands_actors.testing import FakeHardware, InlineTree
+
+from .world import robot_on_mesh, run, until
+
+MS = 1_000_000
+ASK_S = 10.0
+
+
+class Caller(NamedTuple):
+    """On another host, as far as the robot can tell; with the same clock, as it happens."""
+
+    robot: str
+    node: Node
+    session: str
+
+    async def ask(self, message: Message, actor: type[Actor] = Gateway, address: str = "") -> Message | None:
+        ref = self.node.ref(address or addresses.of(self.robot).gateway, actor)
+        with trio.fail_after(ASK_S):
+            while True:
+                try:
+                    return await ref.ask(message, ASK_S)
+                except Unreachable:
+                    await trio.sleep(0.005)
+
+    async def dated(self, message: Datable, ahead_ms: float = 5000.0, session: str | None = None) -> Message | None:
+        deadline_ns = time.monotonic_ns() + round(ahead_ms * MS)
+        return await self.ask(Dated(self.session if session is None else session, deadline_ns, message))
+
+    async def acquire(self) -> Lease:
+        lease = await self.dated(Acquire("me"))
+        assert isinstance(lease, Lease), lease
+        return lease
+
+    async def stop(self) -> Message | None:
+        return await self.ask(Stop(Reason.STOP, "me"), GatewayStop, addresses.of(self.robot).gateway_stop)
+
+
+class World(NamedTuple):
+    hardware: FakeHardware
+    tree: InlineTree
+    one: Caller
+    two: Caller
+
+
+@contextlib.asynccontextmanager
+async def world() -> AsyncIterator[World]:
+    hardware = FakeHardware()
+    async with robot_on_mesh(hardware) as (robot, tree, _), contextlib.AsyncExitStack() as stack:
+        (note,) = notes()
+        callers: list[Caller] = []
+        for name in ("one", "two"):
+            node, _ = await stack.enter_async_context(open_node(f"caller.{name}", connect=note.mesh))
+            synced = await Caller(robot, node, "").ask(Sync())
+            assert isinstance(synced, Synced)
+            assert synced.axes == tuple(tree.driver.axes)
+            callers.append(Caller(robot, node, synced.session))
+        yield World(hardware, tree, *callers)
+
+
+def target(lease: Lease, ahead_ms: float = 200.0, **action: float) -> Setpoint:
+    return Setpoint(lease.id, lease.epoch, time.monotonic_ns() + round(ahead_ms * MS), action)
+
+
+def code(answer: Message | None) -> str:
+    assert isinstance(answer, Refused), answer
+    return answer.code
+
+
+def test_a_caller_of_another_host_writes_stops_and_resumes() -> None:
+    async def test() -> None:
+        async with world() as (hardware, tree, one, _):
+            lease = await one.acquire()
+            assert isinstance(await one.dated(target(lease, a=1.0)), Accepted)
+            await until(lambda: hardware.of("setpoint"), "it is written")
+            assert isinstance(await one.ask(GetStatus()), Status)
+            report = await one.stop()
+            assert isinstance(report, StopReport) and report.confirmed
+            assert code(await one.dated(target(lease, a=2.0))) == "disarmed"
+            assert code(await one.dated(Acquire("me"))) == "disarmed"
+            assert isinstance(await one.dated(Resume("me")), Resumed)
+            assert isinstance(await one.dated(target(await one.acquire(), a=2.0)), Accepted)
+            assert (await tree.status()).holder == "me (another host)"
+
+    run(test)
+
+
+def test_saf_001_nothing_is_accepted_that_is_not_dated_by_a_reading_of_the_clock_or_is_late() -> None:
+    async def test() -> None:
+        async with world() as (hardware, _, one, _):
+            lease = await one.acquire()
+            setpoint = target(lease, 5000.0, a=1.0)
+            for command in (setpoint, Acquire("me"), Resume("me"), Perform(lease.id, lease.epoch, "x", {})):
+                assert code(await one.dated(command, session="")) == "clock"
+                assert code(await one.dated(command, session="f" * 32)) == "clock"
+                assert code(await one.dated(command, ahead_ms=-1.0)) == "expired"
+                assert code(await one.dated(command, ahead_ms=60_000.0)) == "too_distant"
+            assert code(await one.dated(target(lease, -1.0, a=1.0))) == "expired", "the gate's own look at it"
+            await one.dated(Release(lease.id), ahead_ms=-1.0)
+            assert isinstance(await one.dated(setpoint), Accepted), "the lease was not given up late"
+            await until(lambda: hardware.of("setpoint"), "it is written")
+            assert len(hardware.of("setpoint")) == 1
+
+    run(test)
+
+
+def test_saf_017_a_lease_is_good_for_the_caller_that_was_given_it_alone() -> None:
+    async def test() -> None:
+        async with world() as (hardware, tree, one, two):
+            lease = await one.acquire()
+            over = Acquire("a rollout", lease.id)
+            for command in (target(lease, a=1.0), Release(lease.id), over, Perform(lease.id, lease.epoch, "x", {})):
+                assert code(await two.dated(command)) == "lease"
+            assert "me (another host)" in str(await two.dated(Acquire("other")))
+            assert isinstance(await one.dated(over), Lease)
+            assert not hardware.of("setpoint")
+            assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_a_beat_of_another_or_a_late_one_keeps_no_lease_alive() -> None:
+    async def test() -> None:
+        async with world() as (_, tree, one, two):
+            lease = await one.acquire()
+            latched = msgspec.structs.replace(target(lease, a=1.0), latched=True)
+            assert isinstance(await one.dated(latched), Accepted)
+            began_s = time.monotonic()
+            while (await tree.status()).mode == "armed":
+                assert time.monotonic() - began_s < 5.0, "the lease lives on"
+                await two.dated(Beat(lease.id))
+                await one.dated(Beat(lease.id), ahead_ms=-1.0)
+                await trio.sleep(0.02)
+            assert (await tree.status()).mode == "holding"
+
+    run(test)
+
+
+def test_who_comes_back_to_a_robot_that_holds_must_resume_it() -> None:
+    async def test() -> None:
+        async with world() as (_, tree, one, _):
+            lease = await one.acquire()
+            assert isinstance(await one.dated(target(lease, 50.0, a=1.0)), Accepted)
+            await tree.until("holding")
+            assert code(await one.dated(target(lease, a=2.0))) == "stale_epoch"
+            assert code(await one.dated(Acquire("me"))) == "holding"
+            assert isinstance(await one.dated(Resume("me")), Resumed)
+            await one.acquire()
+
+    run(test)
+
+
+def test_the_hold_with_which_a_rollout_ends_is_no_loss() -> None:
+    async def test() -> None:
+        async with world() as (_, tree, one, _):
+            lease = await one.acquire()
+            under = await one.dated(Acquire("rollout", lease.id))
+            assert isinstance(under, Lease)
+            assert isinstance(await one.dated(target(under, 5000.0, a=1.0)), Accepted)
+            await one.dated(Release(under.id))
+            await tree.until("holding")
+            await one.acquire()
+
+    run(test)
+
+
+@pytest.mark.parametrize("who", ["guardian", "transport", "gate", "tasks", "root", "safety"])
+def test_saf_017_from_another_host_nobody_but_the_gateway_is_reached(who: str) -> None:
+    """By its own key, and by the gateway's with another address inside."""
+
+    async def test() -> None:
+        async with world() as (hardware, tree, one, _):
+            forged = SafeDone(StopReport(Reason.STOP, "limp", 99, True, ()))
+            at = addresses.of(one.robot)
+            mesh = one.node.mesh
+            assert isinstance(mesh, ZenohMesh)
+            lease = await one.acquire()
+            for message in (forged, Stop(Reason.STOP, "forged"), target(lease, a=1.0), Resume("forged")):
+                data = frame(at.address(who), TELL, 0, at.gate, one.node.address, message)
+                for key in (at.address(who), at.gateway, at.gateway_stop):
+                    mesh._session.put(key, data)
+            for address in (at.gateway, at.gateway_stop):
+                for message in (forged, target(lease, a=1.0), Resume("forged")):
+                    mesh._session.put(address, frame(address, TELL, 0, "", one.node.address, message))
+            assert isinstance(await one.ask(GetStatus()), Status)
+            await trio.sleep(0.1)
+            assert (await tree.status()).mode == "armed"
+            assert not hardware.of("setpoint")
+
+    run(test)
+
+
+def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
+    """They wait below the interpreter; of each round few are read."""
+
+    async def test() -> None:
+        async with world() as (_, tree, one, _):
+            mesh, over = one.node.mesh, trio.Event()
+            assert isinstance(mesh, ZenohMesh)
+            key = addresses.of(one.robot).gateway
+            junk = frame(key, TELL, 0, "x", one.node.address, Sync())
+
+            async def flood() -> None:
+                while not over.is_set():
+                    for _ in range(100):
+                        mesh._session.put(key, junk)
+                    await trio.sleep(0.002)
+
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(flood)
+                await trio.sleep(0.2)
+                report = await one.stop()
+                assert isinstance(report, StopReport) and report.confirmed
+                over.set()
+            assert (await tree.status()).mode == "disarmed"
+            refused = [await one.ask(GetObservation()) for _ in range(200)]
+            assert any(isinstance(answer, Refused) and answer.code == "rate" for answer in refused)
+
+    run(test)

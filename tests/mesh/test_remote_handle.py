@@ -1,0 +1,180 @@
+"""``Robot(..., at=)``: a robot of another host by the same handle, over TLS and a cable that can be cut."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.mesh import MeshConfig
+from strands_actors.mesh.keys import make
+from strands_actors.robot import RealRobot
+from strands_actors.testing import Twin
+
+from ..answers import json_of, state, until, why
+from .proxy import Cable, free_port
+from .world import tls
+
+LIFETIME_S = 0.3
+SLACK_S = 1.0
+"""On the lifetime, for a busy machine; 50 ms is what is measured for."""
+
+
+class Hosts(NamedTuple):
+    here: RealRobot  # who started the robot
+    there: RealRobot
+    twin: Twin
+    cable: Cable
+    keys: Path
+
+
+@pytest.fixture
+def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path) -> Iterator[Hosts]:
+    """A robot that anybody may take, and a handle on it from elsewhere."""
+    keys = tmp_path / "keys"
+    make(keys)
+    port = free_port()
+    with Twin("so101", tmp_path) as twin, Cable(port) as cable:
+        config = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys, "robot"))
+        here = Robot("so101", mode="real", port=twin.port, mesh=config)
+        elsewhere = run_dir / "elsewhere"
+        elsewhere.mkdir(mode=0o700)
+        there = far(keys, cable)
+        try:
+            assert here.connect_eagerly() is None
+            json_of(here.release())
+            monkeypatch.setenv("STRANDS_ACTORS_RUN", str(elsewhere))
+            yield Hosts(here, there, twin, cable, keys)
+        finally:
+            there.cleanup()
+            here.cleanup()
+
+
+def far(keys: Path, cable: Cable, who: str = "operator", **keywords: object) -> RealRobot:
+    mesh = MeshConfig(tls=tls(keys, who))
+    at = f"tls/localhost:{cable.port}"
+    return Robot("so101", mode="real", at=at, mesh=mesh, lifetime=LIFETIME_S, **keywords)
+
+
+def waving(arm: RealRobot, pid: list[int]) -> object:
+    """A policy, and where it runs."""
+    start, count = arm.get_observation()["wrist_roll"], iter(range(10_000))
+
+    def policy(observation: dict[str, float]) -> dict[str, float]:
+        pid.append(os.getpid())
+        return {"wrist_roll": start + 0.3 * (next(count) % 20)}
+
+    return policy
+
+
+def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
+    here, there, twin, _, _ = hosts
+    assert "not connected" in why(there.send_action({"shoulder_pan": 0.0}))
+    assert there.connect_eagerly() is None
+    seen = there.get_observation()
+    assert set(seen) == set(there.driver.axes)
+    began_ns = time.monotonic_ns()
+    commanded = json_of(there.send_action({"wrist_roll": seen["wrist_roll"] + 5.0}))
+    assert commanded["commanded"] == {"wrist_roll": pytest.approx(seen["wrist_roll"] + 5.0, abs=0.2)}
+    until(lambda: bool(twin.log.host("setpoint", began_ns)), "it is on the wire")
+    assert "elbow" in why(there.send_action({"elbow": 1.0}))
+    assert "another host" in why(here.send_action({"wrist_roll": 0.0})), "one writer at a time"
+    assert there.is_connected
+    tree = there.tree()
+    assert tree is not None and {process["role"] for process in tree["processes"]} >= {"root", "wire"}
+
+    stopped_ns = time.monotonic_ns()
+    assert json_of(there.stop())["stopped"]
+    twin.log.safe_within(stopped_ns, SLACK_S)
+    assert "resume()" in why(there.send_action({"wrist_roll": 0.0}))
+    json_of(there.resume())
+    json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
+    json_of(there.release())
+    json_of(here.send_action({"wrist_roll": here.get_observation()["wrist_roll"]}))
+    assert json_of(there.cleanup())["stopped"]
+    assert state(here) == "armed", "whose robot it is not, does not end it"
+
+
+def test_a_policy_runs_where_it_is_called_and_gives_the_robot_back_held(hosts: Hosts) -> None:
+    _, there, twin, _, _ = hosts
+    assert there.connect_eagerly() is None
+    pids: list[int] = []
+    began_ns = time.monotonic_ns()
+    json_of(there.run_policy(waving(there, pids), duration=1.0))
+    assert "stop_task()" in why(there.send_action({"wrist_roll": 0.0}))
+    until(lambda: not json_of(there.get_task_status())["running"], "it is over")
+    task = json_of(there.get_task_status())
+    assert (task["exit_reason"], set(pids)) == ("duration", {os.getpid()})
+    assert len(twin.log.host("setpoint", began_ns)) > 10
+    json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
+    json_of(there.start_task("wave", policy_provider="sine", duration=60.0))
+    until(lambda: json_of(there.get_task_status())["steps"] > 5, "a named one, too")
+    json_of(there.stop_task())
+    assert state(there) == "holding"
+
+
+def test_saf_001_a_cut_cable_is_held_within_the_lifetime_and_a_stop_is_never_said_to_have_stopped(
+    hosts: Hosts,
+) -> None:
+    here, there, twin, cable, _ = hosts
+    assert there.connect_eagerly() is None
+    json_of(there.run_policy(waving(there, []), duration=60.0))
+    until(lambda: len(twin.log.host("setpoint")) > 20, "it moves")
+    cut_ns = time.monotonic_ns()
+    cable.cut()
+    safe = until(lambda: twin.log.first_safe(cut_ns), "a safe frame")
+    took_s = (safe.t_ns - cut_ns) / 1e9
+    print(f"held {1e3 * took_s:.0f} ms after the cut, with a lifetime of {1e3 * LIFETIME_S:.0f} ms")
+    assert took_s < LIFETIME_S + SLACK_S
+    assert state(here) == "holding"
+
+    refusal = why(there.stop())
+    assert "does not answer" in refusal and "not known" in refusal
+    assert "move:" in why(there.send_action({"wrist_roll": 0.0}))
+    assert there.get_observation() == {}
+    assert state(there) == "unreachable"
+
+    cable.heal()
+    until(lambda: state(there) == "holding", "it is reached again")
+    assert twin.log.setpoints_after_safe(cut_ns) == 0
+    assert "resume" in why(there.send_action({"wrist_roll": 0.0}))
+    assert twin.log.setpoints_after_safe(cut_ns) == 0
+    json_of(there.resume())
+    json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
+
+
+def test_a_cleanup_that_is_not_heard_is_no_success(hosts: Hosts) -> None:
+    _, there, _, cable, _ = hosts
+    assert there.connect_eagerly() is None
+    cable.cut()
+    refusal = why(there.cleanup())
+    assert "does not answer" in refusal
+    assert "cleaned up" in why(there.send_action({"wrist_roll": 0.0}))
+
+
+def test_a_viewer_gets_no_handle_and_who_is_not_there_is_named(hosts: Hosts) -> None:
+    _, _, twin, cable, keys = hosts
+    viewer, stranger = far(keys, cable, "viewer"), far(keys, cable, tool_name="nobody")
+    for robot, named in ((viewer, "so101"), (stranger, "nobody")):
+        problem = robot.connect_eagerly()
+        assert problem is not None and f"{named} at tls/localhost" in problem and "operator" in problem
+        robot.cleanup()
+    assert not twin.log.host("setpoint")
+
+
+def test_what_is_about_its_hardware_is_said_where_the_robot_is(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="port="):
+        Robot("so101", mode="real", at="tcp/127.0.0.1:1", port="/dev/null")
+    with pytest.raises(ValueError, match="needs tls="):
+        Robot("so101", mode="real", at="tls/arm.example:7447")
+    with pytest.raises(ValueError, match="insecure"):
+        Robot("so101", mode="real", at="tcp/192.0.2.7:7447")
+    with pytest.raises(ValueError, match="lifetime"):
+        Robot("so101", mode="real", at="tcp/127.0.0.1:1", lifetime=60.0)
+    with pytest.raises(TypeError, match="at="):
+        Robot("so101", at="tcp/127.0.0.1:1")

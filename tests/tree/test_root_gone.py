@@ -1,0 +1,225 @@
+"""The root dies at any step of what it does, and its wire is alone (SAF-003, SAF-018, SAF-020). In virtual time,
+judged by the frames and by what is energised in the end."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.runtime.contract import MotorReport, Reason
+from strands_actors.supervisors.stop_channel import LINGER_S
+from strands_actors.supervisors.transport import Transport
+from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
+
+from .writer import armed, freeze, setpoints
+
+LIMP = [False, False]
+
+STEPS = (
+    "it is about to write",
+    "it is about to fence",
+    "it has fenced",
+    "it is about to write again",
+    "it is done",
+)
+"""Of a guardian that ends a wire."""
+
+
+class Root:
+    """A root that dies when it comes to one of its ``STEPS``: its wire sees the end of the link, and the dead does
+    nothing more (until the test is over, when its tree has to end)."""
+
+    def __init__(self, tree: InlineTree, dies_when: str) -> None:
+        self._tree = tree
+        self._dies_when = dies_when
+        self.dead = False
+        self.over = trio.Event()
+        self.steps: list[str] = []
+        guardian, place = tree.keeper, tree.place
+        second = guardian._second
+        assert second is not None
+        make_safe, fence = second.make_safe, place.fence
+        about_to_write = iter((STEPS[0], STEPS[3]))
+
+        async def watched_make_safe(rung: str) -> tuple[MotorReport, ...]:
+            await self._comes_to(next(about_to_write))
+            reports = await make_safe(rung)
+            if self.steps[-1] == STEPS[3]:
+                await self._comes_to(STEPS[4])
+            return reports
+
+        async def watched_fence() -> bool:
+            await self._comes_to(STEPS[1])
+            fenced = await fence()
+            await self._comes_to(STEPS[2])
+            return fenced
+
+        second.make_safe = watched_make_safe  # type: ignore[method-assign]
+        place.fence = watched_fence  # type: ignore[method-assign]
+
+    async def _comes_to(self, step: str) -> None:
+        if not self.dead:
+            self.steps.append(step)
+        if step == self._dies_when:
+            self.die()
+        if self.dead:
+            with trio.CancelScope(shield=True):
+                await self.over.wait()
+
+    def die(self) -> None:
+        self.dead = True
+        self._tree.place.let_go()
+
+
+@asynccontextmanager
+async def moving_tree(dies_when: str = "") -> AsyncIterator[tuple[InlineTree, Root]]:
+    """A robot on its way, and its root."""
+    async with open_inline_tree() as tree:
+        writer = await armed(tree)
+        root = Root(tree, dies_when)
+        await writer.send(latched=True, a=5.0)
+        await trio.sleep(0.05)
+        try:
+            yield tree, root
+        finally:
+            root.over.set()
+
+
+def transport_of(tree: InlineTree) -> Transport:
+    actor = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
+    assert isinstance(actor, Transport)
+    return actor
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_saf_003_a_root_may_die_at_any_step_of_ending_a_healthy_wire(step: str) -> None:
+    """It was wrong about the wire, which answered all the time."""
+
+    async def run() -> None:
+        async with moving_tree(step) as (tree, root):
+            tree.keeper._break(Reason.WIRE, "the wire process stopped answering")
+            began_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.5)
+            assert root.dead and root.steps == list(STEPS[: STEPS.index(step) + 1])
+            assert tree.hardware.of("safe", began_ns), "a safe frame is on the wire"
+            assert setpoints(tree, tree.hardware.of("safe", began_ns)[0].t_ns + 1) == []
+            assert tree.hardware.energised == LIMP
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("step", STEPS[1:])
+def test_saf_016_a_root_that_wrote_before_it_died_has_made_a_frozen_wire_safe(step: str) -> None:
+    async def run() -> None:
+        async with moving_tree(step) as (tree, root):
+            freeze(tree, "gate")
+            await trio.sleep(0.5)
+            assert root.dead
+            assert tree.hardware.energised == LIMP
+
+    run_virtual(run)
+
+
+# -- the wire without its root
+
+
+def test_saf_018_a_motor_that_is_silent_when_the_root_dies_is_released_when_it_is_heard() -> None:
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            tree.hardware.silent.add("b")
+            root.die()
+            await trio.sleep(10.0)
+            assert tree.hardware.energised == [False, True]
+            assert tree.place.alive, "it has not ended: it has a robot to make safe"
+            tree.hardware.silent.clear()
+            await trio.sleep(2.5)
+            assert tree.hardware.energised == LIMP
+
+    run_virtual(run)
+
+
+def test_saf_018_a_wire_without_a_root_tries_no_longer_than_is_said() -> None:
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            tree.hardware.silent.add("b")
+            root.die()
+            await trio.sleep(LINGER_S / 2)
+            assert tree.place.alive
+            await trio.sleep(LINGER_S / 2 + 10.0)
+            assert not tree.place.alive and not tree.place.left_safe
+
+    run_virtual(run)
+
+
+def test_saf_020_the_root_dies_while_the_cable_is_out() -> None:
+    """Nobody is there to be handed the port when the robot is back; it is made safe all the same."""
+
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            tree.hardware.plugged = False
+            await tree.until("lost")
+            root.die()
+            freeze(tree, "guardian")
+            await trio.sleep(5.0)
+            assert tree.hardware.energised != LIMP
+            tree.hardware.plugged = True
+            back_ns = tree.node.clock.now_ns()
+            await trio.sleep(2.5)
+            assert tree.hardware.energised == LIMP
+            assert setpoints(tree, back_ns) == tree.hardware.of("enable", back_ns) == []
+
+    run_virtual(run)
+
+
+def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            wire: Any = transport_of(tree)._wire
+
+            async def fails(rung: str) -> tuple[MotorReport, ...]:
+                raise RuntimeError("a fault was asked for")
+
+            wire.make_safe = fails
+            root.die()
+            await trio.sleep(0.5)
+            assert tree.hardware.energised == LIMP
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+
+    run_virtual(run)
+
+
+def test_saf_003_a_transport_that_hangs_as_the_root_dies_is_passed_by() -> None:
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            wire: Any = transport_of(tree)._wire
+
+            async def hangs(rung: str) -> tuple[MotorReport, ...]:
+                await trio.sleep_forever()
+                raise AssertionError
+
+            wire.make_safe = hangs
+            root.die()
+            await trio.sleep(3.0)
+            assert tree.hardware.energised == LIMP
+            assert not tree.place.alive and tree.place.left_safe
+
+    run_virtual(run)
+
+
+def test_a_wire_that_has_energised_nothing_ends_with_its_root_at_once() -> None:
+    """Its robot was never there."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            tree.hardware.plugged = False
+            await tree.until("down")
+            place = tree.place
+            place.let_go()
+            await trio.sleep(0.1)
+            assert not place.alive
+
+    run_virtual(run)
