@@ -187,6 +187,7 @@ class Gate(Actor):
             self._refuse_by_mode()
             or self._refuse_by_lease("move", message)
             or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
+            or self._refuse_latched(message)
         )
         if refusal is not None:
             return refusal
@@ -243,6 +244,14 @@ class Gate(Actor):
             return Refused("arming", "move: the robot is being energised", "try again when it is armed")
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_latched(self, message: Setpoint) -> Refused | None:
+        """Refuse a command without an end to a robot that would go on moving by it: a base, a drone, legs."""
+        longest_s = self._driver.timing.oneshot_ttl_s
+        if not message.latched or longest_s is None:
+            return None
+        why = f"move: {self._driver.robot} takes no command without an end"
+        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
 
     def _refuse_at_the_end(self, what: str) -> Refused:
         return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
