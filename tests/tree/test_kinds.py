@@ -114,7 +114,7 @@ def test_saf_001_a_base_stops_when_its_command_has_expired_and_takes_the_next() 
 @pytest.mark.parametrize("kind", [FakeBase, FakeDrone])
 def test_saf_001_who_moves_by_velocity_takes_no_command_without_an_end(kind: type[_Kind]) -> None:
     async def run() -> None:
-        async with tree_of(kind) as (tree, peer, writer):
+        async with tree_of(kind) as (_, peer, writer):
             answer = await writer.send(latched=True, vx=0.25)
             assert isinstance(answer, Refused) and answer.code == "latched"
             assert peer.of("setpoint") == []
