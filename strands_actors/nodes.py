@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
+from typing import Any
 
 import trio
 
 from .background import open_background
 from .runtime.clock import MonotonicClock
 from .runtime.node import Node
-from .runtime.zenoh_mesh import ZenohMesh
+from .runtime.zenoh_mesh import EVERYBODY, ZenohMesh
 
 
 @contextlib.asynccontextmanager
 async def open_node(
-    name: str, listen: Sequence[str] = (), connect: Sequence[str] = ()
+    name: str,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    tokens: str = EVERYBODY,
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
     """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it, too."""
     node = Node(name, MonotonicClock())
-    mesh = await ZenohMesh.open(listen, connect)
+    mesh = await ZenohMesh.open(listen, connect, settings)
     try:
         async with open_background() as nursery:
             await nursery.start(node.run)
-            mesh.attach(node)
+            mesh.attach(node, tokens)
             mesh.serve_threads()
             await nursery.start(mesh.run)
             yield node, nursery

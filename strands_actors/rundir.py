@@ -41,6 +41,7 @@ class Note(msgspec.Struct):
     mesh: list[str] = []  # of its topics: what a subscriber connects to
     problem: str = ""
     unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
+    caller: str = ""  # endpoint of the process that started it
 
 
 def run_dir() -> Path:

@@ -214,10 +214,12 @@ class RobotTree:
 
     async def _resume(self, lift: bool) -> Resumed | Refused:
         stops = self._stops
+        known = self._processes.started
         refused = await self._processes.revive(lift, self._writer.beat)
         if refused is not None:
             return refused
-        await self._processes.wait_linked()
+        # As in ``_connect``: a wire that is new since the stop may be between two attempts.
+        await self._processes.wait_linked(RETRY_S if known else 0.0)
         answer = await self._energise(stops, lift)
         if isinstance(answer, Resumed):
             async with self._writer.turn:

@@ -96,7 +96,9 @@ class TreeProcesses(Processes):
         }
         entry = "strands_actors.supervisors.root:main"
         process = start(entry, args, [name.lock_fd], label_of(self.robot))
-        name.publish(Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh]))
+        name.publish(
+            Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh], caller=self._endpoint)
+        )
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from .supervisors.gate import Gate
         from .supervisors.guardian import Guardian

@@ -63,7 +63,14 @@ class Gate(Actor):
     what led there."""
 
     def __init__(
-        self, driver: Driver, transport: str, watchdog: str, guardian: str, start: failsafe.State, cause: str = ""
+        self,
+        driver: Driver,
+        transport: str,
+        watchdog: str,
+        guardian: str,
+        start: failsafe.State,
+        cause: str = "",
+        locked_since: str = "",
     ) -> None:
         self._driver = driver
         self._addresses = transport, watchdog, guardian
@@ -74,7 +81,7 @@ class Gate(Actor):
         self._target_ns = 0
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
         self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
-        self._lock = LockKept(0)  # the newest that was kept
+        self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
@@ -180,6 +187,7 @@ class Gate(Actor):
             self._refuse_by_mode()
             or self._refuse_by_lease("move", message)
             or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
+            or self._refuse_latched(message)
         )
         if refusal is not None:
             return refusal
@@ -236,6 +244,14 @@ class Gate(Actor):
             return Refused("arming", "move: the robot is being energised", "try again when it is armed")
         cause = f" ({self._cause})" if self._cause else ""
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_latched(self, message: Setpoint) -> Refused | None:
+        """Refuse a command without an end to a robot that would go on moving by it: a base, a drone, legs."""
+        longest_s = self._driver.timing.oneshot_ttl_s
+        if not message.latched or longest_s is None:
+            return None
+        why = f"move: {self._driver.robot} takes no command without an end"
+        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
 
     def _refuse_at_the_end(self, what: str) -> Refused:
         return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
@@ -395,7 +411,7 @@ class Gate(Actor):
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
         self._writes, self._reads = message.writes, message.reads
-        if self._state.mode in (Mode.UNCONFIRMED, Mode.ENDING) and self._last_stop is not None:
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:

@@ -79,6 +79,8 @@ class FromOutside:
         self._pubsub = pubsub
         self._ring = pubsub.poll(at.gateway, RING)
         pubsub.subscribe(at.gateway_stop, self._on_stop)
+        for address in (at.gateway, at.gateway_stop):
+            pubsub.declare_token(f"{address}/alive")
 
     def take(self) -> int:
         """Frames that wait, into the node. How many."""

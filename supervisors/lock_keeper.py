@@ -39,6 +39,11 @@ class LockKeeper:
         self._kept = Kept("" if found is None else found.since)
         self._changed = trio.Event()
 
+    @property
+    def since(self) -> str:
+        """Of the lock that is on the disk."""
+        return self._kept.since
+
     def want(self, by: str) -> None:
         """The robot is locked by them; empty: by nobody."""
         if by != self._wanted:

@@ -23,10 +23,13 @@ def node_name(robot: str, pid: int) -> str:
 
 def settings(robot: str) -> dict[str, Any]:
     """Of the wire's session for policies."""
-    gate, answers = addresses.of(robot).gate, f"{PREFIX}/node/{robot}.policy.$*"
+    gate, answers, tokens = addresses.of(robot).gate, f"{PREFIX}/node/{robot}.policy.$*", f"{PREFIX}/**/alive"
     rules = [
         _rule("ask", "put", "ingress", gate),
         _rule("offer", "declare_subscriber", "egress", gate),
+        _rule("be there", "liveliness_token", "egress", f"{gate}/alive"),
+        _rule("look", "declare_liveliness_subscriber", "ingress", tokens),
+        _rule("look back", "liveliness_query", "ingress", tokens),
         _rule("answer", "put", "egress", answers),
         _rule("listen", "declare_subscriber", "ingress", answers),
     ]

@@ -167,6 +167,7 @@ class Tree:
             "mode": state.mode,
             "epoch": state.epoch,
             "locked_by": state.locked_by,
+            "locked_since": self.keeper.since,
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],

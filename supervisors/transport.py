@@ -54,6 +54,7 @@ from .messages import (
     StopReport,
     Write,
 )
+from .stop_channel import attempt_anew
 
 ROOT_AGAIN_S = 0.01
 REACH_MARGIN_S = 0.25
@@ -261,23 +262,9 @@ class Transport(Actor):
             self._lost = self._driver.open_wire(self.context.clock)
         passed_s = (self.context.clock.now_ns() - began_ns) / NS
         with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
-            return await self._lost.reach(rung) or await self._by_stop_channel(rung)
+            # A wire that has no way of its own: what the root would do needs no handshake either.
+            return await self._lost.reach(rung) or await attempt_anew(self._driver, self.context.clock, rung)
         return ()
-
-    async def _by_stop_channel(self, rung: str) -> tuple[MotorReport, ...]:
-        """Of a wire that has no way of its own: what the root would do, which needs no handshake either."""
-        path = self._driver.second_path((), self.context.clock)
-        motors: tuple[MotorReport, ...] = ()
-        try:
-            async with trio.open_nursery() as nursery:
-                await nursery.start(path.serve)
-                motors = await path.make_safe(rung)
-                nursery.cancel_scope.cancel()
-        except* WireDown:
-            motors = ()
-        finally:
-            path.close()
-        return motors
 
     def _report_safe(
         self, reason: Reason, rung: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
@@ -385,15 +372,17 @@ class Transport(Actor):
             self._gate.tell(LinkUp(facts, observation))
 
     def descriptors(self) -> tuple[int, ...]:
-        """Of the open wire, as its root was handed them; for who makes safe when this actor does not run any
-        more, and owns them."""
-        return () if self._wire is None else tuple(os.dup(fd) for fd in self._wire.handover())
+        """Of the wire that is open, as its root was handed them; for who makes safe when this actor does not run
+        any more, and owns them."""
+        wire = self._wire or self._lost
+        return () if wire is None else tuple(os.dup(fd) for fd in wire.handover())
 
     def close(self) -> None:
         """Release the port, after this actor has ended."""
-        if self._wire is not None:
-            self._wire.close()
-            self._wire = None
+        for wire in (self._wire, self._lost):
+            if wire is not None:
+                wire.close()
+        self._wire = self._lost = None
 
     async def _serve(self, wire: Wire) -> None:
         self._serving = serving = _Serving()

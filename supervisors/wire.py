@@ -57,6 +57,7 @@ async def run_group(
     pulse: Pulse,
     root: Callable[[], Standing | None] = lambda: None,
     made: Callable[[Transport], None] = lambda _: None,
+    locked_since: str = "",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see ``Watchdog``; ``made`` is
@@ -69,7 +70,8 @@ async def run_group(
     cells = [
         node.cell(at.path("transport"), lambda: transport),
         node.cell(
-            at.path("gate"), lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause)
+            at.path("gate"),
+            lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since),
         ),
         node.cell(
             at.path("watchdog"),
@@ -253,7 +255,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await nursery.start(node.run)
             await nursery.start(
                 run_group, node, driver, robot, state, args["cause"], end, pulse, lambda: suspected(root),
-                transports.append,
+                transports.append, args["locked_since"],
             )  # fmt: skip
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)

@@ -2,8 +2,8 @@
 
 A request that may move a robot takes a permit. It is checked as the last thing before the head leaves, after any
 wait for a connection, and once more before the body does. Nothing is queued, repeated or redirected; no proxy of
-the environment is used. What is not sent now is never sent. Never imported by a root process: a stop channel uses
-``http_port``.
+the environment is used. What is not sent now is never sent. Never imported by a root process: what stops or
+moves a robot goes by ``http_port``.
 """
 
 from __future__ import annotations

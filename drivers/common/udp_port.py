@@ -18,6 +18,8 @@ import trio
 from strands_actors.runtime.contract import WireDown
 
 LARGEST = 65535
+MOST_STRANGERS = 100
+"""Datagrams of others that are dropped at once."""
 
 
 class DatagramPort(Protocol):
@@ -126,6 +128,7 @@ class UdpListener:
         """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether it is one. Until
         then the one before is written to. Raise ``WireDown``."""
         while True:
+            await trio.lowlevel.checkpoint()
             received = self._receive()
             if received is None:
                 await self._wait()
@@ -144,14 +147,16 @@ class UdpListener:
             raise self._gone(error) from None
 
     async def read(self) -> bytes:
+        await trio.lowlevel.checkpoint()  # a flood of datagrams takes no turn from others
         while (data := self.read_waiting()) is None:
             await self._wait()
         return data
 
     def read_waiting(self) -> bytes | None:
-        while (received := self._receive()) is not None:
-            if received[1] == self._peer:
-                return received[0]
+        for _ in range(MOST_STRANGERS):
+            received = self._receive()
+            if received is None or received[1] == self._peer:
+                return None if received is None else received[0]
         return None
 
     def fileno(self) -> int:

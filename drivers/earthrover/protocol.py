@@ -6,6 +6,8 @@ the log of the wire tells a stop from a setpoint of zero.
 
 from __future__ import annotations
 
+import base64
+import binascii
 import math
 from typing import Any
 
@@ -44,6 +46,25 @@ class Data(msgspec.Struct, frozen=True):
     lamp: float
     vibration: float
     vectors: dict[str, tuple[float, ...]]  # the newest row of each, without its time; units not documented
+
+
+class Picture(msgspec.Struct, frozen=True):
+    """What a camera saw."""
+
+    jpeg: bytes
+    stamp_s: float  # the rover's clock; NaN: not told
+
+
+def decode_picture(body: bytes, view: str) -> Picture:
+    """Return an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame``."""
+    told = _decode(body)
+    frame = told.get(f"{view}_frame")
+    if not isinstance(frame, str) or not frame:
+        raise MalformedFrame(f"no {view}_frame")
+    try:
+        return Picture(base64.b64decode(frame, validate=True), _number(told, "timestamp"))
+    except (binascii.Error, ValueError):
+        raise MalformedFrame(f"{view}_frame is no base64") from None
 
 
 def encode_setpoint(linear: float, angular: float, lamp: float) -> bytes:

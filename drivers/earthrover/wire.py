@@ -57,6 +57,7 @@ class EarthRoverWire(Wire):
         self._commands: HttpPort | None = None
         self._nursery: trio.Nursery | None = None  # of ``serve``
         self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
+        self._given_up = False  # an answer has not come: this wire writes no command any more
         self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # what the rover was last told, in axis order
         self._seen: Observation | None = None
         self._problem = "it has told nothing yet"
@@ -110,8 +111,8 @@ class EarthRoverWire(Wire):
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         nursery, port = self._nursery, self._commands
-        if nursery is None or port is None:
-            raise WireDown("write: not connected. Open it first")
+        if nursery is None or port is None or self._given_up:
+            raise WireDown("write: not connected, or no answer. Open it anew")
         if not await self._answered(WAIT_S):
             raise PermitDenied("the command before has not been answered")
         if not port.is_open:  # the service has closed it, as it may
@@ -132,7 +133,9 @@ class EarthRoverWire(Wire):
                 self._follow(zero)
                 if not await self._answered(OWED_S):
                     self._port().close()  # a new connection is heard after those that wait
-            outcome = await stop_base(self._port(), zero, STOP_S, lambda: self._owed is not None)
+            outcome = await stop_base(
+                self._port(), zero, STOP_S, lambda: self._owed is not None and not self._given_up
+            )
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
         return outcome.reports(self._driver, self._told)
@@ -168,15 +171,23 @@ class EarthRoverWire(Wire):
     # -- what runs beside the calls
 
     async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
-        with trio.move_on_after(COMMAND_S):
-            answer = await port.answer(number, math.inf)
-            if self._owed is owed:
+        """Raise ``WireDown`` when it does not come. Then zero has followed its command, and no other does."""
+        answered = False
+        try:
+            with trio.move_on_after(COMMAND_S):
+                answer = await port.answer(number, math.inf)
+                answered = True
+                if answer.status != p.OK:
+                    raise WireDown(f"write: the answer is status {answer.status}. Look at the SDK process")
+                return
+            raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the SDK process")
+        finally:
+            if answered:
                 self._owed = None
-            owed.set()
-            if answer.status != p.OK:
-                raise WireDown(f"write: the answer is status {answer.status}. Look at the SDK process")
-            return
-        raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the SDK process")
+                owed.set()
+            else:
+                self._given_up = True
+                self._follow(RoverZero(self._told[2]))
 
     async def _answered(self, within_s: float) -> bool:
         """Wait until no answer to a command is owed."""

@@ -92,14 +92,14 @@ class Session:
         if not self._per_cycle:
             cycles = max(1.0, round(self._span_s / cycle_s))
             self._per_cycle = tuple(
-                min(speed * cycle_s, abs(to - rad) / cycles) + 2 * LIVE_RAD
+                min(speed * cycle_s, abs(to - rad) / cycles) + 4 * LIVE_RAD
                 for speed, to, rad in zip(self._speed_rad_s, self._goal, before, strict=True)
             )
         after = tuple(
             to if abs(to - rad) <= most else rad + (most if to > rad else -most)
             for rad, to, most in zip(before, self._goal, self._per_cycle, strict=True)
         )
-        if after == before:
+        while after in (before, self._commanded):  # one of them the controller has heard last
             first = after[0] - LIVE_RAD if after[0] > 0 else after[0] + LIVE_RAD
             after = (first, *after[1:])
         return after

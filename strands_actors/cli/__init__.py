@@ -131,6 +131,19 @@ def echo(
 
 
 @app.command()
+def trace(
+    robot: Annotated[str, typer.Argument(help="As `tree` names it.")],
+    count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    json: Json = False,
+) -> None:
+    """Print what a robot's actors tell each other: who, whom, which message, how old. Of this user's own robots."""
+    from .trace import trace as run
+
+    run(robot, json, count, seconds)
+
+
+@app.command()
 def hz(
     what: What,
     mesh: Mesh = None,

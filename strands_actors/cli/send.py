@@ -10,13 +10,17 @@ from typing import Any
 
 import trio
 
-from ..mesh.client import open_mesh
-from ..mesh.remote import RemoteRobot, control
-from ..runtime.messages import Refused
+from ..mesh.reach import reach
+from ..processes import NotConnected
+from ..runtime.messages import Message, Refused
+from ..runtime.node import AskTimeout, Unreachable
+from ..supervisors.messages import Accepted
+from ..tree import RobotTree
 from .errors import Problem
 from .orders import configuration
 
 REFUSED = 1
+RELEASE_S = 1.0
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
@@ -43,30 +47,30 @@ def parse(pairs: Sequence[str]) -> dict[str, float]:
 async def _send(
     robot: str, targets: dict[str, float], seconds: float, resume: bool, mesh: Path | None, as_json: bool
 ) -> int:
-    async with open_mesh(configuration(mesh)) as client:
-        try:
-            async with control(client, robot, resume) as remote:
-                answer = await remote.send_action(targets)
-                if isinstance(answer, Refused):
-                    return _refuse(robot, answer.text, as_json)
-                _tell(robot, answer, seconds, as_json)
-                return await _keep(remote, targets, seconds, as_json)
-        except PermissionError as refused:
-            return _refuse(robot, str(refused), as_json)
+    try:
+        async with reach(robot, configuration(mesh)) as tree:
+            try:
+                return await _keep(tree, targets, seconds, resume, as_json)
+            finally:
+                with trio.move_on_after(RELEASE_S, shield=True):
+                    await tree.release()  # it holds; its own program may have it again
+    except (ConnectionError, NotConnected, AskTimeout, Unreachable) as failure:
+        return _refuse(robot, str(failure), as_json)
 
 
-async def _keep(remote: RemoteRobot, targets: dict[str, float], seconds: float, as_json: bool) -> int:
+async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> int:
     """Hold the lease that long. A target that lives for a moment only is sent again."""
-    deadline = trio.current_time() + seconds
-    while (left := deadline - trio.current_time()) > 0:
-        if remote.oneshot_ttl_s is None:
-            await trio.sleep(left)
-            break
-        await trio.sleep(min(left, remote.oneshot_ttl_s / 2))
-        answer = await remote.send_action(targets)
-        if isinstance(answer, Refused):
-            return _refuse(remote.robot, answer.text, as_json)
-    return 0
+    answer: Message | None = await tree.resume() if resume else None
+    if not isinstance(answer, Refused):
+        answer = await tree.send_action(targets)
+    if isinstance(answer, Accepted):
+        _tell(tree.robot, tree.driver.commanded(targets, answer.values), seconds, as_json)
+    deadline, ttl_s = trio.current_time() + seconds, tree.driver.timing.oneshot_ttl_s
+    while not isinstance(answer, Refused) and (left := deadline - trio.current_time()) > 0:
+        await trio.sleep(left if ttl_s is None else min(left, ttl_s / 2))
+        if ttl_s is not None:
+            answer = await tree.send_action(targets)
+    return _refuse(tree.robot, answer.text, as_json) if isinstance(answer, Refused) else 0
 
 
 def _refuse(robot: str, why: str, as_json: bool) -> int:

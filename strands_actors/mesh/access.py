@@ -19,6 +19,7 @@ ORDERS = (
 )
 ANSWERS = (key("*", "response/**"), key("node", "**"))
 TOKENS = (key("*", "alive"),)
+GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
 LOCAL = "unixsock-stream"
 """The user's own socket: its directory lets nobody else in."""
@@ -42,6 +43,8 @@ OPERATE = (
     Rule("offer", ("declare_subscriber",), "egress", ORDERS),
     Rule("answers", ("put",), "egress", ANSWERS),
     Rule("ask", ("declare_subscriber",), "ingress", ANSWERS),
+    Rule("gateways", ("liveliness_token",), "egress", GATEWAYS),
+    Rule("find", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", GATEWAYS),
 )
 EVERYTHING = (
     "put",

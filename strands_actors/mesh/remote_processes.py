@@ -24,6 +24,7 @@ from ..runtime.messages import Refused
 from ..runtime.node import AskTimeout, Node, Unreachable
 from ..runtime.zenoh_mesh import ZenohMesh
 from ..runtime.zenoh_session import short
+from ..supervisors import addresses
 from ..supervisors.gateway_messages import Synced
 from ..supervisors.messages import Describe, Stop, StopReport, TreeReport
 from .gateway_ref import GatewayRef
@@ -60,7 +61,7 @@ class RemoteProcesses(Processes):
             session = await ZenohMesh.open(connect=mesh.connects, settings=mesh.settings())
         except zenoh.ZError as error:
             raise NotConnected(f"{self.plan.at}: {short(error)}") from error
-        session.attach(self.node)
+        session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")
         session.serve_threads()
         self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
         self._scope = trio.CancelScope()

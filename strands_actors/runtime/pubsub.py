@@ -45,6 +45,7 @@ class Received(msgspec.Struct, frozen=True):
     attachment: bytes | None
     alive: bool = True  # of a liveliness token: False when it is gone
     done: Any = None  # what the subscription's ``at_once`` made of it
+    sent_s: float = 0.0  # by the sender's wall clock, where it says so
 
 
 class Topic:
@@ -253,4 +254,5 @@ def _received(sample: zenoh.Sample) -> Received:
         str(sample.encoding),
         None if attachment is None else attachment.to_bytes(),
         sample.kind == zenoh.SampleKind.PUT,
+        sent_s=0.0 if sample.timestamp is None else sample.timestamp.get_time().timestamp(),
     )

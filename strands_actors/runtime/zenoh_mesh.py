@@ -29,6 +29,9 @@ _WAKE_BATCH = 512
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
 
+EVERYBODY = f"{PREFIX}/**/alive"
+"""The tokens of all actors and nodes."""
+
 
 class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
@@ -42,7 +45,11 @@ class ZenohMesh:
         self._waker = Waker()
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
-        self._watched: dict[str, Any] = {}
+        self._alive: set[str] = set()
+        """Actors and nodes that somebody hosts. By their tokens, not by who subscribes to their keys: anybody may
+        listen there."""
+        self._tokens: Any = None
+        self._watched: set[str] = set()
         self._lost: deque[str] = deque()
         self._threads: ThreadAsks | None = None
         self._asked: dict[str, zenoh.Publisher] = {}
@@ -57,7 +64,9 @@ class ZenohMesh:
         settings: Mapping[str, Any] | None = None,
     ) -> ZenohMesh:
         """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own, by path."""
-        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect, settings)))
+        stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
+        configured = config(listen, connect, {**stamped, **(settings or {})})
+        return cls(await trio.to_thread.run_sync(zenoh.open, configured))
 
     def let_in(self, node: Node, address: str) -> None:
         """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is answered. The node
@@ -65,9 +74,13 @@ class ZenohMesh:
         self.node = node
         self.announce(address, True)
 
-    def attach(self, node: Node) -> None:
+    def attach(self, node: Node, tokens: str = EVERYBODY) -> None:
+        """``tokens``: of whom it may reach, where access rules do not let it see all."""
         self.node = node
         node.mesh = self
+        self._tokens = self._session.liveliness().declare_subscriber(
+            tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
+        )
         self.announce(node.address, True)
         for address in node.cells:
             self.announce(address, True)
@@ -109,7 +122,7 @@ class ZenohMesh:
             return False  # a fork has the session without its threads
         try:
             publisher = self._publisher(to, urgent)
-            if not _matching(publisher):
+            if to not in self._alive and not _is_heard(to, publisher):
                 return False
             publisher.put(data)
         except zenoh.ZError:
@@ -163,26 +176,15 @@ class ZenohMesh:
 
     def _put_question(self, to: str, data: bytes) -> bool:
         try:
-            publisher = self._asked.get(to) or self._declare_question(to)
-            if not _matching(publisher):
+            if to not in self._alive:
                 return False
+            publisher = self._asked.get(to)
+            if publisher is None:  # two threads at once may make two: one of them is kept
+                publisher = self._asked[to] = self._declare(to, False)
             publisher.put(data)
         except zenoh.ZError:
             return False
         return True
-
-    def _declare_question(self, to: str) -> zenoh.Publisher:
-        """A publisher that sees its receiver go away. (Of two threads at once the second declares it anew.)"""
-        threads = self._threads
-        publisher = self._declare(to, False)
-
-        def on_change(status: Any) -> None:  # on zenoh's thread
-            if not status.matching and threads is not None:
-                threads.fail(to, f"{to} went away")
-
-        publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
-        self._asked[to] = publisher
-        return publisher
 
     def announce(self, address: str, hosted: bool) -> None:
         if not hosted:
@@ -194,17 +196,7 @@ class ZenohMesh:
             self._subscribers[address] = (inbox, token)
 
     def watch(self, address: str) -> None:
-        if address in self._watched:
-            return
-
-        def on_change(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                self._lost.append(address)
-                self._waker.wake()
-
-        self._watched[address] = self._session.liveliness().declare_subscriber(
-            f"{address}/alive", zenoh.handlers.Callback(on_change, indirect=False)
-        )
+        self._watched.add(address)
 
     def _subscribe(self, key: str, callback: Callable[[zenoh.Sample], None]) -> Any:
         return self._session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
@@ -215,11 +207,26 @@ class ZenohMesh:
         (self._urgent if sample.priority == _URGENT else self._inbox).append(sample.payload.to_bytes())
         self._waker.wake()
 
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        address = str(sample.key_expr).removesuffix("/alive")
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._alive.add(address)
+            return
+        self._alive.discard(address)
+        if self._threads is not None:
+            self._threads.fail(address, f"{address} went away")
+        if address in self._watched:
+            self._lost.append(address)
+            self._waker.wake()
+
 
 _URGENT = zenoh.Priority.REAL_TIME
 
 
-def _matching(publisher: zenoh.Publisher) -> bool:
+def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
+    """An address for answers, which has no token: nobody else asks there."""
+    if not address.startswith(f"{PREFIX}/node/"):
+        return False
     status: Any = publisher.matching_status  # the stubs say bool
     return bool(status.matching)
 

@@ -20,7 +20,7 @@ from strands_actors.testing import Twin
 
 from ..answers import json_of, state, status, task, until, why
 from ..robot.conftest import NewArm
-from ..robot.helpers import at, goals, limps, torque_now
+from ..robot.helpers import armed_at, at, goals, limps, torque_now
 from .scripted import Scripted, Turn
 
 
@@ -246,7 +246,7 @@ def test_a_call_that_is_cancelled_moves_nothing_later(twin: Twin, new_arm: NewAr
     answer.set()
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"]}))
     written = until(lambda: twin.log.host("setpoint"), "the next command is written")
-    resting = goals(twin.log.host("safe")[0])
+    resting = armed_at(twin.log)
     assert {goals(entry)[6] for entry in written} == {resting[6]}
 
 

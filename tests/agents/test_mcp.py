@@ -93,7 +93,7 @@ def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: T
             assert "so101 in process" in json_of(await use(client, action="status"))["lease"]
             code, said = await command(run_dir, "--port", twin.port)  # one robot, one server
             assert (code, said.count("\n")) == (2, 1), said
-            assert "who else has it" in said
+            assert "in use by" in said
 
     run(main)
     assert goals(until(lambda: twin.log.host("setpoint"), "a setpoint")[0])[1] == 2161

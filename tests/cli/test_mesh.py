@@ -117,3 +117,27 @@ def test_a_mesh_file_that_would_open_the_robot_unasked_is_refused(cli: Command, 
 def state(robot: RobotProcess) -> str:
     told: str = robot.call("get_status")["content"][0]["json"]["state"]
     return told
+
+
+def test_trace_shows_who_tells_whom_what(cli: Command, robot: RobotProcess) -> None:
+    with cli.start("trace", "so101", "--json", "--seconds", "30") as tracing:
+        assert tracing.stdout is not None
+        seen: list[dict[str, Any]] = []
+        wanted = {("ask", "gate", "Setpoint"), ("answer", "caller", "Accepted")}
+        while wanted:
+            robot.call("send_action", {"shoulder_pan": 1.0})
+            seen.append(json.loads(tracing.stdout.readline()))
+            told = seen[-1]
+            wanted -= {(told["kind"], "caller" if "caller" in told["receiver"] else told["receiver"], told["type"])}
+            assert len(seen) < 500, seen
+        tracing.send_signal(signal.SIGINT)
+    (setpoint, *_) = [told for told in seen if told["type"] == "Setpoint"]
+    assert "caller" in setpoint["sender"] and 0 <= setpoint["age_ms"] < 5000
+    (accepted, *_) = [told for told in seen if told["type"] == "Accepted"]
+    assert accepted["sender"] == "gate"
+
+
+def test_trace_of_nobody_names_who_is_there(cli: Command, robot: RobotProcess) -> None:
+    done = cli.run("trace", "nobody")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "so101" in done.stderr

@@ -44,7 +44,8 @@ def test_estop_reaches_a_robot_whose_wire_is_frozen(cli: Command, robot: RobotPr
     done = cli.run("estop", "so101")
     assert done.returncode == 0, done.stderr
     assert refusal_code(robot.call("send_action", MOVE)) in ("locked_out", "unreachable", "not_connected")
-    assert robot.call("resume")["status"] == "success"
+    resumed = robot.call("resume")
+    assert resumed["status"] == "success", resumed
 
 
 def test_every_robot_at_once(cli: Command, robot: RobotProcess) -> None:

@@ -132,3 +132,27 @@ def test_a_port_that_somebody_listens_at() -> None:
             await listen_udp(number, "no.such.host.invalid")
 
     trio.run(main)
+
+
+def test_a_flood_takes_no_turn_from_others() -> None:
+    """Whatever waits: a task that is cancelled is cancelled, and what strangers send is not all dropped at once."""
+
+    async def main() -> None:
+        number = free_port()
+        port = await listen_udp(number)
+        with robot() as peer, robot() as stranger:
+            peer.sendto(b"robot", ("127.0.0.1", number))
+            await port.meet(lambda data: True)
+            for _ in range(150):
+                stranger.sendto(b"noise", ("127.0.0.1", number))
+            peer.sendto(b"robot again", ("127.0.0.1", number))
+            assert port.read_waiting() is None and port.read_waiting() == b"robot again"
+            peer.sendto(b"robot again", ("127.0.0.1", number))
+            for wait in (port.read, lambda: port.meet(lambda data: False)):
+                with trio.CancelScope() as scope:
+                    scope.cancel()
+                    await wait()
+                assert scope.cancelled_caught
+        port.close()
+
+    trio.run(main)

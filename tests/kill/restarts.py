@@ -13,6 +13,7 @@ from typing import Any
 import trio
 import trio.lowlevel
 
+from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.node import Node
 from strands_actors.runtime.process import ChildProcess
 from strands_actors.supervisors import addresses
@@ -43,7 +44,7 @@ class Ended(ChildProcess):
     async def wait(self) -> int:
         return -signal.SIGKILL
 
-    def link(self, node: Node) -> Any:
+    def link(self, node: Node, channel: Channel | None = None) -> Any:
         return Silent()
 
 

@@ -78,7 +78,8 @@ def nothing_is_energised(log: WireLog, since_ns: int) -> None:
     safe = log.first_safe(since_ns)
     assert safe is not None and safe.rung == "limp"
     time.sleep(0.5)  # what must not happen has no event to wait for
-    log.silent_after(safe.t_ns, "enable", "setpoint")
+    log.no_setpoint_after_safe(since_ns)
+    log.silent_after(safe.t_ns + 1, "enable")
 
 
 @pytest.mark.parametrize("delay_s", DELAYS_S)
@@ -132,6 +133,27 @@ def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Ben
     until(lambda: not alive(pids["root"]), "it ends")
     assert bench[0].log.first_safe(healed_ns) is not None
     assert json.loads(note.read_bytes())["unconfirmed"] == []
+    bench[0].drop()
+
+
+def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
+    bench: tuple[Bench, Caller],
+) -> None:
+    """It goes past its own gate, with the port it has and then with the port opened anew."""
+    caller = bench[0].moving("loop")
+    pids = caller.pids()
+    bench[0].twin.fault("garbage:5")
+    time.sleep(0.1)
+    killed_ns = time.monotonic_ns()
+    os.kill(pids["root"], signal.SIGKILL)
+    until(lambda: bench[0].log.first_safe(killed_ns), "it makes safe")
+    time.sleep(5.0)
+    assert alive(pids["wire"]), "it has not ended: it has a robot to make safe"
+    healed_ns = time.monotonic_ns()
+    bench[0].twin.fault("ok")
+    until(lambda: not alive(pids["wire"]), "it ends")
+    assert bench[0].log.first_safe(healed_ns) is not None
+    bench[0].log.no_setpoint_after_safe(killed_ns)
     bench[0].drop()
 
 

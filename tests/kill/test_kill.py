@@ -25,6 +25,7 @@ ROBOTS = (
     "kuka_iiwa",
     "kinova_gen3",
     "panda",
+    "earthrover",
     "unitree_g1",
     "unitree_go2",
 )

@@ -20,7 +20,7 @@ from ..answers import json_of, state, until, why
 from .proxy import Cable, free_port
 from .world import tls
 
-LIFETIME_S = 0.3
+LIFETIME_S = 0.6
 SLACK_S = 1.0
 """On the lifetime, for a busy machine; 50 ms is what is measured for."""
 

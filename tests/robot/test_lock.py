@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from strands_actors.drivers import get_native_driver_class, register_native_driver
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.mesh import estop
 from strands_actors.robot import RealRobot
+from strands_actors.runtime.contract import Driver
 from strands_actors.supervisors.locks import Locks
 from strands_actors.testing import Twin
 
@@ -142,10 +144,19 @@ class SlowDisk(Feetech):
         os.fsync = lambda fd: time.sleep(0.3)
 
 
+@pytest.fixture
+def slow_disk() -> Iterator[type[Driver]]:
+    """Served as an so101, for this test."""
+    before = get_native_driver_class("so101")
+    assert before is not None
+    yield SlowDisk
+    register_native_driver("so101", before, overwrite=True)
+
+
 def test_saf_018_a_tree_that_ends_keeps_its_lock_first(
-    strands_robot: Callable[..., tuple[RealRobot, Twin]], strands_run_dir: Path
+    slow_disk: type[Driver], strands_robot: Callable[..., tuple[RealRobot, Twin]], strands_run_dir: Path
 ) -> None:
-    arm, _ = strands_robot("so101", driver=SlowDisk)
+    arm, _ = strands_robot("so101", driver=slow_disk)
     with ThreadPoolExecutor() as thread:
         pressed = thread.submit(estop, by=BY, within_s=5.0)
         until(lambda: status(arm)["locked_by"], "it is locked")

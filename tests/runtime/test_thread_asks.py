@@ -205,6 +205,7 @@ async def test_over_zenoh_a_thread_is_answered_and_told_of_the_end() -> None:
         ours = pair.way
         assert isinstance(ours, ZenohMesh)
         ours.serve_threads()
+        curious = ours._session.declare_subscriber("strands/**", lambda sample: None)  # hosts nothing
         cells = await pair.host("quick", There), await pair.host("silent", lambda: There(silent=True))
         quick, silent = (pair.here.ref(cell.address, There) for cell in cells)
         with trio.fail_after(PATIENCE_S):
@@ -233,5 +234,9 @@ async def test_over_zenoh_a_thread_is_answered_and_told_of_the_end() -> None:
             with pytest.raises(Unreachable, match="went away"):
                 await trio.to_thread.run_sync(silent.ask_here, Ping(), PATIENCE_S)
             assert time.monotonic() - began_s < PATIENCE_S / 2
+        for ask in (quick.ask_here, silent.ask_here):
+            with pytest.raises(Unreachable, match="nobody hosts"):
+                await trio.to_thread.run_sync(ask, Ping(), PATIENCE_S)
         with pytest.raises(Unreachable, match="nobody hosts"):
-            await trio.to_thread.run_sync(quick.ask_here, Ping(), PATIENCE_S)
+            await quick.ask(Ping(), PATIENCE_S)
+        curious.undeclare()  # type: ignore[no-untyped-call]

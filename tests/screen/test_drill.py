@@ -41,6 +41,7 @@ STEPS = {
     "robotiq_2f85": WITHOUT,
     "kuka_iiwa": WITH_POLICY,
     "panda": WITHOUT,
+    "earthrover": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -73,4 +73,5 @@ def test_saf_018_from_its_end_on_a_tree_arms_nothing(sequence: list[tuple[Event,
 
 def test_what_was_lost_energised_is_made_safe_before_anything_else() -> None:
     assert TRANSITIONS[Mode.LOST, Event.LINK_UP].action is Action.MAKE_SAFE
+    assert TRANSITIONS[Mode.ENDING, Event.LINK_UP].action is Action.MAKE_SAFE
     assert {row.mode for (mode, _), row in TRANSITIONS.items() if mode is Mode.FAILED} == {Mode.FAILED}

@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.runtime.contract import Reason
+from strands_actors.runtime.contract import MotorReport, Reason
+from strands_actors.runtime.processor import Standing
+from strands_actors.supervisors.failsafe import ENDING_REASONS, Mode
 from strands_actors.supervisors.guardian import START_DEADLINE_S
-from strands_actors.supervisors.messages import Fence, Stop, StopReport
+from strands_actors.supervisors.messages import Fence, StateIs, Stop, StopReport
+from strands_actors.supervisors.root import Tree
 from strands_actors.supervisors.stop_channel import INSIST_S, LINGER_S
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
@@ -153,6 +156,43 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
     run_virtual(run)
 
 
+def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> None:
+    """Its stop was reported as confirmed; its exit code does not say so."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.place.let_go = tree.place._scope.cancel  # type: ignore[method-assign]
+            await end(tree, confirmed=True)
+            assert tree.hardware.energised == LIMP
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+
+    run_virtual(run)
+
+
+def test_saf_005_a_second_path_that_fails_is_tried_again() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            second = tree.keeper._second
+            assert second is not None
+            make_safe = second.make_safe
+
+            async def fails(rung: str) -> tuple[MotorReport, ...]:
+                second.make_safe = make_safe  # type: ignore[method-assign]
+                raise RuntimeError("a fault was asked for")
+
+            second.make_safe = fails  # type: ignore[method-assign]
+            await kill(tree)
+            report = tree.keeper.last_report
+            assert report is not None and "a fault was asked for" in report.motors[0].detail
+            await trio.sleep(INSIST_S / 2)
+            assert tree.hardware.energised == LIMP
+            assert tree.node.cells[tree.guardian.address].incarnations == 1
+
+    run_virtual(run)
+
+
 def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
     """The wire hangs in a system call: it was killed and is not gone."""
 
@@ -199,3 +239,54 @@ def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() ->
             assert setpoints(tree) == []
 
     run_virtual(run)
+
+
+def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadline() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.keeper._silence.heard_ns = 0
+            tree.keeper._pulse.forget()
+            place = tree.place
+            freeze(tree, "watchdog")
+            place.standing = lambda: Standing(0, 0, False, True)  # type: ignore[method-assign,assignment,return-value]
+            await trio.sleep(0.2)
+            assert not place.alive
+            assert tree.hardware.energised == LIMP
+
+    run_virtual(run)
+
+
+def test_what_a_wire_said_is_not_believed_after_its_end() -> None:
+    """A state that was on its way when it was killed."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.silent.add("b")
+            await kill(tree)
+            epoch = tree.keeper.state.epoch
+            tree.guardian.tell(StateIs(Mode.DISARMED, epoch + 7, "", ""))
+            await trio.sleep(0.1)
+            assert tree.keeper.state.epoch < epoch + 7
+            assert not tree.keeper.confirmed
+
+    run_virtual(run)
+
+
+async def _fails() -> None:
+    raise RuntimeError("a fault was asked for")
+
+
+def test_saf_003_a_part_of_the_root_that_fails_ends_the_tree_in_order() -> None:
+    """The robot is made safe first: nothing leaves the root by an exception."""
+
+    async def run() -> None:
+        root = Tree.__new__(Tree)
+        root._shutdown, root._waiting, root.failed = trio.Event(), [], ""
+        await root._contain("the mesh", _fails)
+        assert root._shutdown.is_set()
+        reason, why = root._end
+        assert reason in ENDING_REASONS and "the mesh failed" in why and "a fault was asked for" in root.failed
+
+    trio.run(run)

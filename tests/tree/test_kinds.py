@@ -11,6 +11,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.runtime.contract import Driver, Reason
+from strands_actors.runtime.messages import Refused
 from strands_actors.supervisors.messages import Accepted, Stop, StopReport
 from strands_actors.testing import check_driver, open_inline_tree, run_virtual
 from strands_actors.testing.conformance import report
@@ -106,6 +107,17 @@ def test_saf_001_a_base_stops_when_its_command_has_expired_and_takes_the_next() 
             assert isinstance(await writer.send(ttl_s=0.3, wz=0.5), Accepted)  # no resume after a hold
             await trio.sleep(0.01)
             assert peer.of("setpoint")[-1].values == (0.0, 0.5)  # what is not named rests: vx is not kept
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("kind", [FakeBase, FakeDrone])
+def test_saf_001_who_moves_by_velocity_takes_no_command_without_an_end(kind: type[_Kind]) -> None:
+    async def run() -> None:
+        async with tree_of(kind) as (_, peer, writer):
+            answer = await writer.send(latched=True, vx=0.25)
+            assert isinstance(answer, Refused) and answer.code == "latched"
+            assert peer.of("setpoint") == []
 
     run_virtual(run)
 

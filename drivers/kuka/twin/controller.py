@@ -102,7 +102,7 @@ class Controller:
         """Judge the answer to the message before, and say the next one."""
         answer, self._answer = self._answer, None
         answered = answer is not None and (self._sequence - answer.reflected) & COUNTER < self.multiplier
-        if answer is not None:
+        if answer is not None and answered:
             self._reflected = answer.sequence
         self._judge(answered)
         if self._missed > LOST_AFTER and self.state > State.MONITORING_WAIT:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot
+from strands_actors import Robot, estop
 from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
@@ -199,9 +201,6 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
 def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: RealRobot, twin: Twin) -> None:
     mapped = {role: Path(f"/proc/{pid(rover, role)}/maps").read_text() for role in ("root", "wire")}
     assert all("zenoh" in text for text in mapped.values())
-    import subprocess
-    import sys
-
     script = (
         "from strands_actors.drivers.earthrover.driver import EarthRover\n"
         "from strands_actors.runtime.clock import MonotonicClock\n"
@@ -222,3 +221,19 @@ def test_speak_and_sensors(rover: RealRobot, twin: Twin) -> None:
     sensors = status(rover)["sensors"]
     assert sensors["battery_pct"] == [88.0]
     assert sensors["latitude_longitude_deg"] == pytest.approx([22.75, 114.09], abs=0.01)
+
+
+def test_saf_007_one_estop_stops_it_beside_an_arm(rover: RealRobot, twin: Twin, tmp_path: Path) -> None:
+    with Twin("so101", tmp_path) as other, Robot("so101", mode="real", port=other.port) as arm:
+        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
+        drive(rover, twin, linear=0.3)
+        began_ns = time.monotonic_ns()
+        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
+        assert {robot: outcome.rung for robot, outcome in outcomes.items()} == {
+            "earthrover": "zero",
+            "so101": "limp",
+        }
+        first_safe(other, began_ns)
+        first_safe(twin, began_ns)
+        assert "e-stopped by a button" in why(rover.send_action({"linear": 0.1}))
+        assert twin.log.host("setpoint", first_safe(twin, began_ns).t_ns) == []

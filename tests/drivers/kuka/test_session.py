@@ -91,7 +91,7 @@ def test_no_cycle_steps_further_than_the_joint_turns_in_it(sample_ms: int) -> No
     for _ in range(1000):
         after = controller.cycle()
         for was, now, speed in zip(before, after, SPEED, strict=True):
-            assert abs(now - was) <= speed * sample_ms / 1e3 + 3 * LIVE_RAD
+            assert abs(now - was) <= speed * sample_ms / 1e3 + 5 * LIVE_RAD
         before = after
     assert before == pytest.approx((1.0,) * JOINTS, abs=1e-9)
 
@@ -101,7 +101,20 @@ def test_while_a_setpoint_lives_no_two_answers_are_alike_and_the_arm_stays() -> 
     controller.session.aim(HERE, 0.02)
     rows = [controller.cycle() for _ in range(10_000)]
     assert all(earlier != later for earlier, later in itertools.pairwise(rows))
-    assert max(abs(rad - to) for row in rows for rad, to in zip(row, HERE, strict=True)) <= 2 * LIVE_RAD
+    assert max(abs(rad - to) for row in rows for rad, to in zip(row, HERE, strict=True)) <= 4 * LIVE_RAD
+
+
+@given(st.lists(st.booleans(), min_size=2, max_size=60), st.sampled_from([0.0, 0.02, 1.0]))
+def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
+    """The one before was heard, or the one that was taken last: no answer of a setpoint looks like a hold."""
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, way), 0.02)
+    before = HERE
+    for arrives in taken:
+        has = controller.said.commanded
+        after = controller.cycle(arrives)
+        assert after not in (before, has)
+        before = after
 
 
 def test_the_same_goal_again_changes_nothing() -> None:
@@ -127,7 +140,7 @@ def test_of_answers_that_are_lost_no_jump_comes(arrived: list[bool], sample_ms: 
         before = controller.said.commanded
         controller.cycle(arrives)
         for was, now, speed in zip(before, controller.said.commanded, SPEED, strict=True):
-            assert abs(now - was) <= speed * sample_ms / 1e3 + 3 * LIVE_RAD
+            assert abs(now - was) <= speed * sample_ms / 1e3 + 5 * LIVE_RAD
 
 
 @pytest.mark.parametrize("state", [State.MONITORING_WAIT, State.MONITORING_READY, State.COMMANDING_WAIT])

@@ -89,6 +89,15 @@ def test_an_answer_that_names_another_message_is_none() -> None:
     assert (peer.said.state, peer.said.quality) == (State.MONITORING_WAIT, Quality.POOR)
 
 
+def test_an_answer_that_comes_a_cycle_late_is_not_taken_and_not_reflected() -> None:
+    peer = Peer().active()
+    told, reflected = peer.said.commanded, peer.said.reflected
+    late = peer.said.sequence
+    peer.listen()
+    said = peer.answer(peer.stepped(0, 0.005), reflected=late)
+    assert (said.commanded, said.reflected) == (told, reflected)
+
+
 def test_a_receive_multiplier_asks_for_every_third_message() -> None:
     peer = Peer(multiplier=3)
     for _ in range(600):

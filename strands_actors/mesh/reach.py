@@ -1,0 +1,68 @@
+"""A robot by its name alone: of this user's, or of those that the configuration leads to."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import AsyncIterator
+
+import trio
+
+from ..async_robot import open_tree
+from ..factory import plan
+from ..nodes import open_node
+from ..rundir import notes
+from ..runtime.messages import Refused
+from ..runtime.node import AskTimeout, Unreachable
+from ..supervisors import addresses
+from ..supervisors.gateway import Gateway
+from ..supervisors.gateway_messages import Sync, Synced
+from ..tree import RobotTree
+from .config import MeshConfig
+
+LOOK_S = 1.0
+"""How long a robot of this host may take to appear; one elsewhere five times as long."""
+
+
+@contextlib.asynccontextmanager
+async def reach(robot: str, config: MeshConfig) -> AsyncIterator[RobotTree]:
+    """Its tree, as it has it who did not start it: nothing is armed, and nothing stopped in the end that was
+    released before. Raise ``ConnectionError``."""
+    at, kind = await _find(robot, config)
+    wanted = plan(kind, "real", at=at, mesh=config, tool_name=robot)
+    async with open_tree(wanted, arm=False) as tree:
+        yield tree
+
+
+async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
+    """Where it listens, and what it is."""
+    here = {note.robot: note.mesh[0] for note in notes() if note.mesh}
+    if robot in here:
+        found = await _ask(robot, here[robot], MeshConfig(), LOOK_S)
+        if found is not None:
+            return here[robot], found.kind
+    for endpoint in config.connects:
+        found = await _ask(robot, endpoint, config, 5 * LOOK_S)
+        if found is not None:
+            return endpoint, found.kind
+    raise ConnectionError(f"{robot} is not on the mesh. these are: {', '.join(here) or 'none'} on this host")
+
+
+async def _ask(robot: str, endpoint: str, config: MeshConfig, within_s: float) -> Synced | None:
+    name = f"visitor.{os.getpid()}.{secrets.token_hex(4)}"
+    gateway = addresses.of(robot).gateway
+    tokens = f"{gateway}/**/alive"
+    async with open_node(name, connect=[endpoint], settings=config.settings(), tokens=tokens) as (node, _):
+        with trio.move_on_after(within_s):
+            while True:
+                try:
+                    answer = await node.ref(gateway, Gateway).ask(Sync(), within_s)
+                except (AskTimeout, Unreachable):
+                    await trio.sleep(0.02)
+                    continue
+                if isinstance(answer, Synced):
+                    return answer
+                if isinstance(answer, Refused):
+                    raise ConnectionError(answer.text)
+    return None

@@ -1,0 +1,77 @@
+"""SAF-010: a start_task that was not answered in time starts nothing later. Real processes, by the wire's log."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import rollouts
+from strands_actors.robot import RealRobot
+from strands_actors.supervisors.messages import StartTask
+from strands_actors.testing import Twin
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+LATE_S = 2.5
+"""After which a policy that was started late would have moved."""
+
+
+def start(arm: RealRobot) -> dict[str, Any]:
+    answer: dict[str, Any] = dict(arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting"))
+    return answer
+
+
+def task(arm: RealRobot) -> dict[str, Any]:
+    told: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
+    return told
+
+
+def spawner_of(arm: RealRobot) -> int:
+    """The child of the root that is no part of the tree."""
+    known = {process["role"]: process["pid"] for process in (arm.tree() or {})["processes"]}
+    children = Path(f"/proc/{known['root']}/task/{known['root']}/children").read_text().split()
+    (spawner,) = {int(pid) for pid in children} - set(known.values())
+    return spawner
+
+
+def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robot: Start) -> None:
+    arm, twin = strands_robot("so101")
+    spawner, began_ns = spawner_of(arm), time.monotonic_ns()
+    os.kill(spawner, signal.SIGSTOP)
+    refused = start(arm)
+    assert refused["status"] == "error" and "starts others did not answer" in str(refused), refused
+    with pytest.raises(ProcessLookupError):
+        for _ in range(200):  # ended, so there is nobody to be let go
+            os.kill(spawner, signal.SIGCONT)
+            time.sleep(0.01)
+    time.sleep(LATE_S)
+    assert twin.log.host("setpoint", began_ns) == []
+    assert not task(arm)["running"]
+    started = start(arm)  # by the one that replaces it
+    assert started["status"] == "success", started
+    arm.stop_task()
+    assert not task(arm)["running"]
+
+
+def test_saf_010_a_task_whose_caller_has_given_up_moves_nothing(
+    strands_robot: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The root answers, and too late: what it has begun by then is ended, and gets no lease. It is given no
+    deadline here, so that it does begin."""
+    arm, twin = strands_robot("so101")
+    began_ns = time.monotonic_ns()
+    monkeypatch.setattr(rollouts, "START_S", 1e-4)
+    monkeypatch.setattr(rollouts, "StartTask", lambda *message: StartTask(*message[:3]))
+    refused = start(arm)
+    assert refused["status"] == "error" and "nothing of it will begin" in str(refused), refused
+    time.sleep(LATE_S)
+    assert twin.log.host("setpoint", began_ns) == []
+    assert not task(arm)["running"]
+    monkeypatch.undo()
+    assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
