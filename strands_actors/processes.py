@@ -139,8 +139,10 @@ class Processes(ABC):
             lost = status.connect_error and status.connect_error != "not connected yet"
             if lost and trio.current_time() >= began + patience_s:
                 raise NotConnected(status.connect_error)
-            await trio.sleep(0.01)
-        raise NotConnected(f"no answer within {CONNECT_S:g} s" if status is None else status.connect_error)
+            await trio.sleep(LOOK_S)
+        if status is None:
+            raise NotConnected(f"no answer within {CONNECT_S:g} s")
+        raise NotConnected(status.connect_error or f"the robot is {status.mode}")
 
     async def status(self) -> Status | None:
         """None when the wire does not answer."""

@@ -19,7 +19,7 @@ import trio
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.channel import Channel
 from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Driver, Observation
+from strands_actors.runtime.contract import Driver, Observation, Reason
 from strands_actors.runtime.guard import not_approved, unapproved
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import PREFIX, AskTimeout, Node, Ref, Unreachable
@@ -64,6 +64,7 @@ WRITES_PER_S = 1100
 """Of who holds a lease: a stream at the highest rate a rollout may have, and its beats."""
 COMMANDS_PER_S = 50
 """Of all others together."""
+READINGS_PER_S = 500
 ASK_S = 0.3
 TREE_S = 0.5
 
@@ -118,6 +119,7 @@ class Gateway(Actor):
         self._shared = shared
         self._writes = Limit(WRITES_PER_S, WRITES_PER_S // 10)
         self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
+        self._readings = Limit(READINGS_PER_S, READINGS_PER_S // 5)
         self._busy_until_ns = 0
 
     async def started(self) -> None:
@@ -153,7 +155,7 @@ class Gateway(Actor):
         self._shared.taken += 1
         if isinstance(message, Dated):
             return self._refuse(message, now_ns) or self._obey(message)
-        refusal = self._refuse_rate(self._commands, COMMANDS_PER_S, now_ns)
+        refusal = self._refuse_rate(self._readings, READINGS_PER_S, now_ns)
         if refusal is not None:
             return refusal
         match message:
@@ -266,7 +268,12 @@ class GatewayStop(Actor):
         return deferred
 
     async def _stop(self, message: Stop, deferred: Deferred) -> None:
+        if message.reason not in _STOPS:  # another one would end the tree, or hold only
+            message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
         deferred.send(await make_safe(self._gate, self._guardian, message))
+
+
+_STOPS = (Reason.STOP, Reason.ESTOP)
 
 
 __all__ = ["Datable", "FromOutside", "Gateway", "GatewayStop"]

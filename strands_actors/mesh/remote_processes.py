@@ -129,7 +129,8 @@ class RemoteProcesses(Processes):
         report: StopReport | Refused | None = None
         if writing:
             try:
-                answer = await self.gate.ask(Stop(Reason.CLEANUP, self.holder), self.patience.stop_s)
+                # No cleanup: that would end the tree, which is not ours.
+                answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
             except (AskTimeout, Unreachable) as failure:
                 answer = self._not_heard("cleanup", failure)
             report = answer if isinstance(answer, StopReport | Refused) else None

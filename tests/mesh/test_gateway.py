@@ -20,13 +20,12 @@ from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import Node, Unreachable
 from strands_actors.runtime.zenoh_mesh import ZenohMesh
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gateway import Gateway, GatewayStop
+from strands_actors.supervisors.gateway import COMMANDS_PER_S, Gateway, GatewayStop
 from strands_actors.supervisors.gateway_messages import Datable, Dated, Sync, Synced
 from strands_actors.supervisors.messages import (
     Accepted,
     Acquire,
     Beat,
-    GetObservation,
     GetStatus,
     Lease,
     Perform,
@@ -230,6 +229,19 @@ def test_saf_017_from_another_host_nobody_but_the_gateway_is_reached(who: str) -
     run(test)
 
 
+@pytest.mark.parametrize("reason", list(Reason))
+def test_a_stop_from_another_host_ends_no_tree_and_is_no_mere_hold(reason: Reason) -> None:
+    async def test() -> None:
+        async with world() as (_, tree, one, _):
+            address = addresses.of(one.robot).gateway_stop
+            report = await one.ask(Stop(reason, "me"), GatewayStop, address)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert (await tree.status()).mode == "disarmed"
+            assert isinstance(await one.dated(Resume("me")), Resumed)
+
+    run(test)
+
+
 def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
     """They wait below the interpreter; of each round few are read."""
 
@@ -253,7 +265,17 @@ def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
                 assert isinstance(report, StopReport) and report.confirmed
                 over.set()
             assert (await tree.status()).mode == "disarmed"
-            refused = [await one.ask(GetObservation()) for _ in range(200)]
-            assert any(isinstance(answer, Refused) and answer.code == "rate" for answer in refused)
+
+
+def test_a_caller_that_asks_too_often_is_told_so() -> None:
+    async def test() -> None:
+        async with world() as (_, _, one, _):
+            codes: list[str] = []
+            for _ in range(3 * COMMANDS_PER_S):
+                answer = await one.dated(Acquire("me"))
+                codes.append(answer.code if isinstance(answer, Refused) else "")
+            assert "" in codes and "rate" in codes
+
+    run(test)
 
     run(test)

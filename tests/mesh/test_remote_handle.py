@@ -97,7 +97,21 @@ def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
     json_of(there.release())
     json_of(here.send_action({"wrist_roll": here.get_observation()["wrist_roll"]}))
     assert json_of(there.cleanup())["stopped"]
-    assert state(here) == "armed", "whose robot it is not, does not end it"
+    assert state(here) == "armed", "what others command is not ended with it"
+
+
+def test_its_cleanup_stops_what_it_has_commanded_and_ends_no_tree(hosts: Hosts) -> None:
+    here, there, twin, cable, keys = hosts
+    assert there.connect_eagerly() is None
+    json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
+    ended_ns = time.monotonic_ns()
+    assert json_of(there.cleanup())["stopped"]
+    twin.log.safe_within(ended_ns, SLACK_S)
+    assert state(here) == "disarmed"
+    again = far(keys, cable)
+    assert again.connect_eagerly() is None
+    json_of(again.send_action({"wrist_roll": again.get_observation()["wrist_roll"]}))
+    again.cleanup()
 
 
 def test_a_policy_runs_where_it_is_called_and_gives_the_robot_back_held(hosts: Hosts) -> None:
