@@ -14,7 +14,7 @@ STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "2", "--dist", "worksteal", *sys.argv[1:]),
+    ("pytest", "-n", "2", "--dist", "worksteal", "--durations=20", *sys.argv[1:]),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *sys.argv[1:])
 SOME_FAILED = 1
