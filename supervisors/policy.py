@@ -22,6 +22,7 @@ from strands_actors.runtime import heap
 from strands_actors.runtime.actor import Actor, describe
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Observation
+from strands_actors.runtime.mailbox import SUPERSEDED
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import ActorRef, AskTimeout, Unreachable
 
@@ -234,6 +235,8 @@ class Policy(Actor):
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", f"the gate does not answer: {failure}")
             return False
+        if answer == SUPERSEDED:
+            return True  # several came at once, after a pause of the network: the newest counts
         if isinstance(answer, Refused):
             reason = "stop" if answer.code in ("stale_epoch", "disarmed", "locked_out") else "gate"
             await self._end(reason, answer.text, answer.code)
