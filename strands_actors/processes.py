@@ -15,7 +15,7 @@ from .runtime.contract import Driver, Reason
 from .runtime.messages import Refused
 from .runtime.node import ActorRef, AskTimeout, Node, Unreachable
 from .supervisors.failsafe import LINKED, Mode
-from .supervisors.messages import GetStatus, Status, StopReport, TreeReport
+from .supervisors.messages import GetStatus, Lease, Status, StopReport, TreeReport
 
 CONNECT_S = 12.0
 LOOK_S = 0.02
@@ -72,8 +72,8 @@ class Processes(ABC):
         """``beside`` runs until the end. Raise ``NotConnected``, or ``OSError`` when the system does not let us."""
 
     @abstractmethod
-    async def end(self, writing: bool) -> StopReport | Refused | None:
-        """Make safe and end. ``writing``: we hold the lease. None when nothing was running."""
+    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
+        """Make safe and end. ``lease``: ours, if we have it. None when nothing was running."""
 
     @abstractmethod
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:

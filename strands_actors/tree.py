@@ -125,7 +125,7 @@ class RobotTree:
         return report
 
     async def _end(self) -> StopReport | Refused | None:
-        report = await self._processes.end(self._writer.lease is not None)
+        report = await self._processes.end(self._writer.lease)
         self._writer.lease = None
         return report
 

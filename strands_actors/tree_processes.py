@@ -28,6 +28,7 @@ from .supervisors.messages import (
     Describe,
     Fence,
     GetMesh,
+    Lease,
     OnMesh,
     Shutdown,
     StopReport,
@@ -132,7 +133,7 @@ class TreeProcesses(Processes):
                 await process.wait()
                 nursery.cancel_scope.cancel()
 
-    async def end(self, writing: bool) -> StopReport | None:
+    async def end(self, lease: Lease | None) -> StopReport | None:
         process = self._root_process
         report: StopReport | None = None
         if process is not None:

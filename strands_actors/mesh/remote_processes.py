@@ -26,7 +26,7 @@ from ..runtime.zenoh_mesh import ZenohMesh
 from ..runtime.zenoh_session import short
 from ..supervisors import addresses
 from ..supervisors.gateway_messages import Synced
-from ..supervisors.messages import Describe, Stop, StopReport, TreeReport
+from ..supervisors.messages import Describe, Lease, Release, Stop, StopReport, TreeReport
 from .gateway_ref import GatewayRef
 
 REACH_S = 5.0
@@ -122,18 +122,20 @@ class RemoteProcesses(Processes):
             self._scope.cancel()
             self._scope = None
 
-    async def end(self, writing: bool) -> StopReport | Refused | None:
+    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
         """What we have commanded is made safe; what others command goes on."""
         if not self.started:
             return None
         report: StopReport | Refused | None = None
-        if writing:
+        if lease is not None:
             try:
                 # No cleanup: that would end the tree, which is not ours.
                 answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
             except (AskTimeout, Unreachable) as failure:
                 answer = self._not_heard("cleanup", failure)
             report = answer if isinstance(answer, StopReport | Refused) else None
+            with contextlib.suppress(AskTimeout, Unreachable):
+                await self.gate.ask(Release(lease.id), self.patience.ask_s)
         self._leave()
         return report
 

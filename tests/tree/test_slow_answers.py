@@ -12,6 +12,7 @@ import trio.testing
 from strands_actors.runtime.actor import Actor, Deferred
 from strands_actors.runtime.clock import VirtualClock
 from strands_actors.runtime.contract import Observation
+from strands_actors.runtime.mailbox import SUPERSEDED
 from strands_actors.runtime.messages import Message, Refused
 from strands_actors.runtime.node import Node
 from strands_actors.supervisors import addresses
@@ -107,6 +108,12 @@ def test_a_refusal_ends_it_whenever_it_comes() -> None:
     status = roll_out(gate)
     assert (status.exit_reason, status.refusal) == ("gate", "limit")
     assert 11 <= len(gate.at_s) < 25
+
+
+def test_a_setpoint_that_a_newer_one_overtook_is_no_refusal() -> None:
+    """After a pause of the network several arrive at once."""
+    gate = Gate(0.2, lambda number: SUPERSEDED if number % 2 else Accepted(1, ()))
+    assert roll_out(gate).exit_reason == "duration"
 
 
 def test_an_answer_that_never_comes_ends_it() -> None:
