@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, GateCheck, GateState
 from strands_actors.runtime.messages import Refused

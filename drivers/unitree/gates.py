@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from strands_actors.drivers.common.numbers import finite
+from strands_actors.contract.axis import finite
 from strands_actors.runtime.clock import NS
 from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
 from strands_actors.runtime.messages import Refused
