@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks import flames, house, page
+from . import flames, house, page
 
 
 def options(names: list[str]) -> argparse.Namespace:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Goal, Question, side_of
-from benchmarks.sides.erlang import erlang
+from .house import Goal, Question, side_of
+from .sides.erlang import erlang
 
 QUESTION = Question(
     name="ask",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Goal, Question, side_of
+from .house import Goal, Question, side_of
 
 QUESTION = Question(
     name="between",

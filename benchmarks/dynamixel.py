@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.feetech import LIMIT, side
-from benchmarks.house import Goal, Question
+from .feetech import LIMIT, side
+from .house import Goal, Question
 
 QUESTION = Question(
     name="dynamixel",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side
-from benchmarks.stage import at_line
+from .house import Figures, Goal, Question, Side
+from .stage import at_line
 
 
 def side(robot: str, who: str, peer: str = "") -> Side:

@@ -16,7 +16,7 @@ from collections import Counter
 from html import escape
 from pathlib import Path
 
-from benchmarks.house import OURS, RESULTS, Question, beneath
+from .house import OURS, RESULTS, Question, beneath
 
 KEPT = RESULTS / "flames"
 RATE_HZ = 250

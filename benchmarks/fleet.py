@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside
+from .house import Figures, Goal, Question, beside
 
 
 def ours(short: bool) -> Figures:

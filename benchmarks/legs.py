@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, Side, beside
-from benchmarks.stage import at_twin
+from .house import Figures, Goal, Question, Side, beside
+from .stage import at_twin
 
 
 def side(module: str, peer: str = "") -> Side:
@@ -28,7 +28,7 @@ QUESTION = Question(
     ),
     limit="""`process` is the wire process: RTPS, decoding, 29 limits and gains checked at every step, gate,
 watchdog and beats; `root` is the one that watches it. It wakes with each setpoint, and that brings the watchdog's
-tick along (`runtime/pace.py`): some 550 times a second instead of 1000. Setpoints come over zenoh, as everybody's
+tick along (`kernel/ticker.py`): some 550 times a second instead of 1000. Setpoints come over zenoh, as everybody's
 do: zenoh's thread wakes, takes the interpreter's lock and wakes the loop. Over a private socket, with actions by
 column, it was 12 to 15 % in the same hours in which this is 24 to 29; gaps on the wire were the same, which is why
 there is none. What a wake-up costs is the machine's: `an empty tick` is trio waking 500 times a second with

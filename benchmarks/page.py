@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks import flames
-from benchmarks.house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
+from . import flames
+from .house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
 
 PAGE = HOUSE.parent / "docs" / "benchmarks.md"
 PLOTS = HOUSE.parent / "docs" / "benchmarks"

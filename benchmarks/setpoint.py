@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Goal, Question
-from benchmarks.stage import at_twins
+from .house import Goal, Question
+from .stage import at_twins
 
 ROBOTS = {"so101": "feetech", "ur5e": "ur"}
 

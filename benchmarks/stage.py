@@ -9,9 +9,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks import peers
-from benchmarks.house import HOUSE, Figures, Side, beside
 from strands_actors.testing import Twin
+
+from . import peers
+from .house import HOUSE, Figures, Side, beside
 
 
 def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:

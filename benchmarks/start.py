@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Figures, Goal, Question, beside, side_of
+from .house import Figures, Goal, Question, beside, side_of
 
 
 def _reference(short: bool) -> Figures:
-    from benchmarks.peers import python
+    from .peers import python
 
     return beside("benchmarks.sides.start_strands", *(["short"] if short else []), python=python("strands"))
 

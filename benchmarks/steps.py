@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import Goal, Question, side_of
+from .house import Goal, Question, side_of
 
 QUESTION = Question(
     name="steps",
@@ -22,8 +22,8 @@ control period (10 steps, 0.05 ms) is nothing beside it, though still forty time
 out of reach for everybody whose physics is not in the script's own process, where a script that dies takes it
 along: `mj_step behind a socket`, one process, bytes and nothing else, two wake-ups, is far from it, too. Ours is
 faster than raw in long calls because a sixth of a raw step is MuJoCo's own stopwatch, which our twins do without.
-Between calls the physics keeps to the wall's clock, as deadlines, leases and beats of the tree always do; it steps
-in lots of 500, so that a stop is not behind ten seconds.""",
+Between calls the physics keeps to the wall's clock, as deadlines, leases and heartbeats of the tree always do;
+it steps in lots of 500, so that a stop is not behind ten seconds.""",
     ground="mj_step behind a socket",
     short=False,
 )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks import peers
-from benchmarks.house import Figures, Goal, Question, Side, beside
-from benchmarks.stage import at_twins
+from . import peers
+from .house import Figures, Goal, Question, Side, beside
+from .stage import at_twins
 
 ROBOTS = {"so101": "feetech", "ur5e": "ur"}
 LEGS = "unitree_g1"

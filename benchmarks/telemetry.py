@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks import peers
-from benchmarks.house import Figures, Goal, Question, Side, beside
+from . import peers
+from .house import Figures, Goal, Question, Side, beside
 
 
 def side(who: str, peer: str = "") -> Side:

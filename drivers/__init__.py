@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
 
-from strands_actors.runtime.contract import Driver
+from strands_actors.contract.driver import Driver
 
 WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",

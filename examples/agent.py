@@ -54,7 +54,7 @@ class Scripted(Model):
 
 
 def summary(answer):
-    return {key: answer[key] for key in ("commanded", "stopped", "rung", "unconfirmed") if key in answer}
+    return {key: answer[key] for key in ("commanded", "stopped", "safe_state", "unconfirmed") if key in answer}
 
 
 def approve(request):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 
-from strands_actors import Robot, estop
-from strands_actors.mesh import resume
+from strands_actors import Robot, estop, resume
 
 
 def main() -> None:
@@ -15,7 +14,7 @@ def main() -> None:
             arm.send_action({"shoulder_pan": 20.0})
 
         for outcome in estop(by="the example"):
-            print(f"{outcome.robot}: {outcome.outcome}, {outcome.rung}, {len(outcome.motors)} motors")
+            print(f"{outcome.robot}: {outcome.outcome}, {outcome.safe_state}, {len(outcome.motors)} motors")
 
         for arm in arms:
             print(arm.send_action({"shoulder_pan": 0.0})["content"][0]["text"])

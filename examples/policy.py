@@ -49,4 +49,4 @@ with Robot("so101", mode="real", **where) as arm:
     print("too fast:       ", wait(arm)["exit_detail"])
 
     stopped = arm.stop()["content"][0]["json"]
-    print(f"stopped:         {stopped['rung']}, {len(stopped['motors'])} motors confirmed")
+    print(f"stopped:         {stopped['safe_state']}, {len(stopped['motors'])} motors confirmed")

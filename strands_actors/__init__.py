@@ -10,24 +10,46 @@ arm.cleanup()
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .mesh import MeshConfig, estop, open_mesh
-    from .robot import Robot, open_robot
+    from .caller.robot import Robot, open_robot
+    from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
+    from .surfaces.recording import RecordingError, read, record, replay
 
-__all__ = ["MeshConfig", "Robot", "estop", "open_mesh", "open_robot"]
+_WHERE = {
+    "caller.robot": ("Robot", "open_robot"),
+    "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
+    "surfaces.recording": ("RecordingError", "read", "record", "replay"),
+}
+
+__all__ = [
+    "TLS",
+    "Access",
+    "MeshConfig",
+    "RecordingError",
+    "Robot",
+    "control",
+    "estop",
+    "estop_button",
+    "open_mesh",
+    "open_robot",
+    "read",
+    "record",
+    "replay",
+    "resume",
+]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
     # Lazy: the wire and root processes import this package and need none of the surfaces.
-    if name in ("Robot", "open_robot"):
-        from . import robot
-
-        return getattr(robot, name)
-    if name in __all__:
-        from . import mesh
-
-        return getattr(mesh, name)
+    for module, names in _WHERE.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from strands_actors.robot import RealRobot
-    from strands_actors.runtime.contract import Driver
-    from strands_actors.testing import Twin
+    from .caller.robot import RealRobot
+    from .contract.driver import Driver
+    from .testing import Twin
 
 
 @pytest.fixture(scope="session")
@@ -46,7 +46,7 @@ def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatc
 @pytest.fixture
 def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
     """``strands_twin(robot, driver=None, fault=None)``: a running twin, with its wire log."""
-    from strands_actors.testing import Twin
+    from .testing import Twin
 
     with contextlib.ExitStack() as stack:
 
@@ -62,8 +62,8 @@ def strands_robot(
     strands_run_dir: Path, strands_twin: Callable[..., Twin]
 ) -> Iterator[Callable[..., tuple[RealRobot, Twin]]]:
     """``strands_robot(robot, driver=None, **keywords)``: an armed robot and its twin."""
-    from strands_actors import Robot
-    from strands_actors.testing.registering import register, where_is
+    from . import Robot
+    from .testing.registering import register, where_is
 
     made: list[RealRobot] = []
 

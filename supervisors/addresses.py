@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.runtime.node import PREFIX
+from strands_actors.kernel.node import PREFIX
 
 
 class Addresses:
@@ -25,13 +25,13 @@ class Addresses:
         """As ``Node.cell`` takes it."""
         return f"{self._robot}/actor/{name}"
 
-    def census(self, process: str) -> str:
+    def introspection(self, process: str) -> str:
         """Path of the actor that answers for one process: root, wire or policy."""
-        return self.path(f"census/{process}")
+        return self.path(f"introspection/{process}")
 
-    def tap(self, process: str) -> str:
+    def instrument(self, process: str) -> str:
         """Path of the actor that a recorder of one process attaches to: root or wire."""
-        return self.path(f"tap/{process}")
+        return self.path(f"instrument/{process}")
 
     def address(self, name: str) -> str:
         return f"{PREFIX}/{self.path(name)}"

@@ -6,9 +6,9 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateState
 from strands_actors.contract.safe_state import check_fallbacks
-from strands_actors.runtime.contract import Candidate, Driver, GateCheck, GateState
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 
 
 def describe_driver(driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def load(where: str) -> Any:
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
     """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or misspelt."""
     driver = driver_class(robot, port, options)
-    check_fallbacks(driver.robot, driver.ladder)
+    check_fallbacks(driver.robot, driver.fallbacks)
     return driver
 
 

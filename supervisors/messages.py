@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.runtime.contract import MotorReport, Observation, Reason
-from strands_actors.runtime.messages import Message, Refused
+from strands_actors.contract.driver import MotorReport, Observation, Reason
+from strands_actors.kernel.messages import Message, Refused
 
 LEASE_TTL_S = 1.0
 """A caller that has not been heard of for this long has lost its lease."""
@@ -100,7 +100,7 @@ class StopReport(Message, frozen=True):
     """What became of a stop. ``confirmed`` only when every motor was read back safe."""
 
     reason: Reason
-    rung: str
+    safe_state: str
     epoch: int
     confirmed: bool
     motors: tuple[MotorReport, ...]
@@ -239,7 +239,7 @@ class MakeSafe(Message, frozen=True):
     lane = "urgent"
 
     epoch: int
-    rung: str
+    safe_state: str
     reason: Reason
 
 
@@ -339,7 +339,7 @@ class RootGone(Message, frozen=True):
 
 
 class Handover(Message, frozen=True):
-    """Descriptors for the root's second path. They travel with the message."""
+    """Descriptors for the root's stop channel. They travel with the message."""
 
     lane = "urgent"
 
@@ -354,7 +354,7 @@ class HandedOver(Message, frozen=True):
 
 
 class Fence(Message, frozen=True):
-    """End the wire process and make safe by the second path: for who got no answer to a stop."""
+    """End the wire process and make safe by the stop channel: for who got no answer to a stop."""
 
     lane = "urgent"
 
@@ -445,7 +445,7 @@ class ProcessInfo(Message, frozen=True):
     restarts: int
 
 
-class Census(Message, frozen=True):
+class Introspection(Message, frozen=True):
     """The actors of one process."""
 
     pid: int

@@ -18,17 +18,17 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.runtime import heap
-from strands_actors.runtime.actor import Actor, describe
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Observation
-from strands_actors.runtime.mailbox import SUPERSEDED
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.contract.driver import Observation
+from strands_actors.kernel.actor import Actor, describe
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import gc_freeze as heap
+from strands_actors.kernel.mailbox import SUPERSEDED
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 
 from . import addresses
-from .actions import plain
-from .gate import Gate
+from .gate.actions import plain
+from .gate.gate import Gate
 from .messages import (
     Accepted,
     Acquire,

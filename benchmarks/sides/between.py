@@ -20,10 +20,10 @@ import msgspec
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.mailbox import CAPACITY
-from strands_actors.runtime.node import Node, Ref, Unreachable
-from strands_actors.runtime.process import start
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.mailbox import CAPACITY
+from strands_actors.kernel.node import Node, Ref, Unreachable
+from strands_actors.kernel.processes.process import start
 
 from .common import STATE, Count, Counter, GetCount, State, answer, percentiles
 
@@ -52,14 +52,14 @@ def rate(messages: int, began_s: float) -> Figures:
 
 def serve(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of our child: a counter, reachable over zenoh as root and wire are."""
-    from strands_actors.runtime.zenoh_session import hand_over
+    from strands_actors.kernel.channels.zenoh_session import hand_over
 
     hand_over()
     trio.run(_serve, args)
 
 
 async def _serve(args: dict[str, Any]) -> None:
-    from strands_actors.runtime.zenoh_mesh import ZenohMesh
+    from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 
     mesh = await ZenohMesh.open([args["endpoint"]])
     node = Node("there", MonotonicClock(), mesh)
@@ -73,8 +73,8 @@ async def _serve(args: dict[str, Any]) -> None:
 @asynccontextmanager
 async def reached() -> AsyncIterator[Ref]:
     """A counter in another process, answering over zenoh."""
-    from strands_actors.runtime.zenoh_mesh import ZenohMesh
-    from strands_actors.runtime.zenoh_session import hand_over, unix_endpoint
+    from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+    from strands_actors.kernel.channels.zenoh_session import hand_over, unix_endpoint
 
     hand_over()
     with tempfile.TemporaryDirectory() as directory:

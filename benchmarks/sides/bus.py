@@ -16,7 +16,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
-from benchmarks.sides.wire import percentile
+from .wire import percentile
 
 SECONDS = {"short": 1.0, "long": 3.0}
 BAUD = 1_000_000
@@ -255,7 +255,7 @@ def ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict[str, f
 
 async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict[str, float]:
     from strands_actors.drivers import get_native_driver_class
-    from strands_actors.runtime.clock import MonotonicClock
+    from strands_actors.kernel.clock import MonotonicClock
 
     driver_class: Any = get_native_driver_class(robot)
     driver = driver_class(robot, port, driver_class.resolve(robot, {"baud": BAUD}))

@@ -11,10 +11,10 @@ from typing import Any
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.actor import Actor, Cell
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node, Ref
+from strands_actors.kernel.actor import Actor, Cell
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node, Ref
 
 
 class State(Message, frozen=True):

@@ -18,11 +18,11 @@ from typing import Any
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.process import start
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node
+from strands_actors.kernel.processes.process import start
 
 from .common import answer, percentiles
 
@@ -63,8 +63,8 @@ def send(args: dict[str, Any], sock: socket.socket) -> None:
 
 
 async def _send(args: dict[str, Any]) -> None:
-    from strands_actors.runtime.pubsub import PubSub
-    from strands_actors.runtime.zenoh_mesh import ZenohMesh
+    from strands_actors.kernel.channels.pubsub import PubSub
+    from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 
     mesh = await ZenohMesh.open([], [args["actors"]])
     topics = await PubSub.open([], [args["topics"]])
@@ -90,9 +90,9 @@ async def _send(args: dict[str, Any]) -> None:
 
 
 async def ours(short: bool) -> Figures:
-    from strands_actors.runtime.pubsub import PubSub
-    from strands_actors.runtime.zenoh_mesh import ZenohMesh
-    from strands_actors.runtime.zenoh_session import unix_endpoint
+    from strands_actors.kernel.channels.pubsub import PubSub
+    from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+    from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 
     spans_ns: list[int] = []
     done = trio.Event()

@@ -20,10 +20,11 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.sides.wire import percentile, processor_s
 from strands_actors import Robot
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import WireLog
+
+from .wire import percentile, processor_s
 
 SIZES = {"short": (2, 4.0), "long": (12, 20.0)}
 """Robots, seconds."""

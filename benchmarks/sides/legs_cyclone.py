@@ -21,7 +21,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from benchmarks.sides.wire import Log, percentile
+from .wire import Log, percentile
 
 HZ = 500.0
 SECONDS = {"short": 4.0, "long": 25.0}

@@ -9,9 +9,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from benchmarks.sides.wire import Log, percentile, processor_s
 from benchmarks.stage import at_home
 from strands_actors import Robot
+
+from .wire import Log, percentile, processor_s
 
 SECONDS = {"short": 4.0, "long": 60.0}
 GAP_MS = 4.0

@@ -24,13 +24,13 @@ from typing import Any
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node, Ref
-from strands_actors.runtime.process import ChildProcess
-from strands_actors.runtime.spawner import Spawner
-from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node, Ref
+from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.processes.spawner import Spawner
+from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 
 from .common import Count, GetCount, answer, percentiles
 from .life_child import CHILD, DEADLINE_S, ENTRY, Child, Up

@@ -13,11 +13,11 @@ from typing import Any
 
 import trio
 
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.link import Link
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node, Unreachable
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node, Unreachable
 
 from .common import Count, GetCount
 

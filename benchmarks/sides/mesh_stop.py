@@ -21,8 +21,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.sides.stop import Policy, position
-from benchmarks.sides.wire import Log
+from .stop import Policy, position
+from .wire import Log
 
 COUNT = {"short": 1, "long": 16}
 CASES = ("idle", "blocked")
@@ -77,7 +77,7 @@ def other(who: str, robot: str, port: str) -> Iterator[None]:
 
 def bare(length: str, port: str, log: Log) -> dict[str, float]:
     """Nobody's policy is asked for a stop here: one case, told as each."""
-    from benchmarks.sides.between import _session
+    from .between import _session
 
     with tempfile.TemporaryDirectory() as directory:
         path = f"{directory}/other"
@@ -104,8 +104,8 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
 
 def with_sdk(port: str, path: str) -> None:
     """Repeats a target at the control rate; a stop ends that, for a second."""
-    from benchmarks.sides.between import _session
-    from benchmarks.sides.setpoint import CYCLE_S, ur_arm
+    from .between import _session
+    from .setpoint import CYCLE_S, ur_arm
 
     control, _, again = ur_arm(port.partition(":")[0])
     told = threading.Event()
@@ -124,9 +124,10 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
         print(json.dumps(bare(length, port, Log(log_path))), flush=True)
         os._exit(0)
     if who == "ours":
-        from benchmarks.sides.stamper import ROBOT, Stamper
         from benchmarks.stage import at_home
         from strands_actors.drivers import register_native_driver
+
+        from .stamper import ROBOT, Stamper
 
         at_home()
         register_native_driver(ROBOT, Stamper)
@@ -141,7 +142,7 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
     with other(who, robot, port):
         log = Log(log_path)
         if who == "ours":
-            from strands_actors.mesh import estop_button
+            from strands_actors.surfaces.mesh import estop_button
 
             with estop_button(by="a benchmark") as press:  # the reference's mesh is joined in advance, too
                 figures = measure(own, press, log, COUNT[length])

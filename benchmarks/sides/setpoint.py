@@ -14,7 +14,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from benchmarks.sides.wire import Log, delays_us, percentile
+from .wire import Log, delays_us, percentile
 
 COUNT = {"short": 60, "long": 300}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}

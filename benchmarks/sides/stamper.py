@@ -10,8 +10,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Candidate,
     Driver,
@@ -20,11 +19,12 @@ from strands_actors.runtime.contract import (
     Observation,
     Permit,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
     Wire,
 )
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 ROBOT = "stamper"
 AXES = (
@@ -47,7 +47,7 @@ class Stamper(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate", "fifo": "ask for SCHED_FIFO"}
 
     unit = "radians"
-    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
+    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
     firmware_watchdog = "none"
     gates = ()
     bound_s = 0.05
@@ -77,11 +77,11 @@ class Stamper(Driver):
     def open_wire(self, clock: Clock) -> Wire:
         return _Wire(self._port, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        return _SecondPath(self._port, clock)
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        return _StopChannel(self._port, clock)
 
 
-class _Paper:
+class _Replay:
     def __init__(self, path: str, clock: Clock) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
         self._clock = clock
@@ -99,7 +99,7 @@ class _Paper:
 
 class _Wire(Wire):
     def __init__(self, path: str, clock: Clock) -> None:
-        self._paper = _Paper(path, clock)
+        self._paper = _Replay(path, clock)
         self._clock = clock
         self._position = (0.0,) * len(AXES)
 
@@ -119,18 +119,18 @@ class _Wire(Wire):
         self._paper.put(values[2])
         self._position = values
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return self._paper.make_safe()
 
     def close(self) -> None:
         self._paper.close()
 
 
-class _SecondPath(SecondPath):
+class _StopChannel(StopChannel):
     def __init__(self, path: str, clock: Clock) -> None:
-        self._paper = _Paper(path, clock)
+        self._paper = _Replay(path, clock)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return self._paper.make_safe()
 
     def close(self) -> None:

@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.sides.policies import COMPUTE_S
-from benchmarks.sides.wire import Frame, Log, percentile
+from .policies import COMPUTE_S
+from .wire import Frame, Log, percentile
 
 COUNT = {"short": 2, "long": 4}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint", "unitree_g1": "left_shoulder_pitch"}

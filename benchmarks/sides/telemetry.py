@@ -19,7 +19,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.sides.wire import percentile, processor_s
+from .wire import percentile, processor_s
 
 STATE_HZ = 10.0
 STEPS = {"short": (2,), "long": (4, 8, 16, 24, 32, 48, 64)}
@@ -71,8 +71,8 @@ def listen(who: str) -> None:
 def listen_ours(window: Window, stack: contextlib.ExitStack) -> None:
     import trio
 
-    from strands_actors.mesh import open_mesh
-    from strands_actors.portal import portal
+    from strands_actors.caller.portal import portal
+    from strands_actors.surfaces.mesh import open_mesh
 
     ready = threading.Event()
 
@@ -110,8 +110,9 @@ def strands_robot(number: int) -> Any:
 
 
 def our_robot(number: int) -> Any:
-    from benchmarks.sides.stamper import ROBOT
     from strands_actors import Robot
+
+    from .stamper import ROBOT
 
     path = f"{os.environ['STRANDS_ACTORS_RUN']}/frames{number}"
     return Robot(ROBOT, mode="real", port=path, hz=30.0, tool_name=f"arm{number}")
@@ -155,9 +156,10 @@ def threads() -> int:
 
 def main(who: str, length: str) -> None:
     if who == "ours":
-        from benchmarks.sides.stamper import ROBOT, Stamper
         from benchmarks.stage import at_home
         from strands_actors.drivers import register_native_driver
+
+        from .stamper import ROBOT, Stamper
 
         at_home()
         register_native_driver(ROBOT, Stamper)

@@ -8,7 +8,7 @@ import json
 import subprocess
 import sys
 
-from benchmarks.sides.legs_bare import share_of_ticks
+from .legs_bare import share_of_ticks
 
 PERIOD_S = 0.01
 SECONDS = {"short": 1.0, "long": 6.0}

@@ -10,7 +10,7 @@ from typing import Any
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.mailbox import CAPACITY
+from strands_actors.kernel.mailbox import CAPACITY
 
 from .common import STATE, Count, Counter, GetCount, answer, hosted
 

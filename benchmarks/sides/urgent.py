@@ -7,8 +7,8 @@ import time
 import trio
 
 from benchmarks.house import Figures
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.messages import Message
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.messages import Message
 
 from .common import answer, hosted, percentiles
 

@@ -22,17 +22,17 @@ from strands_actors.drivers.common.twin import Robot
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.feetech.wire import FeetechWire
-from strands_actors.recording.file import Recording, new_info
-from strands_actors.recording.lines import Gap, Journal
-from strands_actors.recording.player import replay
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import Clock, VirtualClock
-from strands_actors.runtime.local_mesh import LocalNetwork
-from strands_actors.runtime.node import Node, Ref
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.local_mesh import LocalNetwork
+from strands_actors.kernel.clock import Clock, VirtualClock
+from strands_actors.kernel.node import Node, Ref
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.instrument import Acknowledge, Attach, Attached, Batch, Detach, InstrumentKeeper
 from strands_actors.supervisors.messages import Accepted, Acquire, Beat, Lease, Resume, Resumed, Setpoint
-from strands_actors.supervisors.tap import Acknowledge, Attach, Attached, Batch, Detach, TapKeeper
-from strands_actors.supervisors.wire import tap_keeper
+from strands_actors.supervisors.wire.group import instrument_keeper
+from strands_actors.surfaces.recording.file import Recording, new_info
+from strands_actors.surfaces.recording.lines import Gap, Journal
+from strands_actors.surfaces.recording.player import replay
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .common import answer
@@ -92,7 +92,7 @@ class MemoryBus:
         await trio.sleep_forever()
 
     def fileno(self) -> int:
-        return os.open(os.devnull, os.O_RDWR)  # for the second path, which has nothing to do here
+        return os.open(os.devnull, os.O_RDWR)  # for the stop channel, which has nothing to do here
 
     def close(self) -> None:
         pass
@@ -122,7 +122,7 @@ class Ran:
 
 
 async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None:
-    """What a rollout does: a setpoint every period, asked, and a beat."""
+    """What a rollout does: a setpoint every period, asked, and a heartbeat."""
     assert isinstance(await gate.ask(Resume("bench"), 1.0), Resumed)
     lease = await gate.ask(Acquire("bench"), 1.0)
     assert isinstance(lease, Lease), lease
@@ -169,13 +169,13 @@ def run_tree(seconds: float) -> Ran:
 class Taker(Actor):
     """Keeps what is recorded."""
 
-    def __init__(self, tap: str) -> None:
+    def __init__(self, instrument: str) -> None:
         self.batches: list[Batch] = []
-        self._tap = tap
+        self._instrument = instrument
 
     def receive(self, message: Batch) -> None:
         self.batches.append(message)
-        self.context.ref(self._tap).tell(Acknowledge(message.session, message.number))
+        self.context.ref(self._instrument).tell(Acknowledge(message.session, message.number))
 
 
 def run_recorded(seconds: float) -> Ran:
@@ -186,10 +186,10 @@ def run_recorded(seconds: float) -> Ran:
         async with open_inline_tree(driver=VirtualArm()) as tree, trio.open_nursery() as nursery:
             robot = tree.gate.address.split("/")[1]
             network.join().attach(tree.node)
-            path = addresses.of(robot).tap("wire")
+            path = addresses.of(robot).instrument("wire")
             description: Mapping[str, Any] = {"class": "memory", "robot": ROBOT, "port": "memory", "options": {}}
             keeper = tree.node.cell(
-                path, lambda: tap_keeper(tree.node, tree.driver, dict(description), robot), "tap"
+                path, lambda: instrument_keeper(tree.node, tree.driver, dict(description), robot), "tap"
             )
             await nursery.start(keeper.run)
             node = Node("recorder", VirtualClock())
@@ -198,13 +198,13 @@ def run_recorded(seconds: float) -> Ran:
             taker = Taker(f"strands/{path}")
             cell = node.cell("recorder/actor/wire", lambda: taker)
             await nursery.start(cell.run)
-            tap = node.ref(f"strands/{path}", TapKeeper)
-            attached = await tap.ask(Attach(cell.address, 1, "bench"), 5.0)
+            instrument = node.ref(f"strands/{path}", InstrumentKeeper)
+            attached = await instrument.ask(Attach(cell.address, 1, "bench"), 5.0)
             assert isinstance(attached, Attached), attached
             began_s = time.perf_counter()
             await command(tree, tree.node.ref(tree.gate.address, sender="strands/bench/writer"), JOINT, seconds)
             ran.span_s = time.perf_counter() - began_s
-            await tap.ask(Detach(1), 5.0)
+            await instrument.ask(Detach(1), 5.0)
             parts: list[Journal | Gap] = [
                 Journal("wire", batch.session, batch.number, msgspec.msgpack.encode(batch.entries))
                 for batch in taker.batches

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 from strands_actors.contract.axis import finite
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, GateCheck, GateState, Observation
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 STEP_TOLERANCE = 1.2
 """A stream's period jitters; so does the top speed of a servo with its supply."""

@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 
 import trio
 
-from strands_actors.runtime.clock import NS, Clock
+from strands_actors.kernel.clock import NS, Clock
 
 from .serial_port import BytePort
 

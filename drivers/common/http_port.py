@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 import trio
 
-from strands_actors.runtime.contract import WireDown
+from strands_actors.contract.driver import WireDown
 
 from .http_messages import Response, ResponseDecoder, encode_request
 from .malformed import MalformedFrame

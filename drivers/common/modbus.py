@@ -23,8 +23,8 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import WireDown
+from strands_actors.contract.driver import WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from .tcp_port import ByteStream
 

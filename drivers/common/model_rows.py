@@ -20,8 +20,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from .door.protocol import TIMESTEP_S
 from .lean_mujoco import mujoco
+from .simulation_control.protocol import TIMESTEP_S
 
 LINK_EXTENT_M = 0.1
 """Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be exact."""

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .door.body import Hand
 from .jointed import Jointed
 from .lean_mujoco import mujoco
 from .model_rows import build
+from .simulation_control.body import Hand
 
 
 class Plant(Jointed):

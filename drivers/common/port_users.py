@@ -9,7 +9,7 @@ from pathlib import Path
 
 PROC = Path("/proc")
 _SHOWN = 60
-_OURS = "strands_actors.runtime"
+_OURS = "strands_actors.kernel"
 """In the command line of a tree's own processes: who started them is the program."""
 
 

@@ -12,8 +12,8 @@ from typing import Any, TypeVar, TypeVarTuple
 
 import trio
 
-from strands_actors.runtime.contract import ProcessSpent, WireDown
-from strands_actors.runtime.threads import call_in_thread
+from strands_actors.contract.driver import ProcessSpent, WireDown
+from strands_actors.kernel.threads import call_in_thread
 
 Args = TypeVarTuple("Args")
 Result = TypeVar("Result")

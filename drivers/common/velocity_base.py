@@ -12,8 +12,8 @@ from typing import NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, parse_action
-from strands_actors.runtime.contract import Candidate, Driver, GateState, MotorReport, WireDown
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, WireDown
+from strands_actors.kernel.messages import Refused
 
 from .http_port import HttpPort
 from .malformed import MalformedFrame

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import TOP, Axis
-from strands_actors.drivers.common.servo.hello import block, check_calibration, check_model
+from strands_actors.drivers.common.servo.handshake import block, check_calibration, check_model
 from strands_actors.drivers.common.servo.identity import facts_of
-from strands_actors.runtime.contract import WireDown
 
 from . import protocol, table, watchdog
 

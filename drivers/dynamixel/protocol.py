@@ -185,7 +185,7 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Torque off on every servo in one frame, without knowing who is there: the second path needs no more. A
+"""Torque off on every servo in one frame, without knowing who is there: the stop channel needs no more. A
 broadcast has no status: confirm by reading register 64."""
 
 RESYNC = b"\0\0\0\0"
@@ -291,8 +291,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     return "config"
 
 
-def rung(packet: Packet, ids: Collection[int]) -> str:
-    """The rung that a request by itself brings all of ``ids`` to: limp, hold, or none."""
+def safe_state(packet: Packet, ids: Collection[int]) -> str:
+    """The safe state that a request by itself brings all of ``ids`` to: limp, hold, or none."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

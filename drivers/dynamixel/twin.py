@@ -41,8 +41,8 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
 
     def exchange(self, packet: p.Packet, replies: Sequence[Reply]) -> Exchange:
         kind = p.classify(packet)
-        rung = p.rung(packet, [servo.id for servo in self.servos]) if kind == "safe" else None
-        return Exchange(kind, p.frame(*packet), replies, rung)
+        safe_state = p.safe_state(packet, [servo.id for servo in self.servos]) if kind == "safe" else None
+        return Exchange(kind, p.frame(*packet), replies, safe_state)
 
     def step_to(self, now_s: float) -> None:
         """A bus watchdog trips in the silence before a request, not when the request ends it."""

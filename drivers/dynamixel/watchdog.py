@@ -2,7 +2,7 @@
 
 With torque on, a servo that has heard no instruction for that long stops where it is, torque still on, sets
 the register to -1 and refuses goals until 0 is written. It is the third line: the wire process itself stops
-within 50 ms, the root's second path within 150 ms; the firmware when both are gone, or the cable.
+within 50 ms, the root's stop channel within 150 ms; the firmware when both are gone, or the cable.
 
 *Any* instruction feeds it, a read too. So a reader that outlives what moves the arm would keep a servo driving
 to its last goal for ever. Here both are earned. Reads are ordered by the watchdog actor, which orders none

@@ -1,4 +1,4 @@
-"""The Dynamixel bus in the wire process, and the root's second path to it."""
+"""The Dynamixel bus in the wire process, and the root's stop channel to it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
-from strands_actors.drivers.common.servo.hello import command
+from strands_actors.drivers.common.servo.handshake import command
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.safing import LIMP
-from strands_actors.drivers.common.servo.wire import Hello, ServoSecondPath, ServoWire
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, WireDown
+from strands_actors.drivers.common.servo.wire import Handshake, ServoStopChannel, ServoWire
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol, table, watchdog
 from .identify import Identity, check, facts, identify, reach
@@ -44,7 +44,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
         self._readings = DynamixelReadings((), {})
         self._feed_until_ns: int | None = None  # None: the arm rests or holds, and may be read for ever
 
-    async def hello(self, bus: HalfDuplexBus[protocol.Packet]) -> Hello[protocol.Packet]:
+    async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         self._feed_until_ns = None
         bus.send(protocol.sync_write(table.STATUS_LEVEL, dict.fromkeys(self.driver.ids, ANSWER_EVERYTHING)))
         servos: dict[int, Identity] = {}
@@ -55,7 +55,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             servos[axis.id] = servo
         limits = limits_of([servos[axis.id] for axis in self.axes])
         self._readings = DynamixelReadings(self.axes, limits)
-        return Hello(
+        return Handshake(
             readings=self._readings,
             travel={motor: servo.travel for motor, servo in servos.items()},
             reach={axis.id: reach(axis, servos[axis.id], calibration is not None) for axis in self.axes},
@@ -118,14 +118,14 @@ class DynamixelWire(ServoWire[protocol.Packet]):
         await super().write(values, permit)
         self._feed_until_ns = self.clock.now_ns() + round(watchdog.FEED_S * NS)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        reports = await super().make_safe(rung)
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        reports = await super().make_safe(safe_state)
         driven = any(report.acknowledged and not report.safe and report.detail != LIMP for report in reports)
         self._feed_until_ns = self.clock.now_ns() if driven else None
         return reports
 
 
-class DynamixelSecondPath(ServoSecondPath[protocol.Packet]):
+class DynamixelStopChannel(ServoStopChannel[protocol.Packet]):
     def __init__(
         self,
         driver: Dynamixel,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import trio
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.runtime.contract import WireDown
 
 from .driver import EarthRover
 from .protocol import NOT_FOUND, OK, PICTURES, Picture, decode_picture

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
 from strands_actors.contract.axis_gates import axis_gates
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, StopChannel, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.runtime.tool_verbs import STATUS, STOP, ToolVerb
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .protocol import PORT
 from .robots import TABLES
@@ -91,7 +91,7 @@ class EarthRover(Driver):
         call_s=0.8,
         safe_s=2.0,
     )
-    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
+    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
     firmware_watchdog = (
         "the rover runs its last command until a new one; the SDK process sends zero after 3 s without one, "
         "unless its CONTROL_WATCHDOG_S says otherwise, which cannot be read back [assumed: 3 s]"
@@ -165,7 +165,7 @@ class EarthRover(Driver):
 
         return EarthRoverWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         from .stop import EarthRoverStopChannel
 
         return EarthRoverStopChannel(self)

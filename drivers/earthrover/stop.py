@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
-from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
 
 from . import protocol as p
 
@@ -45,7 +45,7 @@ def open_port(driver: EarthRover) -> HttpPort:
         raise WireDown(str(error)) from None
 
 
-class EarthRoverStopChannel(SecondPath):
+class EarthRoverStopChannel(StopChannel):
     """The root's way to the rover."""
 
     def __init__(self, driver: EarthRover) -> None:
@@ -55,7 +55,7 @@ class EarthRoverStopChannel(SecondPath):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await self._open().serve(task_status)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
             outcome = await stop_base(self._open(), RoverZero(), STOP_S)
         except WireDown as down:

@@ -14,10 +14,10 @@ from typing import Any, Unpack
 import msgspec
 
 from strands_actors.contract.axis import finite
-from strands_actors.drivers.common.door.body import Felt, Hand
-from strands_actors.drivers.common.door.protocol import TIMESTEP_S
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
 from strands_actors.drivers.common.twin.http import Answer, serving
 
@@ -93,8 +93,8 @@ class RoverTwin:
             return Answer(p.BAD_REQUEST, b'{"detail":"Command not provided"}', "other")
         linear, angular, lamp = (finite(command.get(name, 0)) or 0.0 for name in ("linear", "angular", "lamp"))
         self.rover.tell(linear, angular, lamp, Hand.WIRE if linear or angular else Hand.NONE)
-        kind, rung = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
-        return Answer(p.OK, b'{"message":"Command sent successfully"}', kind, rung)
+        kind, safe_state = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
+        return Answer(p.OK, b'{"message":"Command sent successfully"}', kind, safe_state)
 
     def _picture(self, view: str) -> Answer:
         if view == "rear" and not self._rear:

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import msgspec
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.velocity_base import Outcome, stop_base
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from .stop import STOP_S, RoverZero, open_port
@@ -124,7 +124,7 @@ class EarthRoverWire(Wire):
         self._told, self._owed = values, trio.Event()
         nursery.start_soon(self._take_answer, port, number, self._owed)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         lamp = self._told[2]
         self._told = (0.0, 0.0, lamp)
         zero = RoverZero(lamp)
@@ -140,7 +140,7 @@ class EarthRoverWire(Wire):
             outcome = Outcome(False, False, str(down))
         return outcome.reports(self._driver, self._told)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer; zero follows its
         command all the same."""
         if self._owed is not None:
@@ -148,7 +148,7 @@ class EarthRoverWire(Wire):
             self._owed = None
         if self._stop is not None:
             self._stop.close()
-        return await self.make_safe(rung)
+        return await self.make_safe(safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         client = HttpClient(f"http://{self._port().name}")

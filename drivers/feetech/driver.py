@@ -6,10 +6,10 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+from strands_actors.contract.driver import StopChannel
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import SecondPath
+from strands_actors.kernel.clock import Clock
 
 from .gates import FAULT_CODES, REMEDIES
 from .protocol import BAUD_RATES, HOMING_OFFSET
@@ -47,7 +47,7 @@ class Feetech(ServoDriver):
 
         return FeetechWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        from .wire import FeetechSecondPath
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        from .wire import FeetechStopChannel
 
-        return FeetechSecondPath(self, descriptors, clock)
+        return FeetechStopChannel(self, descriptors, clock)

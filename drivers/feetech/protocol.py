@@ -270,8 +270,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     return "config"
 
 
-def rung(packet: Packet, ids: Collection[int]) -> str:
-    """The rung that a request by itself brings all of ``ids`` to: limp, hold, or none."""
+def safe_state(packet: Packet, ids: Collection[int]) -> str:
+    """The safe state that a request by itself brings all of ``ids`` to: limp, hold, or none."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

@@ -51,8 +51,8 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
 
     def exchange(self, packet: p.Packet, replies: Sequence[Reply]) -> Exchange:
         kind = p.classify(packet)
-        rung = p.rung(packet, [servo.id for servo in self.servos]) if kind == "safe" else None
-        return Exchange(kind, p.frame(*packet), replies, rung)
+        safe_state = p.safe_state(packet, [servo.id for servo in self.servos]) if kind == "safe" else None
+        return Exchange(kind, p.frame(*packet), replies, safe_state)
 
     def answer(self, packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> Iterable[Reply | None]:
         if packet.code == p.SYNC_READ:

@@ -1,4 +1,4 @@
-"""The Feetech bus in the wire process, and the root's second path to it."""
+"""The Feetech bus in the wire process, and the root's stop channel to it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.readings import Readings, Sample
-from strands_actors.drivers.common.servo.wire import Hello, ServoSecondPath, ServoWire
-from strands_actors.runtime.clock import Clock
+from strands_actors.drivers.common.servo.wire import Handshake, ServoStopChannel, ServoWire
+from strands_actors.kernel.clock import Clock
 
 from . import protocol
 from .identify import Identity, answer_at_once, check, facts, identify
@@ -50,7 +50,7 @@ class FeetechWire(ServoWire[protocol.Packet]):
     that has to be known of each before anything is written."""
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
 
-    async def hello(self, bus: HalfDuplexBus[protocol.Packet]) -> Hello[protocol.Packet]:
+    async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         servos: dict[int, Identity] = {}
         calibration = self.driver.calibration
         for axis in self.axes:
@@ -61,10 +61,10 @@ class FeetechWire(ServoWire[protocol.Packet]):
             await answer_at_once(bus, axis, servos[axis.id])
         limits = limits_of([servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
-        return Hello(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
+        return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
 
 
-class FeetechSecondPath(ServoSecondPath[protocol.Packet]):
+class FeetechStopChannel(ServoStopChannel[protocol.Packet]):
     def __init__(
         self,
         driver: Feetech,

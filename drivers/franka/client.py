@@ -10,9 +10,9 @@ import socket
 
 import trio
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
-from strands_actors.runtime.contract import WireDown
 
 from . import protocol as p
 

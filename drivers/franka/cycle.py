@@ -24,9 +24,9 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.pulse import Pulse, on_page
-from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health.heartbeat import Heartbeat, on_page
+from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 
 from . import protocol as p
 from .generator import Limits, Trajectory
@@ -90,10 +90,10 @@ class Report(msgspec.Struct, frozen=True):
 class Cycle:
     """What becomes of each state. Pure but for the page: bytes in, bytes out."""
 
-    def __init__(self, dialect: p.Dialect, limits: Limits, pulse: Pulse) -> None:
+    def __init__(self, dialect: p.Dialect, limits: Limits, heartbeat: Heartbeat) -> None:
         self.dialect = dialect
         self._limits = limits
-        self._pulse = pulse
+        self._heartbeat = heartbeat
         self._trajectory: Trajectory | None = None
         self._order = STAND_DOWN
         self._ended_by_itself = False
@@ -153,7 +153,7 @@ class Cycle:
         if trajectory is None:
             return None
         self.missed += elapsed - 1
-        fed = now_ns - self._pulse.heard_ns <= FEED_S * NS
+        fed = now_ns - self._heartbeat.heard_ns <= FEED_S * NS
         if self.phase is Phase.MOVING and not fed and not self._ended_by_itself:
             self._ended_by_itself = True
             trajectory.brake()
@@ -205,13 +205,18 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     udp = socket.socket(fileno=args["udp"])
     wire = socket.socket(fileno=args["wire"])
     wire.setblocking(False)
-    pulse = on_page(args["page"], CYCLE_END)
+    heartbeat = on_page(args["page"], CYCLE_END)
     os.close(args["page"])
-    run(Cycle(dialect, limits, pulse), Reporter(dialect, args["stride"]), udp, wire, sock, pulse)
+    run(Cycle(dialect, limits, heartbeat), Reporter(dialect, args["stride"]), udp, wire, sock, heartbeat)
 
 
 def run(
-    cycle: Cycle, reporter: Reporter, udp: socket.socket, wire: socket.socket, parent: socket.socket, pulse: Pulse
+    cycle: Cycle,
+    reporter: Reporter,
+    udp: socket.socket,
+    wire: socket.socket,
+    parent: socket.socket,
+    heartbeat: Heartbeat,
 ) -> None:
     """Until the wire process is gone."""
     parent.setblocking(False)
@@ -227,7 +232,7 @@ def run(
             if _is_gone(parent):
                 return
             continue
-        pulse.beat(now_ns)
+        heartbeat.beat(now_ns)
         command = cycle.answer(state, now_ns)
         if command is not None:
             _send(udp, command)

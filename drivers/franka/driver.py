@@ -12,19 +12,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, StopChannel, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
-    HOLDING_REASONS,
-    Driver,
-    Reason,
-    SecondPath,
-    Service,
-    Timing,
-)
-from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.kernel.clock import Clock
 
 from .arms import arm_of, arms
 from .gates import CONDITIONS, all_gates
@@ -60,7 +53,7 @@ class Franka(Driver):
     }
 
     unit = "radians"
-    ladder: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, str] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     firmware_watchdog = (
@@ -124,7 +117,7 @@ class Franka(Driver):
 
         return FrankaWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         from .stop_channel import FrankaStopChannel
 
         return FrankaStopChannel(self)

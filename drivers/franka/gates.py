@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.messages import Refused
 
 from .protocol import RobotMode, mode_name
 

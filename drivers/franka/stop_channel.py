@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import trio
 
-from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
@@ -25,11 +25,11 @@ CONFIRM_S = 0.6
 """From top speed a joint stands after 0.3 s at its acceleration."""
 
 
-class FrankaStopChannel(SecondPath):
+class FrankaStopChannel(StopChannel):
     def __init__(self, driver: Franka) -> None:
         self._driver = driver
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return await stop_anew(self._driver)
 
     def close(self) -> None:

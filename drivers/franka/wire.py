@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.process import ChildProcess, start
-from strands_actors.runtime.pulse import Pulse, new_page, on_page
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, on_page
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
@@ -62,7 +62,7 @@ class _Session:
             given.enter_context(ours)
             self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
-            self.pulse: Pulse = on_page(page, WIRE_END)
+            self.heartbeat: Heartbeat = on_page(page, WIRE_END)
         self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None
@@ -107,7 +107,7 @@ class _Session:
 
     def silent_s(self) -> float:
         """Since the last state."""
-        return (self._clock.now_ns() - self.pulse.heard_ns) / NS
+        return (self._clock.now_ns() - self.heartbeat.heard_ns) / NS
 
     def aim(self, goal: tuple[float, ...]) -> None:
         """Order a goal."""
@@ -213,7 +213,7 @@ class FrankaWire(Wire):
         if session.silent_s() > OLD_S:
             raise PermitDenied("no state for 20 ms")
         permit.check()
-        session.pulse.beat(self._clock.now_ns())
+        session.heartbeat.beat(self._clock.now_ns())
         order = session.order
         if order is not None and values == order.goal and (session.motion or self._reached(session, order)):
             return
@@ -225,7 +225,7 @@ class FrankaWire(Wire):
             return
         session.aim(values)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return reports(self._driver, False, False, None, "not connected")
@@ -246,7 +246,7 @@ class FrankaWire(Wire):
             session.stand_down()
             return reports(self._driver, written, False, None, str(down))
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By what is still open, which ends there, and the motion with it. Then by a connection made for this."""
         session, written = self._session_or_none, False
         if session is not None:

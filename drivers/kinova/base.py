@@ -68,7 +68,7 @@ class Base:
         self.plant = Plant.from_table(table)
         self.now_s = now_s
         self._login = username, password
-        self._second = second
+        self._stop_channel = second
         self._acceleration = float(table["acceleration_rad_s2"])
         self._fastest = [float(joint["speed_rad_s"]) for joint in table["joints"]]
         self._sessions: dict[int, Session] = {}
@@ -201,7 +201,7 @@ class Base:
         if login.password != self._login[1]:
             raise CallFailed(SubError.INVALID_PASSWORD)
         self._forget_silent()
-        if self._sessions and self._second is Second.REFUSED:
+        if self._sessions and self._stop_channel is Second.REFUSED:
             raise CallFailed(SubError.METHOD_FAILED)
         self._number = self._number % 0xFFFF + 1
         self._sessions[self._number] = Session(self._number, connection, login, self.now_s())
@@ -224,7 +224,7 @@ class Base:
     def _call(self, session: Session, request: Frame) -> bytes:
         first = min(self._sessions) == session.number
         harmless = self.kind(request) in ("read", "keepalive") or request.call == Call.CLOSE_SESSION
-        if not first and self._second is Second.POWERLESS and not harmless:
+        if not first and self._stop_channel is Second.POWERLESS and not harmless:
             raise CallFailed(SubError.METHOD_FAILED)
         match request.call:
             case Call.KEEP_ALIVE:

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import trio
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import ByteStream
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .protocol import Call, Frame
@@ -26,7 +26,7 @@ OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 SILENT_S = 0.5
 """A base that owes an answer and has said nothing for so long is gone."""
 
-HELLO_S = 0.6
+HANDSHAKE_S = 0.6
 """More than that: what connects and does not speak is told as such."""
 
 MAX_OPEN = 256
@@ -124,7 +124,7 @@ class KortexClient:
         """The answer is of no more interest; it may still come."""
         self._awaited.pop(number, None)
 
-    async def call(self, call: Call, payload: bytes = b"", within_s: float = HELLO_S) -> Frame:
+    async def call(self, call: Call, payload: bytes = b"", within_s: float = HANDSHAKE_S) -> Frame:
         """Ask and wait. Raise ``WireDown`` when the base refuses, or does not answer."""
         number = self.ask(call, payload)
         try:

@@ -12,22 +12,22 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
-from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
-from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Candidate,
     Driver,
     GateState,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
 )
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import CONDITIONS, all_gates, needed_speeds
 from .protocol import TCP_PORT
@@ -57,7 +57,7 @@ class Kinova(Driver):
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)
 
     unit = "radians"
-    ladder: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, str] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     firmware_watchdog = (
@@ -87,7 +87,7 @@ class Kinova(Driver):
             state_ttl_s=self.silent_s,
             arm_s=3.0,
             tick_s=period_s / 2,  # so that a period is whole ticks
-            beat_ttl_s=self.silent_s,
+            heartbeat_ttl_s=self.silent_s,
         )
         self.declare(Part(PartKind.ARM, tuple(_axes(table, self.fastest_rad_s))))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
@@ -122,10 +122,10 @@ class Kinova(Driver):
 
         return KinovaWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        from .stop_channel import StopChannel
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        from .stop_channel import KinovaStopChannel
 
-        return StopChannel(self, descriptors, clock)
+        return KinovaStopChannel(self, descriptors, clock)
 
     def address(self) -> tuple[str, int]:
         """Raise ``ValueError`` for a ``port`` that is no address."""

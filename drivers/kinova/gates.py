@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 from . import speeds
 from .protocol import ArmState, arm_state_name

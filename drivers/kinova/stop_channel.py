@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
+from strands_actors.kernel.clock import Clock
 
 from .client import KortexClient, OpenStream, Page, log_in_at
 from .protocol import Call
@@ -32,7 +32,7 @@ KEEP_S = 0.5
 """A base forgets a session that says nothing for 2 s."""
 
 
-class StopChannel(SecondPath):
+class KinovaStopChannel(StopChannel):
     def __init__(
         self,
         driver: Kinova,
@@ -68,7 +68,7 @@ class StopChannel(SecondPath):
         if not told:
             task_status.started()  # used already
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         self._serving.cancel()  # nobody else reads from our connection
         if self._newest is not None:
             self._replace_own(self._newest)

@@ -7,8 +7,8 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.runtime.contract import MotorReport, WireDown
 
 from .client import KortexClient, Refusal
 from .protocol import JOINTS, ArmState, Call, Feedback, Frame

@@ -12,9 +12,9 @@ from typing import Any, Unpack
 import msgspec
 import trio
 
-from strands_actors.drivers.common.door.body import Hand
+from strands_actors.drivers.common.jointed_body import PlantBody
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.plant_body import PlantBody
+from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
@@ -45,8 +45,8 @@ TICK_S = 0.01
 
 
 class KinovaBody(PlantBody):
-    """The arm as a simulation: as long as no joint speeds drive it, targets come through the door. The base keeps
-    it energised whoever moves it: nothing here makes it limp."""
+    """The arm as a simulation: as long as no joint speeds drive it, targets come through the simulation
+    control. The base keeps it energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, base: Base) -> None:
         super().__init__(base.plant, base.advance)

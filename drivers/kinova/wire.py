@@ -12,18 +12,18 @@ import mmap
 import os
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.runtime.pulse import new_page
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.health.heartbeat import new_page
 
 from . import protocol as p
-from .client import HELLO_S, KortexClient, Page
+from .client import HANDSHAKE_S, KortexClient, Page
 from .gates import BASE, refuse_state
 from .protocol import Call, Feedback, ServoingMode
 from .speeds import Course, position_now
-from .stop_channel import StopChannel
+from .stop_channel import KinovaStopChannel
 from .stopping import STANDING_DEG_S, not_connected, stop_arm
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class KinovaWire(Wire):
         session.client.tell(Call.SEND_JOINT_SPEEDS, payload)
         session.course, session.sent_ns, session.turning = course, now_ns, any(speeds)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return not_connected(self._driver.axes)
@@ -180,13 +180,13 @@ class KinovaWire(Wire):
             session.turning = False
         return reports
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """On the connection that was lost, if it still takes anything, and on one of its own."""
         session = self._session_or_none
         wires = None if session is None else session.client
-        channel = StopChannel(self._driver, (), self._clock, self._open_stream, wires)
+        channel = KinovaStopChannel(self._driver, (), self._clock, self._open_stream, wires)
         try:
-            return await channel.make_safe(rung)
+            return await channel.make_safe(safe_state)
         finally:
             channel.close()
 
@@ -219,7 +219,7 @@ class KinovaWire(Wire):
     async def _refresh(self, session: _Session) -> None:
         """Take a reading of now. Raise ``WireDown`` when none comes."""
         before_ns, number = session.stamp_ns, self._ask(session)
-        await session.client.listen(number, HELLO_S)
+        await session.client.listen(number, HANDSHAKE_S)
         self._collect(session)
         if session.stamp_ns == before_ns:
             raise WireDown(f"{self._driver.robot}: no feedback of {p.JOINTS} joints comes. Check the base")

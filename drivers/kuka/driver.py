@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from msgspec.structs import replace
 
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, StopChannel, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState, check_fallbacks
+from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation, Reason, SecondPath, Timing
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import conditions, gates, last_target, span_s
 from .protocol import FRI_PORT
@@ -45,7 +45,7 @@ class Kuka(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
 
     unit = "radians"
-    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.HOLD.value)
+    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.HOLD.value)
     firmware_watchdog = (
         "the FRI session itself: after some missing answers the controller drops it to monitoring and the robot's "
         "own program holds the arm [?]. nothing is armed by us, and position control mode is required for it"
@@ -58,7 +58,7 @@ class Kuka(Driver):
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         chosen = read_options(robot, Options, options)
-        check_fallbacks(robot, self.ladder)
+        check_fallbacks(robot, self.fallbacks)
         self.arm = arm_of(robot)
         self.robot = self.arm.name
         self.port = port
@@ -128,7 +128,7 @@ class Kuka(Driver):
         self.kept = self.kept or KeptPort(self)
         return KukaWire(self, self.kept, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         from .stop_channel import KukaStopChannel
 
         return KukaStopChannel(self, descriptors[0] if descriptors else None, clock)

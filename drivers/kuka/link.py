@@ -10,10 +10,10 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.udp_port import UdpListener
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from .protocol import Monitoring, State, decode_monitoring, encode_command, name_of
 from .robots import Arm

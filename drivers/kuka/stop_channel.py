@@ -10,9 +10,9 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING
 
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
+from strands_actors.kernel.clock import Clock
 
 from .link import answer_instead, failed
 
@@ -24,7 +24,7 @@ ANSWER_S = 0.5
 rest."""
 
 
-class KukaStopChannel(SecondPath):
+class KukaStopChannel(StopChannel):
     """``fd``: the duplicate; None: a socket of its own, opened when it is used."""
 
     def __init__(self, driver: Kuka, fd: int | None, clock: Clock) -> None:
@@ -32,7 +32,7 @@ class KukaStopChannel(SecondPath):
         self._clock = clock
         self._port = None if fd is None else UdpListener(socket.socket(fileno=fd), driver.numeric_host())
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         arm, detail = self._driver.arm, "held by the root; its FRI session ends with this"
         try:
             if self._port is None:

@@ -7,16 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import (
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    Wire,
-    WireDown,
-)
+from strands_actors.kernel.clock import NS, Clock
 
 from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
@@ -150,7 +143,7 @@ class KukaWire(Wire):
         self._permit, self._written_ns = permit, self._clock.now_ns()
         link.session.aim(values[:JOINTS], values[JOINTS])
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         link = self._link_or_none
         if link is None:
             return failed(self._driver.arm, "not connected")
@@ -161,7 +154,7 @@ class KukaWire(Wire):
 
         return await link.bring_to_stand(cycle, "")
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
         arm, link = self._driver.arm, self._link_or_none
         written = False

@@ -1,4 +1,5 @@
-"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the door."""
+"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the simulation
+control."""
 
 from __future__ import annotations
 
@@ -6,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.door.body import Felt, Hand
-from strands_actors.drivers.common.door.protocol import TIMESTEP_S
+from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .mechanism import Gripper
 from .protocol import TOP

@@ -1,5 +1,5 @@
 """A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by the root's
-second path."""
+stop channel."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Permit, WireDown
 from strands_actors.drivers.common.modbus import ModbusClient
 from strands_actors.drivers.common.tcp_port import ByteStream
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import MotorReport, Permit, WireDown
+from strands_actors.kernel.clock import Clock
 
 from . import protocol
 from .protocol import Command, Status

@@ -12,11 +12,11 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, StopChannel, Timing
+from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Timing
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import FORCE, POSITION, SPEED, all_gates, keys_of, parse, position_key
 from .protocol import ACTIVATION_S
@@ -63,7 +63,7 @@ class Robotiq(Driver):
         state_ttl_s=0.3,
         arm_s=ACTIVATION_S + 2.0,
     )
-    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, "hold")
+    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, "hold")
     firmware_watchdog = "none: left alone it keeps its grip and finishes its last motion [assumed]"
 
     @classmethod
@@ -125,10 +125,10 @@ class Robotiq(Driver):
 
         return RobotiqWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        from .wire import RobotiqSecondPath
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        from .wire import RobotiqStopChannel
 
-        return RobotiqSecondPath(self, clock)
+        return RobotiqStopChannel(self, clock)
 
     def address(self) -> tuple[str, int]:
         """Raise ``ValueError`` for a ``port`` that is no address."""

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import msgspec
 
 from strands_actors.contract.axis import finite
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
 

@@ -1,4 +1,4 @@
-"""The gripper's registers in the wire process, and the root's second path to them."""
+"""The gripper's registers in the wire process, and the root's stop channel to them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.tcp_port import open_tcp
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
 from .client import ASK_AGAIN_S, GripperClient, hold, open_gripper, report
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 READ_S = 0.03
 """How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to hear of us."""
 
-HELLO_S = 0.6
+HANDSHAKE_S = 0.6
 """More than a peer may be silent: what opens and does not speak is told as such."""
 
 POLL_S = 0.05
@@ -64,7 +64,7 @@ class RobotiqWire(Wire):
         driver = self._driver
         gripper = await open_gripper(driver, self._clock, self._open_stream)
         try:
-            status = await gripper.status(HELLO_S)
+            status = await gripper.status(HANDSHAKE_S)
             if status is None:
                 raise WireDown(
                     f"{driver.robot} at {driver.port}: connected, but no answer. Check unit_id= and its power"
@@ -129,14 +129,14 @@ class RobotiqWire(Wire):
         if session.told != position:
             session.told, session.misses = position, 0
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return (report(self._driver, False, False, "not connected"),)
         session.told = None
         return (await hold(session.gripper, session.status, self._driver),)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and moves then. One
         whose answers are nonsense has power, and keeps still by what was last understood of it."""
         self.close()  # what was sent on that connection and not taken yet is thrown away with it
@@ -203,7 +203,7 @@ class RobotiqWire(Wire):
     async def _ask(self, permit: Permit) -> Status:
         """A status before anything else happens. Raise ``WireDown``."""
         session = self._session()
-        status = await session.gripper.status(HELLO_S, permit)
+        status = await session.gripper.status(HANDSHAKE_S, permit)
         if status is None:
             raise WireDown("arm: the gripper does not answer. Check its power")
         self._take(session, status)
@@ -247,7 +247,7 @@ _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, C
 """Met while opening, met while closing, nothing there; while it moves it is not known."""
 
 
-class RobotiqSecondPath(SecondPath):
+class RobotiqStopChannel(StopChannel):
     """The root's way to the gripper: a connection of its own, made when it is needed. By then the wire's is gone
     with its process, so a gateway that takes one client takes this one. A name for an address has to be looked up
     then, too: a number is quicker."""
@@ -257,7 +257,7 @@ class RobotiqSecondPath(SecondPath):
         self._clock = clock
         self._open_stream = open_stream
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
             gripper = await open_gripper(self._driver, self._clock, self._open_stream)
         except WireDown as error:

@@ -1,4 +1,5 @@
-"""Any robot in simulation: its own driver's names, units and ladder, no gates, and its twin's door for a wire.
+"""Any robot in simulation: its own driver's names, units and table of fallbacks, no gates, and its twin's
+simulation control for a wire.
 
 What is still refused: names that are none of its joints, numbers that are not finite, and a joint that the
 simulation does not hold, since a command to it would have no effect.
@@ -12,10 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.drivers.common.door.protocol import HOLD, LIMP, MOST_STEPS, TIMESTEP_S
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, SecondPath, Service
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Driver, GateState, Service, StopChannel
+from strands_actors.drivers.common.simulation_control.protocol import HOLD, LIMP, MOST_STEPS, TIMESTEP_S
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import held
 
@@ -26,12 +27,12 @@ OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
 """What is declared of the robot, whatever it is made of."""
 
 KEEPALIVE_S = 1.0
-"""A door loses nothing: the re-send is of no use here, and costs nothing."""
+"""A simulation control loses nothing: the re-send is of no use here, and costs nothing."""
 
 
 class SimDriver(Driver):
     """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``port``: path of the
-    door."""
+    simulation control."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -59,7 +60,7 @@ class SimDriver(Driver):
         self.robot, self.port = real.robot, port
         self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        self.ladder = real.ladder
+        self.fallbacks = real.fallbacks
         self.units = real.model_units()
         self.gates = (held(self.axes),)
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
@@ -73,8 +74,8 @@ class SimDriver(Driver):
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return self.real.commanded(action, values)
 
-    def energised(self, rung: str) -> bool:
-        return self.real.energised(rung)
+    def energised(self, safe_state: str) -> bool:
+        return self.real.energised(safe_state)
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return self.units
@@ -87,11 +88,11 @@ class SimDriver(Driver):
 
         return SimWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        from .wire import SimSecondPath
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        from .wire import SimStopChannel
 
-        return SimSecondPath(self)
+        return SimStopChannel(self)
 
-    def door_rung(self, rung: str) -> str:
+    def control_safe_state(self, safe_state: str) -> str:
         """Only a limp robot is let go of; one that is stopped otherwise stays where it is."""
-        return LIMP if rung == LIMP else HOLD
+        return LIMP if safe_state == LIMP else HOLD

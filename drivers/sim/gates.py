@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.kernel.messages import Refused
 
 HELD_BY_WIRE = "held by the robot on its wire"
 LET_GO = "limp"

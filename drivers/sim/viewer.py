@@ -7,11 +7,11 @@ from typing import Any
 
 import trio
 
-from strands_actors.drivers.common.door import protocol as p
-from strands_actors.drivers.common.door.client import DoorClient
-from strands_actors.drivers.common.door.scene import View, look
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.lean_mujoco import mujoco
-from strands_actors.runtime.contract import WireDown
+from strands_actors.drivers.common.simulation_control import protocol as p
+from strands_actors.drivers.common.simulation_control.client import SimulationClient
+from strands_actors.drivers.common.simulation_control.scene import View, look
 
 FRAME_S = 1 / 60
 SHAPE = (4, 3)
@@ -22,13 +22,13 @@ ANSWER_S = 10.0
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the process. Ends when its window is closed, or with the simulation or the caller."""
-    trio.run(_mirror, args["door"], sock)
+    trio.run(_mirror, args["control"], sock)
 
 
-async def _mirror(door: str, sock: socket.socket) -> None:
+async def _mirror(control: str, sock: socket.socket) -> None:
     from mujoco import viewer
 
-    client = DoorClient(door)
+    client = SimulationClient(control)
     file = (await client.call(p.GetModel(0), p.Model, ANSWER_S)).binary
     model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": file})
     data = mujoco.MjData(model)

@@ -1,23 +1,23 @@
-"""The door of a twin as a wire, and as the root's second path."""
+"""The simulation control of a twin as a wire, and as the root's stop channel."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from strands_actors.drivers.common.door import protocol as p
-from strands_actors.drivers.common.door.body import Hand
-from strands_actors.drivers.common.door.client import DoorClient, Refusal
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
+from strands_actors.drivers.common.simulation_control import protocol as p
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import HELD_BY_WIRE, LET_GO
 
 if TYPE_CHECKING:
     from .driver import SimDriver
 
-HELLO_S = 2.0
+HANDSHAKE_S = 2.0
 READ_S = 0.03
 """How long one reading waits; the next one asks again. The watchdog wants to hear of us."""
 
@@ -33,23 +33,23 @@ class SimWire(Wire):
     def __init__(self, driver: SimDriver, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
-        self._door: DoorClient | None = None
-        self._beside: DoorClient | None = None
+        self._control: SimulationClient | None = None
+        self._beside: SimulationClient | None = None
         self._armed = False
         self._seen: Observation | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        self._door = DoorClient(self._driver.port)
-        axes = (await self._client.call(p.Hello(0), p.Axes, HELLO_S)).axes
+        self._control = SimulationClient(self._driver.port)
+        axes = (await self._client.call(p.Handshake(0), p.Axes, HANDSHAKE_S)).axes
         if axes != self._driver.axes:
             raise WireDown(f"the simulation is of another robot: it has {', '.join(axes)}")
-        self._observe(await self._client.call(p.Read(0), p.Sample, HELLO_S))
+        self._observe(await self._client.call(p.Read(0), p.Sample, HANDSHAKE_S))
         return {"simulation": self._driver.port}
 
     async def arm(self, permit: Permit) -> Observation:
         permit.check()
-        sample = await self._client.call(p.Take(0), p.Sample, HELLO_S)
+        sample = await self._client.call(p.Take(0), p.Sample, HANDSHAKE_S)
         self._armed = True
         return self._observe(sample)
 
@@ -71,16 +71,16 @@ class SimWire(Wire):
         permit.check()
         client.tell(aim)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        if self._door is None:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        if self._control is None:
             return _failed(self._driver, "not connected")
-        self._armed = self._armed and self._driver.energised(rung)
-        return await _make_safe(self._driver, self._door, rung)
+        self._armed = self._armed and self._driver.energised(safe_state)
+        return await _make_safe(self._driver, self._control, safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``step``, in a conversation beside the readings'. A target written before is heard before."""
         permit.check()
-        self._beside = beside = self._beside or DoorClient(self._driver.port)
+        self._beside = beside = self._beside or SimulationClient(self._driver.port)
         try:
             step = p.Step(0, int(arguments.get("steps", 1)))
             sample = await beside.call(step, p.Sample, self._driver.SERVICES[service].within_s)
@@ -89,17 +89,17 @@ class SimWire(Wire):
         return {"position": self._driver.as_json(self._position(sample)), "sim_time_s": sample.time_s}
 
     def close(self) -> None:
-        for door in (self._door, self._beside):
-            if door is not None:
-                door.close()
-        self._door = self._beside = self._seen = None
+        for control in (self._control, self._beside):
+            if control is not None:
+                control.close()
+        self._control = self._beside = self._seen = None
         self._armed = False
 
     @property
-    def _client(self) -> DoorClient:
-        if self._door is None:
+    def _client(self) -> SimulationClient:
+        if self._control is None:
             raise WireDown("wire: not connected. Open it first")
-        return self._door
+        return self._control
 
     def _observe(self, sample: p.Sample) -> Observation:
         self._seen = self._observed(sample)
@@ -122,34 +122,34 @@ class SimWire(Wire):
         return _position(self._driver, sample)
 
 
-class SimSecondPath(SecondPath):
+class SimStopChannel(StopChannel):
     """A conversation of the root's own, begun when it is needed."""
 
     def __init__(self, driver: SimDriver) -> None:
         self._driver = driver
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
-            door = DoorClient(self._driver.port)
+            control = SimulationClient(self._driver.port)
         except WireDown as down:
             return _failed(self._driver, str(down))
         try:
-            return await _make_safe(self._driver, door, rung)
+            return await _make_safe(self._driver, control, safe_state)
         finally:
-            door.close()
+            control.close()
 
     def close(self) -> None:
         pass
 
 
-async def _make_safe(driver: SimDriver, door: DoorClient, rung: str) -> tuple[MotorReport, ...]:
+async def _make_safe(driver: SimDriver, control: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
     """``ask`` hands the frame over before anything waits."""
     try:
-        sample = await door.call(p.Safe(0, driver.door_rung(rung)), p.Sample, SAFE_S)
+        sample = await control.call(p.Safe(0, driver.control_safe_state(safe_state)), p.Sample, SAFE_S)
     except WireDown as down:
         return _failed(driver, str(down))
     wire = int(Hand.WIRE)
-    targets = _position(driver, sample) if driver.energised(rung) else (None,) * len(driver.axes)
+    targets = _position(driver, sample) if driver.energised(safe_state) else (None,) * len(driver.axes)
     return tuple(
         MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "", target)
         for axis, motor, hand, target in zip(driver.axes, driver.ids, sample.hands, targets, strict=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
-from strands_actors.drivers.common.door import protocol as p
-from strands_actors.drivers.common.door.client import DoorClient, Refusal
-from strands_actors.runtime.contract import WireDown
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.simulation_control import protocol as p
+from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
 
 T = TypeVar("T", bound=p.Frame)
 
@@ -24,20 +24,20 @@ class Picture(NamedTuple):
     rgb: bytes
 
 
-async def render(door: str, width: int, height: int, camera: str) -> Picture:
+async def render(control: str, width: int, height: int, camera: str) -> Picture:
     """Raise ``RuntimeError`` with the reason there is no picture."""
-    got = await _ask(door, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
+    got = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
     return Picture(got.width, got.height, got.rgb)
 
 
-async def reset(door: str) -> None:
+async def reset(control: str) -> None:
     """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is energised."""
-    await _ask(door, p.Reset(0), p.Sample, RESET_S)
+    await _ask(control, p.Reset(0), p.Sample, RESET_S)
 
 
-async def _ask(door: str, request: p.Request, kind: type[T], within_s: float) -> T:
+async def _ask(control: str, request: p.Request, kind: type[T], within_s: float) -> T:
     try:
-        client = DoorClient(door)
+        client = SimulationClient(control)
         try:
             return await client.call(request, kind, within_s)
         finally:

@@ -5,7 +5,7 @@ From then on it stands only as long as setpoints come. Whatever ends them ends i
 
 ``zero_torque``  every motor lets go at once. A standing robot falls, freely, in half a second.
 ``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then lets go: a standing
-                 robot sinks and topples more slowly. Nothing holds it up on either rung.
+                 robot sinks and topples more slowly. Nothing holds it up on either safe state.
 
 Which of the two is used is ``on_exit``; the drivers page asks for the first. To put a robot down gently, bring it
 to a pose from which it cannot fall before the policy ends.
@@ -17,10 +17,10 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, StopChannel, Timing
 from strands_actors.contract.sensors import Sensor
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, SecondPath, Service, Timing
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
 from .protocol import COMMAND_TOPIC
@@ -30,7 +30,7 @@ from .rpc import ATTEMPTS, RELEASE_S
 if TYPE_CHECKING:
     from .wire import UnitreeWire
 
-RUNGS = ("zero_torque", "damp")
+SAFE_STATES = ("zero_torque", "damp")
 
 
 class _Legs(Driver):
@@ -70,7 +70,7 @@ class _Legs(Driver):
         oneshot_ttl_s=0.1,
         state_ttl_s=0.1,
         tick_s=CONTROL_S,
-        beat_ttl_s=0.02,
+        heartbeat_ttl_s=0.02,
         realtime=True,
     )
     firmware_watchdog = (
@@ -83,9 +83,9 @@ class _Legs(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         if unknown := [name for name in options if name not in (*cls.OPTIONS, "tool_name")]:
             raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
-        on_exit = options.get("on_exit", RUNGS[0])
-        if on_exit not in RUNGS:
-            raise ValueError(f"{robot}: on_exit is {on_exit!r}. Give {' or '.join(RUNGS)}")
+        on_exit = options.get("on_exit", SAFE_STATES[0])
+        if on_exit not in SAFE_STATES:
+            raise ValueError(f"{robot}: on_exit is {on_exit!r}. Give {' or '.join(SAFE_STATES)}")
         floor_pct = options.get("battery_floor_pct", BATTERY_FLOOR_PCT)
         if isinstance(floor_pct, bool) or not isinstance(floor_pct, int | float) or not 0 <= floor_pct <= 100:
             raise ValueError(f"{robot}: battery_floor_pct is {floor_pct!r}. Give a number from 0 to 100")
@@ -113,7 +113,7 @@ class _Legs(Driver):
         self.interface: str = resolved["interface"]
         self.axes = self.model.axes
         self.ids = self.model.slots
-        self.ladder: Mapping[Reason, str] = dict.fromkeys(Reason, resolved["on_exit"])
+        self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, resolved["on_exit"])
         self.conditions = conditions(self.model, resolved["battery_floor_pct"], self.timing.state_ttl_s)
         self.gates = gates(self.model)
         self._parser = Parser(self.model)
@@ -135,7 +135,7 @@ class _Legs(Driver):
             "unit": self.unit,
         }
 
-    def energised(self, rung: str) -> bool:
+    def energised(self, safe_state: str) -> bool:
         return False
 
     def preload(self) -> None:
@@ -146,10 +146,10 @@ class _Legs(Driver):
 
         return UnitreeWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        from .wire import UnitreeSecondPath
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        from .wire import UnitreeStopChannel
 
-        return UnitreeSecondPath(self, clock)
+        return UnitreeStopChannel(self, clock)
 
 
 class G1Driver(_Legs):

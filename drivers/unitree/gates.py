@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.axis import finite
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 from .robots import Joint, Model
 from .rpc import FSM_WORDS

@@ -1,4 +1,4 @@
-"""One participant on a Unitree robot's network: commands out, states in. Wire and second path are made of it.
+"""One participant on a Unitree robot's network: commands out, states in. Wire and stop channel are made of it.
 
 Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
 """
@@ -9,9 +9,9 @@ import socket
 from collections.abc import Callable
 from contextlib import suppress
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.rtps import Participant
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import WireDown
+from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
 from . import rpc

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from contextlib import aclosing
 
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import MotorReport
+from strands_actors.contract.driver import MotorReport
+from strands_actors.kernel.clock import NS
 
 from .gates import CONTROL_S
 from .link import Link
@@ -20,9 +20,9 @@ AFTER_S = 0.006
 """A state that came so long after the first frame was measured after it."""
 
 
-async def bring_down(link: Link, rung: str) -> tuple[MotorReport, ...]:
+async def bring_down(link: Link, safe_state: str) -> tuple[MotorReport, ...]:
     """The first frame leaves before the first wait. Never raises."""
-    damps = rung == "damp"
+    damps = safe_state == "damp"
     written = link.send(link.safe_frame(damps))
     began_ns = zero_ns = link.clock.now_ns()
     if damps:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Observation, Permit, SecondPath, Wire, WireDown
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from . import rpc
@@ -195,11 +195,11 @@ class UnitreeWire(Wire):
         if not link.send(payload):
             raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return reports(self._driver.model, False, "not connected")
-        motors = await bring_down(session.link, rung)
+        motors = await bring_down(session.link, safe_state)
         held_by = "" if all(motor.safe for motor in motors) else session.held_by()
         if not held_by:
             return motors
@@ -207,12 +207,12 @@ class UnitreeWire(Wire):
         said = f"held by the robot's own controller, {held_by}"
         return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new one, which has to
         be found first."""
         session = self._session_or_none
         if session is not None:
-            return await bring_down(session.link, rung)
+            return await bring_down(session.link, safe_state)
         driver = self._driver
         try:
             link = Link(driver.model, driver.port, driver.interface, driver.domain, self._clock)
@@ -225,7 +225,7 @@ class UnitreeWire(Wire):
                 while not link.heard:
                     link.poll()
                     await trio.sleep(CONTROL_S)
-            return await bring_down(link, rung)
+            return await bring_down(link, safe_state)
         finally:
             link.close()
 
@@ -306,7 +306,7 @@ class UnitreeWire(Wire):
         return self._session_or_none
 
 
-class UnitreeSecondPath(SecondPath):
+class UnitreeStopChannel(StopChannel):
     """A participant of the root's own, which the robot knows before it is needed."""
 
     def __init__(self, driver: _Legs, clock: Clock) -> None:
@@ -326,15 +326,15 @@ class UnitreeSecondPath(SecondPath):
                 raise WireDown(f"{self._driver.port}: the robot does not take commands of the root")
             task_status.started()
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         link = self._link
         if link is None:
             return reports(self._driver.model, False, "the root has not found the robot")
-        link.send(link.safe_frame(rung == "damp"))  # first; what confirms it is announced after it
+        link.send(link.safe_frame(safe_state == "damp"))  # first; what confirms it is announced after it
         if not self._listens:
             self._listens = True
             link.listen()
-        return await bring_down(link, rung)
+        return await bring_down(link, safe_state)
 
     def close(self) -> None:
         if self._link is not None:

@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from strands_actors.contract.sensors import Sensor
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Candidate,
     Driver,
     GateState,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
 )
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from .arms import JOINTS, arm_of, arms
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
@@ -52,7 +52,7 @@ class UR(Driver):
         arm_s=5.0,  # a real controller takes a second or two to start a program
         silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, network and load come on top
     )
-    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
+    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
     firmware_watchdog = (
         f"rtde_set_watchdog, {WATCHDOG_HZ:g} Hz: armed in the control script whenever the robot is armed; "
         f"{1e3 / WATCHDOG_HZ:g} ms without a word from the wire process and the controller stops the program. "
@@ -100,7 +100,7 @@ class UR(Driver):
 
         return URWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         from .plain import PlainPath
 
         return PlainPath(self.host)

@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 
 from strands_actors.contract.axis import finite
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 from .arms import JOINTS, Arm
 from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, robot_mode_name, safety_mode_name

@@ -11,7 +11,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.runtime.contract import MotorReport, SecondPath, WireDown
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 
 from . import protocol as p
 from .arms import JOINTS
@@ -107,7 +107,7 @@ async def ask_dashboard(host: str, *lines: str) -> list[str]:
     return answers
 
 
-async def hello(host: str) -> dict[str, Any]:
+async def handshake(host: str) -> dict[str, Any]:
     """Who it is, for ``status``. Raise ``WireDown``."""
     version, serial, model, remote = await ask_dashboard(
         host, "PolyscopeVersion", "get serial number", "get robot model", "is in remote control"
@@ -267,13 +267,13 @@ async def _watch(host: str, state: _Stop) -> None:
         state.trouble.append(str(down))
 
 
-class PlainPath(SecondPath):
+class PlainPath(StopChannel):
     """The root's way: sockets of its own, opened when they are needed."""
 
     def __init__(self, host: str) -> None:
         self._host = host
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return await stop(self._host)
 
     def close(self) -> None:

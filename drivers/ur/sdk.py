@@ -18,8 +18,8 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.contract.driver import ProcessSpent, WireDown
 from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
-from strands_actors.runtime.contract import ProcessSpent, WireDown
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
 

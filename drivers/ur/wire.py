@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     MotorReport,
     Observation,
     Permit,
@@ -16,6 +15,7 @@ from strands_actors.runtime.contract import (
     Wire,
     WireDown,
 )
+from strands_actors.kernel.clock import NS, Clock
 
 from . import plain
 from .arms import JOINTS
@@ -112,7 +112,7 @@ class URWire(Wire):
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
         sdk = Sdk(host)
-        facts = await plain.hello(host)
+        facts = await plain.handshake(host)
         await plain.look(host)
         await sdk.open_receive()
         self._session_or_none = _Session(sdk, sdk.sample(), self._clock.now_ns())
@@ -162,11 +162,11 @@ class URWire(Wire):
         if not taken:
             session.lose("the control script is not running")
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return tuple(MotorReport(joint, at, False, False, False, "not connected") for at, joint in _NUMBERED)
-        ended = rung != "hold"
+        ended = safe_state != "hold"
         servoed = stands = False
         try:
             servoed = session.controls and await self._stop_by_sdk(session, ended)
@@ -181,7 +181,7 @@ class URWire(Wire):
         session.lose("stopped without the SDK")
         return await plain.stop(self._driver.host)
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The plain ports take a stop unasked."""
         try:
             return await plain.stop(self._driver.host)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import ByteStream
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import MotorReport, Permit, WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .arms import AXES

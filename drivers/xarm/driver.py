@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, StopChannel, Timing, WireDown
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import HOLDING_REASONS, Driver, Reason, SecondPath, Timing, WireDown
+from strands_actors.kernel.clock import Clock
 
 from .arms import TABLES, ArmType, arm_of, axes_of
 from .gates import CONDITIONS, all_gates
@@ -43,7 +43,7 @@ class XArm(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
 
     unit = "radians"
-    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
+    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
     firmware_watchdog = (
         "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
     )
@@ -104,7 +104,7 @@ class XArm(Driver):
 
         return XArmWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         from .wire import XArmStopChannel
 
         return XArmStopChannel(self, clock)

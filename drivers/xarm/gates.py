@@ -10,8 +10,8 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.runtime.contract import Candidate, Condition, GateCheck, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.messages import Refused
 
 from .arms import Arm, Range
 from .protocol import Mode, State, error_words

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
+from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import WireDown
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from . import reports as r

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import trio
 
-from strands_actors.drivers.common.tcp_port import open_tcp
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     MotorReport,
     Observation,
     Permit,
     PermitDenied,
-    SecondPath,
+    StopChannel,
     Wire,
     WireDown,
 )
+from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .control import CONFIRM_S, OpenStream, Outcome, stop, stop_anew
@@ -110,11 +110,11 @@ class XArmWire(Wire):
         session.control.send(Register.SERVO_JOINT, p.servo_data(values))
         session.target = values
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return Outcome(False, False, "not connected").reports()
-        if rung == "hold" and session.target:
+        if safe_state == "hold" and session.target:
             outcome = await self._hold(session)
             if not outcome.detail:
                 return outcome.reports()
@@ -124,7 +124,7 @@ class XArmWire(Wire):
             outcome = await stop_anew(self._driver, self._clock, self._open_stream)
         return outcome.reports()
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
 
     def close(self) -> None:
@@ -221,7 +221,7 @@ class XArmWire(Wire):
         return self._session_or_none
 
 
-class XArmStopChannel(SecondPath):
+class XArmStopChannel(StopChannel):
     """The root's way to the controller: a connection of its own, made when it is needed. By then the wire's is
     gone with its process, so a controller that takes one client takes this one. A name for an address has to be
     looked up then, too: a number is quicker."""
@@ -231,7 +231,7 @@ class XArmStopChannel(SecondPath):
         self._clock = clock
         self._open_stream = open_stream
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 
 SHOWN = 40
 """Characters of a key or value that a refusal shows."""

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateCheck, GateState
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 from .axis import AxisMode
+from .driver import Candidate, GateCheck, GateState
 
 _ROUNDING = 1e-9
 _DECIMALS = {"deg": 1, "percent": 1, "%": 1}

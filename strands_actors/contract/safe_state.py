@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 
-from strands_actors.runtime.contract import Reason
+from .driver import Reason
 
 
 class SafeState(enum.StrEnum):

@@ -18,9 +18,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from strands_actors.factory import plan
-from strands_actors.runtime.contract import Driver
-from strands_actors.supervisors.census import ALLOW_FAULTS
+from strands_actors.caller.plan import plan
+from strands_actors.contract.driver import Driver
+from strands_actors.supervisors.introspection import ALLOW_FAULTS
 
 from .queueing import Queue
 from .registering import where_is

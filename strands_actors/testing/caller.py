@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 from strands_actors import Robot
-from strands_actors.supervisors.census import fall
+from strands_actors.supervisors.introspection import fall
 
 from .registering import register
 

@@ -14,27 +14,18 @@ from typing import TypeVar
 import trio
 import trio.lowlevel
 
-from strands_actors.runtime.actor import describe
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.contract import Driver
-from strands_actors.runtime.frames import TELL
-from strands_actors.runtime.node import PREFIX, Node
-from strands_actors.runtime.process import wait_for_end_of
-from strands_actors.runtime.zenoh_mesh import ZenohMesh, unix_endpoint
+from strands_actors.contract.driver import Driver
+from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, unix_endpoint
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.frames import TELL
+from strands_actors.kernel.node import PREFIX, Node
+from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.census import Break
+from strands_actors.supervisors.introspection import Break
 
 from .bench import Bench, Caller, NotMoving
-from .faults import (
-    CONFIRMED,
-    LIVING,
-    SIGNALS,
-    Cell,
-    Faults,
-    Victims,
-    bound_s,
-    expected_rung,
-)
+from .faults import CONFIRMED, LIVING, SIGNALS, Cell, Faults, Victims, bound_s, expected_safe_state
 from .queueing import DISTURBED_MS, Queue
 from .wirelog import Entry, WireLog
 
@@ -60,14 +51,14 @@ class Outcome:
 
     victim: str
     fault: str
-    rung: str
+    safe_state: str
     safe_ms: float
     bound_ms: float
     setpoints_after: int
     all_motors: bool  # a frame for the whole robot, and confirmed where it must be
     gone_ms: float = 0.0  # a caller that ends by itself: from its last statement to its end
     stood_ms: float = 0.0  # so long the processes of the tree, the twin and the bench stood in line for a processor
-    instead: str = ""  # the rung it was brought to before the fault could show, for want of a processor
+    instead: str = ""  # the safe state it was brought to before the fault could show, for want of a processor
     story: str = ""  # of one that is not safe, or late: what the wire showed, milliseconds from the fault
 
     @property
@@ -80,9 +71,9 @@ class Outcome:
 
     @property
     def disturbed(self) -> bool:
-        """Safe, and late because of the machine: its processes stood in line for longer than ``DISTURBED_MS``, and
-        without that it would have kept its bound. Or safe on another rung: a process that got no processor looked
-        frozen before the fault did. A trial that is not safe is never excused."""
+        """Safe, and late because of the machine: its processes stood in line for longer than ``DISTURBED_MS``,
+        and without that it would have kept its bound. Or safe on another safe state: a process that got no
+        processor looked frozen before the fault did. A trial that is not safe is never excused."""
         explained = self.stood_ms > DISTURBED_MS and self.safe_ms - self.stood_ms <= self.bound_ms
         return self.safe and (bool(self.instead) or (self.late and explained))
 
@@ -197,7 +188,7 @@ async def _ask_to_break(caller: Caller, cell: Cell) -> int:
             await nursery.start(node.run)
             mesh.attach(node)
             await nursery.start(mesh.run)
-            address = f"{PREFIX}/{addresses.of(robot).census(cell.victim)}"
+            address = f"{PREFIX}/{addresses.of(robot).introspection(cell.victim)}"
 
             def tell() -> int | None:
                 # the time before: what it causes may be on the wire before we run again
@@ -279,18 +270,18 @@ def _read(
     stood_ms: float = 0.0,
 ) -> Outcome:
     """``began_ns``: from when on frames count. ``since_ns``: from when on time counts."""
-    rung = expected_rung(driver, cell.victim, cell.fault)
+    safe_state = expected_safe_state(driver, cell.victim, cell.fault)
     bound_ms = bound_s(driver, cell.victim, cell.fault) * 1e3
     frames = log.host("safe", began_ns)
-    safe = next((entry for entry in frames if is_rung(entry, rung)), None)
+    safe = next((entry for entry in frames if is_safe_state(entry, safe_state)), None)
     instead = ""
     if safe is None and frames and stood_ms > DISTURBED_MS:
-        safe, instead = frames[0], frames[0].rung or ""
+        safe, instead = frames[0], frames[0].safe_state or ""
     if safe is None:
-        return Outcome(cell.victim, cell.fault, rung, float("inf"), bound_ms, -1, False, gone_ms, stood_ms)
+        return Outcome(cell.victim, cell.fault, safe_state, float("inf"), bound_ms, -1, False, gone_ms, stood_ms)
     safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
     after = log.setpoints_after_safe(began_ns)
-    return Outcome(cell.victim, cell.fault, rung, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
+    return Outcome(cell.victim, cell.fault, safe_state, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
 
 
 def _told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
@@ -319,6 +310,6 @@ async def _until(look: Callable[[], T | None]) -> T:
     return seen
 
 
-def is_rung(entry: Entry, rung: str) -> bool:
-    """Whether a safe frame brings the whole robot to ``rung``; on a wire that does not say, each does."""
-    return entry.rung is None or entry.rung == rung
+def is_safe_state(entry: Entry, safe_state: str) -> bool:
+    """Whether a safe frame brings the whole robot to ``safe_state``; on a wire that does not say, each does."""
+    return entry.safe_state is None or entry.safe_state == safe_state

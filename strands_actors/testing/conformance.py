@@ -28,9 +28,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation
 from strands_actors.contract.safe_state import check_fallbacks
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.loading import describe_driver, load, load_driver
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 
@@ -46,7 +46,7 @@ SLACK_MS = 400.0
 CELLS = (
     (Victims.CALLER, Faults.KILL),
     (Victims.POLICY, Faults.KILL),
-    (Victims.WIRE, Faults.KILL),  # the second path is what acts then
+    (Victims.WIRE, Faults.KILL),  # the stop channel is what acts then
     (Victims.WIRE, Faults.FREEZE),
     (Victims.ROOT, Faults.KILL),
     (Victims.ROOT, Faults.FREEZE),
@@ -120,7 +120,7 @@ def conformance(
     checks = [
         Check("declares itself", subject.declares),
         Check("travels between processes", subject.travels),
-        Check("every reason leads to a safe state", subject.ladder, ("SAF-003",)),
+        Check("every reason leads to a safe state", subject.fallbacks, ("SAF-003",)),
         Check("timing is sane", subject.timing, ("SAF-001", "SAF-004")),
         Check("says what its firmware does alone", subject.firmware, ("SAF-013",)),
         Check("refuses unknown options", subject.options),
@@ -160,11 +160,12 @@ class _SharedBench:
             self._users -= 1
             if self._users <= 0:
                 self._close()
-        assert outcome.all_motors, f"no frame that brings all motors to {outcome.rung}"
+        assert outcome.all_motors, f"no frame that brings all motors to {outcome.safe_state}"
         assert outcome.setpoints_after == 0, f"{outcome.setpoints_after} setpoints after the safe frame"
         limit_ms = outcome.bound_ms + SLACK_MS
         assert outcome.safe_ms <= limit_ms, f"safe after {outcome.safe_ms:.0f} ms, bound {outcome.bound_ms:.0f} ms"
-        return f"{outcome.rung} after {outcome.safe_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms), 0 setpoints after"
+        took = f"after {outcome.safe_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms)"
+        return f"{outcome.safe_state} {took}, 0 setpoints after"
 
     def _close(self) -> None:
         bench, self._bench = self._bench, None
@@ -208,9 +209,9 @@ class _Subject:
         assert type(again) is self.cls, "its class cannot be imported by name: define it at the top of a module"
         assert (again.axes, again.ids) == (self.driver.axes, self.driver.ids), "built anew it has other axes"
 
-    def ladder(self) -> str:
-        check_fallbacks(self.robot, self.driver.ladder)
-        return ", ".join(dict.fromkeys(self.driver.ladder.values()))
+    def fallbacks(self) -> str:
+        check_fallbacks(self.robot, self.driver.fallbacks)
+        return ", ".join(dict.fromkeys(self.driver.fallbacks.values()))
 
     def timing(self) -> None:
         timing, period_s = self.driver.timing, 1.0 / self.driver.timing.control_hz

@@ -12,8 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import trio
 
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Candidate,
     Driver,
@@ -22,12 +21,13 @@ from strands_actors.runtime.contract import (
     Observation,
     Permit,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
     Wire,
     WireDown,
 )
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 AXES = ("a", "b")
 LIMIT = 100.0
@@ -39,7 +39,7 @@ class Written(NamedTuple):
 
     t_ns: int
     kind: str
-    rung: str
+    safe_state: str
     values: tuple[float, ...]
     path: str
 
@@ -62,8 +62,10 @@ class FakeHardware:
     opens: int = 0
     stamp_ns: list[int] = field(default_factory=lambda: [0] * len(AXES))
 
-    def record(self, clock: Clock, kind: str, path: str, rung: str = "", values: Sequence[float] = ()) -> None:
-        self.written.append(Written(clock.now_ns(), kind, rung, tuple(values), path))
+    def record(
+        self, clock: Clock, kind: str, path: str, safe_state: str = "", values: Sequence[float] = ()
+    ) -> None:
+        self.written.append(Written(clock.now_ns(), kind, safe_state, tuple(values), path))
 
     def of(self, kind: str, since_ns: int = 0) -> list[Written]:
         return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
@@ -73,16 +75,16 @@ class FakeHardware:
         at = self.written.index(earlier)
         return [entry for entry in self.written[at + 1 :] if entry.kind == kind]
 
-    def make_safe(self, clock: Clock, rung: str, path: str) -> tuple[MotorReport, ...]:
+    def make_safe(self, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
         if not self.plugged:
             return tuple(MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES))
-        self.record(clock, "safe", path, rung, self.position)
+        self.record(clock, "safe", path, safe_state, self.position)
         reports = []
         for at, axis in enumerate(AXES):
             heard = axis not in self.silent
             if heard:
-                self.energised[at] = rung == "hold"
-            target = self.position[at] if heard and rung == "hold" else None
+                self.energised[at] = safe_state == "hold"
+            target = self.position[at] if heard and safe_state == "hold" else None
             heard = heard and self.answers
             reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent", target))
         return tuple(reports)
@@ -93,7 +95,7 @@ HARDWARE: dict[str, FakeHardware] = {}
 
 
 class FakeDriver(Driver):
-    """Position robot with the ladder of an arm: hold when a writer is late, limp for the rest."""
+    """Position robot with the table of fallbacks of an arm: hold when a writer is late, limp for the rest."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -102,7 +104,7 @@ class FakeDriver(Driver):
 
     unit = "units"
     timing = Timing(control_hz=50.0, keepalive_s=0.02, stream_ttl_s=0.1)
-    ladder: Mapping[Reason, str] = {  # never changed
+    fallbacks: Mapping[Reason, str] = {  # never changed
         reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
     }
     firmware_watchdog = "none"
@@ -128,8 +130,8 @@ class FakeDriver(Driver):
     def open_wire(self, clock: Clock) -> Wire:
         return FakeWire(self.hardware, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        return FakeSecondPath(self.hardware, clock)
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        return FakeStopChannel(self.hardware, clock)
 
 
 class FakeWire(Wire):
@@ -184,13 +186,13 @@ class FakeWire(Wire):
             if self._hardware.energised[at]:
                 self._hardware.position[at] = value
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        reports = self._hardware.make_safe(self._clock, rung, "wire")
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
         return reports
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
-        return await self.make_safe(rung)
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await self.make_safe(safe_state)
 
     def close(self) -> None:
         pass
@@ -204,13 +206,13 @@ class FakeWire(Wire):
         return Observation(now_ns, tuple(self._hardware.position), tuple(stamp_ns))
 
 
-class FakeSecondPath(SecondPath):
+class FakeStopChannel(StopChannel):
     def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
         self._hardware = hardware
         self._clock = clock
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        reports = self._hardware.make_safe(self._clock, rung, "second")
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        reports = self._hardware.make_safe(self._clock, safe_state, "second")
         await trio.sleep(0.002)
         return reports
 

@@ -14,10 +14,7 @@ import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
 from strands_actors.contract.axis_gates import axis_gates
-from strands_actors.contract.options import DriverOptions, plain, read_options
-from strands_actors.contract.safe_state import SafeState
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Condition,
     Driver,
@@ -26,12 +23,15 @@ from strands_actors.runtime.contract import (
     Permit,
     PermitDenied,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
     Wire,
     WireDown,
 )
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.options import DriverOptions, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
 
 
 class Sent(NamedTuple):
@@ -110,7 +110,7 @@ class _Kind(Driver):
     def open_wire(self, clock: Clock) -> Wire:
         return KindWire(self, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         return KindStopChannel(self, clock)
 
 
@@ -126,7 +126,7 @@ class FakeBase(_Kind):
     timing = Timing(
         control_hz=10.0, keepalive_s=0.1, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5, call_s=0.4
     )
-    ladder: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.ZERO)
+    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.ZERO)
 
 
 class FakeDrone(_Kind):
@@ -148,7 +148,7 @@ class FakeDrone(_Kind):
         state_ttl_s=0.5,
         safe_s=2 * LANDING_S,
     )
-    ladder: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, str] = {
         **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
         Reason.ESTOP: SafeState.OFF,
     }
@@ -176,7 +176,7 @@ class FakeHttp(_Kind):
         ),
     )
     timing = Timing(control_hz=10.0, keepalive_s=0.5, stream_ttl_s=0.5, state_ttl_s=1.0)
-    ladder: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, str] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     ANSWER_S: ClassVar[float] = 0.3
@@ -226,8 +226,8 @@ class KindWire(Wire):
         permit.check()
         self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self._driver, self._clock, rung, "wire")
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await _make_safe(self._driver, self._clock, safe_state, "wire")
 
     def close(self) -> None:
         self._sample = None
@@ -250,15 +250,15 @@ class KindWire(Wire):
             self._sample = sample
 
 
-class KindStopChannel(SecondPath):
+class KindStopChannel(StopChannel):
     """A connection made when it is needed."""
 
     def __init__(self, driver: _Kind, clock: Clock) -> None:
         self._driver = driver
         self._clock = clock
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self._driver, self._clock, rung, "second")
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await _make_safe(self._driver, self._clock, safe_state, "second")
 
     def close(self) -> None:
         pass

@@ -10,10 +10,10 @@ import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from strands_actors.runtime.contract import Driver, Reason
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.supervisors.messages import LEASE_TTL_S
-from strands_actors.supervisors.stoppage import noticed_s
-from strands_actors.supervisors.transport import BACKOFF_S
+from strands_actors.supervisors.root.stopped_detector import noticed_s
+from strands_actors.supervisors.wire.transport import BACKOFF_S
 
 
 class Victims(enum.StrEnum):
@@ -141,16 +141,16 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
         # An exception in a policy's own code is caught: the rollout ends, the process with it.
         return driver.bound_s
     timing = driver.timing
-    beat_ttl_s = timing.beat_ttl_s
+    heartbeat_ttl_s = timing.heartbeat_ttl_s
     caller_s = timing.oneshot_ttl_s or LEASE_TTL_S  # what it latched stands as long as its lease
-    lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": beat_ttl_s, "root": beat_ttl_s}
+    lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": heartbeat_ttl_s, "root": heartbeat_ttl_s}
     lapse_s = lapses_s[victim]
     if fault == Faults.FREEZE and victim in (Victims.CALLER, Victims.POLICY):
         lapse_s = min(lapse_s, noticed_s(timing))
     return lapse_s + driver.bound_s
 
 
-def expected_rung(driver: Driver, victim: str, fault: str) -> str:
+def expected_safe_state(driver: Driver, victim: str, fault: str) -> str:
     """The driver's, for the reason that the fault becomes."""
     living = fault in LIVING
     reasons = {
@@ -160,4 +160,4 @@ def expected_rung(driver: Driver, victim: str, fault: str) -> str:
         "root": Reason.ROOT,
         "twin": Reason.LINK if fault in RETURNING else Reason.STOP,
     }
-    return driver.ladder[reasons[victim]]
+    return driver.fallbacks[reasons[victim]]

@@ -10,19 +10,19 @@ from dataclasses import dataclass
 import trio
 import trio.testing
 
-from strands_actors.runtime.clock import Clock, VirtualClock
-from strands_actors.runtime.contract import Driver
-from strands_actors.runtime.node import Node, Ref
-from strands_actors.runtime.pulse import pair
-from strands_actors.runtime.supervisor import Budget, ChildSpec, Supervisor
+from strands_actors.contract.driver import Driver
+from strands_actors.kernel.clock import Clock, VirtualClock
+from strands_actors.kernel.health.heartbeat import pair
+from strands_actors.kernel.node import Node, Ref
+from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.failsafe import State
-from strands_actors.supervisors.gate import Gate
-from strands_actors.supervisors.guardian import Guardian
-from strands_actors.supervisors.lock_keeper import LockKeeper
-from strands_actors.supervisors.locks import Locks
+from strands_actors.supervisors.gate.failsafe import State
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import GetStatus, Status
-from strands_actors.supervisors.wire import InlinePlace
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.lock_keeper import LockKeeper
+from strands_actors.supervisors.root.locks import Locks
+from strands_actors.supervisors.wire.group import InlinePlace
 
 from .fake import HARDWARE, FakeDriver, FakeHardware
 

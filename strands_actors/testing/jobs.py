@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 import msgspec
 import trio
 
-from strands_actors.runtime.contract import Driver
+from strands_actors.contract.driver import Driver
 
 from .bench import driver_of
 from .faults import Cell, cells_of

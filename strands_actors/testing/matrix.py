@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-from strands_actors.runtime.contract import Driver
+from strands_actors.contract.driver import Driver
 
 from .bench import Bench, driver_of
 from .cells import Outcome, tries
@@ -26,7 +26,7 @@ class Row:
     victim: str
     fault: str
     why_not: str = ""  # why it is not applicable; then the rest means nothing
-    rung: str = ""
+    safe_state: str = ""
     trials: int = 0  # less the disturbed
     median_ms: float = 0.0
     worst_ms: float = 0.0
@@ -93,7 +93,7 @@ def summary(robot: str, cell: Cell, outcomes: Sequence[Outcome]) -> Row:
         cell.victim,
         cell.fault,
         "",
-        counted[0].rung,
+        counted[0].safe_state,
         len(counted),
         round(statistics.median(times), 1),
         round(times[-1], 1),
@@ -146,16 +146,16 @@ Each cell: one victim of a moving robot is broken in one way, and the time to th
 of the robot's end of the wire, not from the program. This page was made by
 `strands-actors matrix --repeats {repeats} -o docs/kill-matrix.md`.
 
-* **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its rung. Of a caller
-  that ends by itself: from its end. Of a frozen robot or a pulled cable: from its return. Of the other faults of
-  the robot: from a stop that is given while the fault lasts.
+* **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its safe state. Of
+  a caller that ends by itself: from its end. Of a frozen robot or a pulled cable: from its return. Of the other
+  faults of the robot: from a stop that is given while the fault lasts.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
-* **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past the
-  bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for more than
-  {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or safe on another
-  rung, because a process that got no processor looked frozen before the fault did. A trial that is not safe is
-  always counted, and a cell of which more trials were disturbed than not is not called safe. Benches run side by
-  side (`jobs`) and disturb each other.
+  * **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past
+    the bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for
+    more than {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or
+    safe on another safe state, because a process that got no processor looked frozen before the fault did. A
+    trial that is not safe is always counted, and a cell of which more trials were disturbed than not is not
+    called safe. Benches run side by side (`jobs`) and disturb each other.
 * Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
   processes are started as they always are.
 * **proves**: requirements of [safety.md](safety.md).
@@ -180,14 +180,14 @@ def page(rows: Sequence[Row], taken: dict[str, str]) -> str:
 
 
 def _table(rows: Sequence[Row]) -> Iterator[str]:
-    yield "| victim | fault | rung | median | worst | bound | after | trials | disturbed | proves |"
+    yield "| victim | fault | safe state | median | worst | bound | after | trials | disturbed | proves |"
     yield "|---|---|---|---:|---:|---:|---:|---:|---:|---|"
     for row in rows:
         if row.why_not:
             continue
         mark = "" if row.safe else f" **{verdict(row)}**"
         yield (
-            f"| {row.victim} | {row.fault} | {row.rung} | {row.median_ms:.1f} | {row.worst_ms:.1f}{mark} "
+            f"| {row.victim} | {row.fault} | {row.safe_state} | {row.median_ms:.1f} | {row.worst_ms:.1f}{mark} "
             f"| {row.bound_ms:.0f} | {row.setpoints_after} | {row.trials} | {row.disturbed} "
             f"| {', '.join(row.proves)} |"
         )

@@ -6,8 +6,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from strands_actors.policies import Sine
-from strands_actors.supervisors.census import fall
+from strands_actors.policies.registry import Sine
+from strands_actors.supervisors.introspection import fall
 
 
 class Faulty(Sine):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 
-from strands_actors.runtime.processor import Standing, standing
+from strands_actors.kernel.health.processor import Standing, standing
 
 DISTURBED_MS = 10.0
 """Less than that is no disturbance: on an idle machine, too, a process waits a little for its turn."""

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import msgspec
 
-from strands_actors import __version__, drivers, runtime, supervisors
+from strands_actors import __version__, drivers, supervisors
+from strands_actors import kernel as runtime
 
 from .cells import Outcome
 from .faults import Cell, Faults, Victims

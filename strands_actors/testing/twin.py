@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from strands_actors.runtime.contract import Driver
+from strands_actors.contract.driver import Driver
 
 from .registering import where_is
 from .wirelog import WireLog
@@ -27,7 +27,7 @@ from .wirelog import WireLog
 PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
 
-_PROGRAM = "from strands_actors.cli import main; main()"
+_PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 _REGISTER = "from strands_actors.testing.registering import register; register({where!r}, {robot!r}); "
 
 

@@ -17,7 +17,7 @@ class Entry(NamedTuple):
     sender: str  # "host" or "robot"
     kind: str  # setpoint, safe, enable, read, config or other
     data: bytes
-    rung: str | None = None  # of a safe frame: what it brings the whole robot to; "" none, None: not said
+    safe_state: str | None = None  # of a safe frame: what it brings the whole robot to; "" none, None: not said
 
 
 class Tail:
@@ -44,7 +44,7 @@ class Tail:
 
 def _entry(line: bytes) -> Entry:
     row = json.loads(line)
-    return Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]), row.get("rung"))
+    return Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]), row.get("safe_state"))
 
 
 class WireLog:
@@ -67,7 +67,7 @@ class WireLog:
         for entry in self.entries(since_ns):
             if entry.sender == "robot" and entry.kind == "read":
                 continue
-            what = f"{entry.sender} {entry.kind}" + (f" ({entry.rung})" if entry.rung else "")
+            what = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
             if runs and runs[-1][0] == what:
                 runs[-1] = what, runs[-1][1], runs[-1][2] + 1
             else:

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from ..robot.conftest import arm, new_arm, twin, twin_process
+from tests.robot.conftest import arm, new_arm, twin, twin_process
 
 __all__ = ["arm", "new_arm", "twin", "twin_process"]

@@ -13,14 +13,14 @@ import pytest
 from strands import Agent, tool
 
 from strands_actors import Robot
-from strands_actors.agents.approval import Request
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.guard import ALLOW
+from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.processes.guard import ALLOW
+from strands_actors.surfaces.agents.approval import Request
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task, until, why
+from tests.robot.conftest import NewArm
+from tests.robot.helpers import armed_at, at, goals, limps, torque_now
 
-from ..answers import json_of, state, status, task, until, why
-from ..robot.conftest import NewArm
-from ..robot.helpers import armed_at, at, goals, limps, torque_now
 from .scripted import Scripted, Turn
 
 
@@ -126,7 +126,7 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
     assert "call resume() first" in why(call(arm, moves(gripper=40.0)[1]))
     assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
     json_of(call(arm, moves(gripper=40.0)[1]))
-    assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["rung"] == "limp"
+    assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["safe_state"] == "limp"
     assert state(arm) == "disarmed"
 
 
@@ -152,8 +152,8 @@ def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> No
 
 
 def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin) -> None:
-    from strands_actors.portal import portal
-    from strands_actors.runtime.contract import Reason
+    from strands_actors.caller.portal import portal
+    from strands_actors.contract.driver import Reason
 
     portal().call(arm._tree.stop, Reason.ESTOP, True)  # type: ignore[union-attr]
     locked_ns = time.monotonic_ns()

@@ -13,10 +13,10 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.agents import approval as gate
-from strands_actors.agents.approval import Approval, Approve, Request
-from strands_actors.runtime.guard import ALLOW
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.processes.guard import ALLOW
+from strands_actors.surfaces.agents import approval as gate
+from strands_actors.surfaces.agents.approval import Approval, Approve, Request
 
 MOVE = Request("so101", "move_to", {"targets": {"gripper": 3}})
 

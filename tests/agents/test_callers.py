@@ -13,13 +13,12 @@ import pytest
 import trio
 
 from strands_actors import open_robot
-from strands_actors.portal import portal
-from strands_actors.robot import RealRobot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-
-from ..answers import json_of, state, status, task_ended, until, why
-from ..robot.conftest import NewArm
-from ..robot.helpers import at, limps
+from tests.answers import json_of, state, status, task_ended, until, why
+from tests.robot.conftest import NewArm
+from tests.robot.helpers import at, limps
 
 CLEANED_UP = "this robot was cleaned up. make a new one"
 

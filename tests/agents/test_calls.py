@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from strands_actors.agents.calls import Call, read, tool_spec
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
-from strands_actors.runtime.contract import Driver
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import ToolVerb
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.agents.calls import Call, read, tool_spec
 
 VERBS = {
     "Feetech": ["status", "sensors", "move_to", "set_torque", "stop"],

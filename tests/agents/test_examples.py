@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from strands_actors.testing import WireLog
-
-from ..cli.command import ROOT
-from ..robot.helpers import torque_now
+from tests.cli.command import ROOT
+from tests.robot.helpers import torque_now
 
 SAID = {
     "policy": (
@@ -26,7 +25,7 @@ SAID = {
         "success: {'commanded': {'shoulder_pan': 20.0}}",
         "operator: agent asks so101: set_torque enabled=True? no",
         "error: set_torque: set_torque needs an operator's approval: it was not given",
-        "success: {'stopped': True, 'rung': 'limp', 'unconfirmed': []}",
+        "success: {'stopped': True, 'safe state': 'limp', 'unconfirmed': []}",
     ),
 }
 

@@ -18,17 +18,16 @@ from typing import Any
 
 import pytest
 
-from strands_actors import policies
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.sim.driver import SimDriver
-from strands_actors.lerobot_policy import FILES, LerobotLocal
-from strands_actors.policies import choose_provider, robot_facts
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.contract import Driver
+from strands_actors.policies import registry as policies
+from strands_actors.policies.lerobot import FILES, LerobotLocal
+from strands_actors.policies.registry import choose_provider, robot_facts
 from strands_actors.testing import Twin
-
-from ..answers import json_of, task_ended, until, why
-from ..robot.helpers import IDS, holds
+from tests.answers import json_of, task_ended, until, why
+from tests.robot.helpers import IDS, holds
 
 AXES = list(IDS)
 UNIT = "degrees (gripper: percent open)"

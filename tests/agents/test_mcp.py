@@ -16,10 +16,9 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 
 from strands_actors.testing import Twin
-
-from ..answers import json_of, until, why
-from ..cli.command import MAIN, ROOT
-from ..robot.helpers import goals, limps, torque_now
+from tests.answers import json_of, until, why
+from tests.cli.command import MAIN, ROOT
+from tests.robot.helpers import goals, limps, torque_now
 
 
 @contextlib.asynccontextmanager

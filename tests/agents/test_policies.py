@@ -19,14 +19,13 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
-from strands_actors.policies import Mock, choose_provider
-from strands_actors.remote_policy import Remote
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.policies.registry import Mock, choose_provider
+from strands_actors.policies.remote import Remote
 from strands_actors.supervisors.policy import as_infer, prepare
 from strands_actors.testing import Twin
-
-from ..answers import json_of, task_ended, until, why
-from ..robot.helpers import holds
+from tests.answers import json_of, task_ended, until, why
+from tests.robot.helpers import holds
 
 AXES = ["a", "b"]
 
@@ -104,7 +103,7 @@ def test_another_package_adds_a_provider_and_replaces_none(monkeypatch: pytest.M
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
     assert choose_provider("wbc", "localhost", 8000, {}) == ("other.wbc:Wbc", {"host": "localhost", "port": 8000})
-    assert choose_provider("mock", "localhost", None, {})[0] == "strands_actors.policies:Mock"
+    assert choose_provider("mock", "localhost", None, {})[0] == "strands_actors.policies.registry:Mock"
 
 
 # -- what a policy is told, and what it may answer

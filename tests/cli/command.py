@@ -19,7 +19,7 @@ PATIENCE_S = 60.0
 
 ROOT = Path(strands_actors.__file__).parents[1]
 
-MAIN = "from strands_actors.cli import main; main()"
+MAIN = "from strands_actors.surfaces.cli import main; main()"
 
 SCRIPT = """
 import json, sys

@@ -19,7 +19,7 @@ def test_every_fault_is_followed_by_the_safe_state(cli: Command, tmp_path: Path)
     assert result["ok"] is True
     faults = {(fault["fault"], fault["victim"]): fault for fault in result["faults"]}
     assert list(faults) == [("SIGKILL", "policy"), ("SIGKILL", "wire"), ("SIGSTOP", "root")]
-    assert [fault["rung"] for fault in faults.values()] == ["hold", "limp", "limp"]
+    assert [fault["safe_state"] for fault in faults.values()] == ["hold", "limp", "limp"]
     assert [fault["bound_ms"] for fault in faults.values()] == [50, 50, 150]
     for fault in faults.values():
         assert 0 < fault["safe_after_ms"] <= fault["bound_ms"]

@@ -80,7 +80,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(cli: Command, robot: RobotPro
 
 def test_estop_alone_is_for_every_robot(cli: Command, robot: RobotProcess) -> None:
     (told,) = cli.json("estop")["robots"]
-    assert (told["robot"], told["outcome"], told["rung"], told["locked"]) == ("so101", "safe", "limp", True)
+    assert (told["robot"], told["outcome"], told["safe_state"], told["locked"]) == ("so101", "safe", "limp", True)
     assert refusal_code(robot.call("send_action", {"shoulder_pan": 3.0})) == "locked_out"
     (resumed,) = cli.json("resume", "--all")["robots"]
     assert resumed["done"]

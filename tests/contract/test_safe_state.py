@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState, check_fallbacks
-from strands_actors.runtime.contract import Reason
 
 
 def test_the_order_of_severity() -> None:

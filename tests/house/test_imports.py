@@ -1,4 +1,5 @@
-"""Dependencies run one way, downhill: surfaces -> supervisors -> runtime <- drivers. Kept by reading the code."""
+"""Dependencies run one way, downhill: surfaces -> supervisors -> contract, kernel <- drivers. Kept by reading
+the code."""
 
 from __future__ import annotations
 
@@ -80,17 +81,17 @@ def allowed(name: str) -> tuple[str, ...] | None:
     """The parts of the package that a module may import; None for the surfaces."""
     parts = name.split(".")[1:]
     match parts:
-        case ["contract" | "runtime", *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract")
+        case ["contract" | "kernel", *_]:
+            return (f"{PACKAGE}.kernel", f"{PACKAGE}.contract")
         case ["supervisors", *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract", f"{PACKAGE}.supervisors")
+            return (f"{PACKAGE}.kernel", f"{PACKAGE}.contract", f"{PACKAGE}.supervisors")
         case ["drivers"]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract")
+            return (f"{PACKAGE}.kernel", f"{PACKAGE}.contract")
         case ["drivers", "common", *_]:
-            return (f"{PACKAGE}.runtime", f"{PACKAGE}.contract", f"{PACKAGE}.drivers.common")
+            return (f"{PACKAGE}.kernel", f"{PACKAGE}.contract", f"{PACKAGE}.drivers.common")
         case ["drivers", wire, *_]:
             return (
-                f"{PACKAGE}.runtime",
+                f"{PACKAGE}.kernel",
                 f"{PACKAGE}.contract",
                 f"{PACKAGE}.drivers.common",
                 f"{PACKAGE}.drivers.{wire}",
@@ -137,15 +138,17 @@ def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
 def test_the_walk_sees_the_whole_package() -> None:
     for name in (
         PACKAGE,
-        f"{PACKAGE}.runtime.node",
-        f"{PACKAGE}.supervisors.gate",
+        f"{PACKAGE}.kernel.node",
+        f"{PACKAGE}.supervisors.gate.gate",
         f"{PACKAGE}.drivers",
         f"{PACKAGE}.drivers.common.half_duplex",
         f"{PACKAGE}.drivers.feetech.wire",
     ):
         assert name in MODULES
     assert not any("/." in str(path) for path in MODULES.values())
-    assert {target for _, target, _ in IMPORTS[f"{PACKAGE}.supervisors.gate"]} & {f"{PACKAGE}.runtime.actor.Actor"}
+    assert {target for _, target, _ in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {
+        f"{PACKAGE}.kernel.actor.Actor"
+    }
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -173,21 +176,21 @@ def test_no_module_imports_itself_by_a_detour() -> None:
 @pytest.mark.parametrize(
     ("name", "source"),
     [
-        ("strands_actors.runtime.node", "from ..supervisors import gate"),
-        ("strands_actors.runtime.node", "import strands_actors.tree"),
-        ("strands_actors.runtime.node", "from strands_actors import tree"),
-        ("strands_actors.runtime.node", "def f():\n  from strands_actors.drivers import WIRES"),
-        ("strands_actors.supervisors.gate", "from ..drivers.feetech import wire"),
-        ("strands_actors.supervisors.gate", "from .. import rundir"),
+        ("strands_actors.kernel.node", "from ..supervisors import gate"),
+        ("strands_actors.kernel.node", "import strands_actors.caller.tree"),
+        ("strands_actors.kernel.node", "from strands_actors.caller import tree"),
+        ("strands_actors.kernel.node", "def f():\n  from strands_actors.drivers import WIRES"),
+        ("strands_actors.supervisors.gate.gate", "from ...drivers.feetech import wire"),
+        ("strands_actors.supervisors.gate.gate", "from strands_actors.caller import run_directory"),
         ("strands_actors.drivers", "from .feetech.driver import Feetech"),
         ("strands_actors.drivers.common.physics", "from ..feetech import axes"),
-        ("strands_actors.drivers.feetech.wire", "from ...supervisors.gate import Gate"),
+        ("strands_actors.drivers.feetech.wire", "from ...supervisors.gate.gate import Gate"),
         ("strands_actors.drivers.feetech.wire", "from .. import list_native_drivers"),
-        ("strands_actors.tree", "from .drivers.feetech.driver import Feetech"),
-        ("strands_actors.tree", "import drivers"),
-        ("strands_actors.tree", "import drivers.feetech.wire"),
-        ("strands_actors.tree", "from supervisors import gate"),
-        ("strands_actors.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
+        ("strands_actors.caller.tree", "from ..drivers.feetech.driver import Feetech"),
+        ("strands_actors.caller.tree", "import drivers"),
+        ("strands_actors.caller.tree", "import drivers.feetech.wire"),
+        ("strands_actors.caller.tree", "from supervisors import gate"),
+        ("strands_actors.caller.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
     ],
 )
 def test_a_fault_is_found(name: str, source: str) -> None:
@@ -198,11 +201,14 @@ def test_a_fault_is_found(name: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("name", "source"),
     [
-        ("strands_actors.runtime.node", "import trio\nfrom .actor import Actor\nfrom . import link"),
-        ("strands_actors.runtime.node", "if TYPE_CHECKING:\n  from ..tree import RobotTree"),
-        ("strands_actors.supervisors.gate", "from ..runtime.actor import Actor\nfrom .messages import Stop"),
+        ("strands_actors.kernel.node", "import trio\nfrom .actor import Actor\nfrom . import link"),
+        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
+        (
+            "strands_actors.supervisors.gate.gate",
+            "from strands_actors.kernel.actor import Actor\nfrom .lease import Lease",
+        ),
         ("strands_actors.drivers.feetech.wire", "from ..common.half_duplex import X\nfrom .protocol import Y"),
-        ("strands_actors.tree", "from .drivers import WIRES\nfrom .supervisors.gate import Gate"),
+        ("strands_actors.caller.tree", "from ..drivers import WIRES\nfrom ..supervisors.gate.gate import Gate"),
     ],
 )
 def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:

@@ -9,31 +9,31 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.portal import portal
-from strands_actors.runtime.messages import Message
+from strands_actors.caller.portal import portal
+from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.messages import Describe, TreeReport
-from strands_actors.supervisors.root import Root
+from strands_actors.supervisors.root.process import Root
 
 HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual", "mcap", "zstandard")
 MAX_MB = 60.0
 
 IMPORT = {
-    "root": "import strands_actors.supervisors.root",
-    "wire": "import strands_actors.supervisors.wire",
+    "root": "import strands_actors.supervisors.root.process",
+    "wire": "import strands_actors.supervisors.wire.group",
     "driver": """
 from strands_actors.drivers import get_native_driver_class
-from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.kernel.clock import MonotonicClock
 driver_class = get_native_driver_class("so101")
 driver = driver_class("so101", "/dev/null", driver_class.resolve("so101", {}))
 driver.open_wire(MonotonicClock())
 """,
     "legs": """
 from strands_actors.drivers import get_native_driver_class
-from strands_actors.runtime.clock import MonotonicClock
+from strands_actors.kernel.clock import MonotonicClock
 driver_class = get_native_driver_class("unitree_g1")
 driver = driver_class("unitree_g1", "127.0.0.1", driver_class.resolve("unitree_g1", {}))
 driver.open_wire(MonotonicClock())
-driver.second_path((), MonotonicClock())
+driver.stop_channel((), MonotonicClock())
 """,
 }
 
@@ -47,7 +47,7 @@ def test_a_fresh_process_loads_nothing_heavy(what: str) -> None:
     assert [name for name in HEAVY if name in loaded] == []
 
 
-SPARED = ("asyncio", "importlib.metadata", "numpy", "mujoco", "strands_actors.supervisors.root")
+SPARED = ("asyncio", "importlib.metadata", "numpy", "mujoco", "strands_actors.supervisors.root.process")
 """What a script loads when it needs it, and not by its first line."""
 
 
@@ -55,7 +55,7 @@ def test_the_import_of_a_script_brings_only_what_every_robot_needs() -> None:
     script = "from strands_actors import Robot, open_robot\nimport sys\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
-    assert "strands_actors.robot" in loaded
+    assert "strands_actors.caller.robot" in loaded
     assert [name for name in SPARED if name in loaded] == []
 
 

@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 NEEDED = (
     "strands_actors/__init__.py",
     "strands_actors/py.typed",
-    "strands_actors/runtime/node.py",
-    "strands_actors/supervisors/gate.py",
+    "strands_actors/kernel/node.py",
+    "strands_actors/supervisors/gate/gate.py",
     "strands_actors/drivers/__init__.py",
     "strands_actors/drivers/common/half_duplex.py",
     "strands_actors/drivers/feetech/driver.py",

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 
 PATIENCE_S = 20.0

@@ -13,18 +13,17 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.nodes import open_node
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import AskTimeout, Unreachable
-from strands_actors.runtime.zenoh_mesh import unix_endpoint
+from strands_actors.caller.nodes import open_node
+from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import GetStatus, Resume
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.bench import Bench, Caller, moving_robot
-
-from ..answers import until
+from tests.answers import until
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -76,7 +75,7 @@ class Operator(threading.Thread):
 
 def nothing_is_energised(log: WireLog, since_ns: int) -> None:
     safe = log.first_safe(since_ns)
-    assert safe is not None and safe.rung == "limp"
+    assert safe is not None and safe.safe_state == "limp"
     time.sleep(0.5)  # what must not happen has no event to wait for
     log.no_setpoint_after_safe(since_ns)
     log.silent_after(safe.t_ns + 1, "enable")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import strands_actors
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 
 PACKAGE = Path(strands_actors.__file__).parent
@@ -56,7 +56,7 @@ def test_cleanup_after_any_end_of_a_rollout_leaves_no_torque(strands_robot: Star
     assert answer["status"] == "success", answer
     safe = twin.log.first_safe(began_ns)
     assert safe is not None
-    assert safe.rung == "limp"
+    assert safe.safe_state == "limp"
     twin.log.no_setpoint_after_safe(began_ns)
 
 
@@ -70,15 +70,15 @@ def test_saf_003_a_policy_out_of_memory_ends_in_a_hold(strands_robot: Start) -> 
     assert task["steps"] >= 10
     first = twin.log.first_safe(began_ns)
     assert first is not None
-    assert first.rung == "hold"
+    assert first.safe_state == "hold"
     twin.log.no_setpoint_after_safe(began_ns)
     assert arm.send_action({"shoulder_pan": 1.0})["status"] == "success"
 
 
 TOLD = {
-    "supervisors/telemetry.py",
-    "supervisors/mesh_answers.py",
-    "runtime/pubsub.py",
+    "supervisors/mesh/telemetry.py",
+    "supervisors/mesh/answers.py",
+    "kernel/channels/pubsub.py",
     "drivers/common/rtps/sockets.py",
 }
 """Who tells others what time it is by the wall, or is told so by the kernel and believes what can be."""

@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
-
-from ..answers import until
+from tests.answers import until
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -63,12 +62,12 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
     os.close(wire)
     time.sleep(0.5)  # nobody is left who could write
     safe = twin.log.first_safe(frozen_ns)
-    assert safe is not None and safe.rung == "limp"
+    assert safe is not None and safe.safe_state == "limp"
     twin.log.no_setpoint_after_safe(frozen_ns)
 
 
 def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
-    """Neither policy nor gate answers the root, which has the second path: it is needed just then."""
+    """Neither policy nor gate answers the root, which has the stop channel: it is needed just then."""
     arm, twin = strands_robot("so101")
     started = arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting")
     assert started["status"] == "success", started
@@ -80,7 +79,7 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(stran
     until(lambda: "policy" not in pids(arm), "the policy has ended")
     assert pids(arm)["root"] == before["root"]
     safe = twin.log.first_safe(killed_ns)
-    assert safe is not None and safe.rung == "limp"
+    assert safe is not None and safe.safe_state == "limp"
     twin.log.no_setpoint_after_safe(killed_ns)
     until(lambda: arm.resume()["status"] == "success", "the next wire is up")
 

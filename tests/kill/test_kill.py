@@ -46,7 +46,7 @@ def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches
             benches.pop(other).__exit__(None, None, None)
         benches[robot] = Bench(robot).__enter__()
     outcome = run_cell(cell, benches[robot], SETTLE_S)
-    assert outcome.all_motors, f"no {outcome.rung} frame for all motors, but {outcome.story}"
+    assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS, outcome.story
     # SAF-015: nothing of ours keeps a caller that ends.

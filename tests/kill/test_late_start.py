@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors import rollouts
-from strands_actors.robot import RealRobot
+from strands_actors.caller import rollouts
+from strands_actors.caller.robot import RealRobot
 from strands_actors.supervisors.messages import StartTask
 from strands_actors.testing import Twin
 

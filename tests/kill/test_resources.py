@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 
 from .restarts import private_kb
@@ -63,7 +63,7 @@ def test_saf_003_a_root_without_free_descriptors_makes_safe_and_stays_so(strands
     began_ns = time.monotonic_ns()
     os.kill(wire, signal.SIGKILL)
     safe = until(lambda: twin.log.first_safe(began_ns), "nobody made it safe")
-    assert safe.rung == "limp"
+    assert safe.safe_state == "limp"
     until(lambda: (arm.tree() or {}).get("state") == "failed", "it was not given up")
     assert arm.send_action({"shoulder_pan": 20.0})["status"] == "error"
     twin.log.no_setpoint_after_safe(began_ns)

@@ -14,10 +14,10 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.mesh import MeshConfig, control, open_mesh
-from strands_actors.mesh.keys import make
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.messages import Refused
+from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.mesh import MeshConfig, control, open_mesh
+from strands_actors.surfaces.mesh.keys import make
 from strands_actors.testing import FakeHardware, Twin
 
 from .proxy import free_port

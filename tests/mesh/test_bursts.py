@@ -11,9 +11,9 @@ from functools import partial
 import pytest
 import trio
 
-from strands_actors.rundir import Name
-from strands_actors.runtime.pubsub import PubSub
-from strands_actors.runtime.zenoh_session import unix_endpoint
+from strands_actors.caller.run_directory import Name
+from strands_actors.kernel.channels.pubsub import PubSub
+from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 
 from .world import until
 

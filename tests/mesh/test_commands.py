@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.mesh import control
-from strands_actors.mesh.client import MeshClient, Reading
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors import mesh_json
-from strands_actors.supervisors.commands import COMMANDS_PER_S
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.commands import COMMANDS_PER_S
+from strands_actors.surfaces.mesh import control
+from strands_actors.surfaces.mesh.client import MeshClient, Reading
 from strands_actors.testing import FakeDriver, FakeHardware
 
 from .world import Samples, code, mesh, raw, robot_on_mesh, run, until

@@ -10,10 +10,10 @@ import pytest
 from cryptography import x509
 
 from strands_actors import Robot
-from strands_actors.mesh import TLS, MeshConfig
-from strands_actors.mesh.access import access_control
-from strands_actors.mesh.config import ENVIRONMENT
-from strands_actors.mesh.keys import make
+from strands_actors.surfaces.mesh import TLS, MeshConfig
+from strands_actors.surfaces.mesh.access import access_control
+from strands_actors.surfaces.mesh.config import ENVIRONMENT
+from strands_actors.surfaces.mesh.keys import make
 
 from .world import tls
 

@@ -11,16 +11,17 @@ import pytest
 import trio
 import zenoh
 
-from strands_actors.rundir import Name
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.link import Link
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.pubsub import PubSub, Received
-from strands_actors.runtime.zenoh_session import config, unix_endpoint
-from strands_actors.supervisors import addresses, mesh_json
-from strands_actors.supervisors.mesh_place import MeshPlace
+from strands_actors.caller.run_directory import Name
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.channels.zenoh_session import config, unix_endpoint
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.node import Node
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.place import MeshPlace
 from strands_actors.supervisors.messages import GetStatus, Stop, StopReport, TaskStatus
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 

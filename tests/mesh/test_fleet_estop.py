@@ -12,9 +12,9 @@ from typing import NamedTuple
 import pytest
 
 from strands_actors import Robot, estop
-from strands_actors.mesh import estop_button, resume
-from strands_actors.portal import portal
-from strands_actors.robot import RealRobot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.surfaces.mesh import estop_button, resume
 from strands_actors.testing import Twin
 
 MOVES = {
@@ -27,7 +27,7 @@ MOVES = {
     "panda": ("joint1", 0.2),
 }
 """What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
-RUNGS = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold", "kinova_gen3": "stop"}
+SAFE_STATES = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold", "kinova_gen3": "stop"}
 BOUND_S = 1.0
 """From the call to the safe frame of each; far above what is measured, for a busy machine."""
 
@@ -89,12 +89,12 @@ def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member
     assert {robot: outcome.outcome for robot, outcome in outcomes.items()} == dict.fromkeys(fleet, "safe")
     for kind, member in fleet.items():
         took_s = member.twin.log.safe_within(began_ns, BOUND_S)
-        print(f"{kind}: safe on the wire after {1e3 * took_s:.1f} ms, {outcomes[kind].rung}")
+        print(f"{kind}: safe on the wire after {1e3 * took_s:.1f} ms, {outcomes[kind].safe_state}")
         assert "e-stopped by the fleet's button" in move(kind, member.robot)
     time.sleep(0.3)
     for member in fleet.values():
         assert member.twin.log.setpoints_after_safe(began_ns) == 0
-    assert {kind: outcomes[kind].rung for kind in RUNGS} == RUNGS
+    assert {kind: outcomes[kind].safe_state for kind in SAFE_STATES} == SAFE_STATES
 
     # joined in advance, and pressed in a thread while the loop is busy with something else
     resume("so101")

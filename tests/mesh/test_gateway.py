@@ -11,17 +11,17 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.nodes import open_node
-from strands_actors.rundir import notes
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.frames import TELL, frame
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import Node, Unreachable
-from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.caller.nodes import open_node
+from strands_actors.caller.run_directory import notes
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.frames import TELL, frame
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import Node, Unreachable
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gateway import COMMANDS_PER_S, Gateway, GatewayStop
-from strands_actors.supervisors.gateway_messages import Datable, Dated, Sync, Synced
+from strands_actors.supervisors.mesh.gateway import COMMANDS_PER_S, Gateway, GatewayStop
+from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Sync, Synced
 from strands_actors.supervisors.messages import (
     Accepted,
     Acquire,

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.mesh import estop_button
-from strands_actors.mesh.client import EVERYBODY, LOOK_S
-from strands_actors.rundir import Name, Note, is_held, notes
-from strands_actors.runtime.zenoh_session import unix_endpoint
+from strands_actors.caller.run_directory import Name, Note, is_held, notes
+from strands_actors.kernel.channels.zenoh_session import unix_endpoint
+from strands_actors.surfaces.mesh import estop_button
+from strands_actors.surfaces.mesh.client import EVERYBODY, LOOK_S
 
 from .world import mesh, robot_on_mesh, run, until
 
@@ -122,7 +122,7 @@ def test_saf_005_a_directory_that_cannot_be_used_is_told(run_dir: Path) -> None:
 
 TAKE = """
 import os
-from strands_actors.rundir import Name
+from strands_actors.caller.run_directory import Name
 taken = {}
 for _ in range(300):
     name = Name("zz")

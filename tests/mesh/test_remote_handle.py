@@ -11,12 +11,12 @@ from typing import NamedTuple
 import pytest
 
 from strands_actors import Robot
-from strands_actors.mesh import MeshConfig
-from strands_actors.mesh.keys import make
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.surfaces.mesh import MeshConfig
+from strands_actors.surfaces.mesh.keys import make
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, until, why
 
-from ..answers import json_of, state, until, why
 from .proxy import Cable, free_port
 from .world import tls
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.mesh.robot_clock import GOOD_NS, RobotClock
+from strands_actors.surfaces.mesh.robot_clock import GOOD_NS, RobotClock
 
 MS = 1_000_000
 SECOND = 1_000 * MS

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.command_rules import (
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh.command_rules import (
     CLOCK_TTL_S,
     Clocks,
     Limit,
@@ -18,7 +18,7 @@ from strands_actors.supervisors.command_rules import (
     read_envelope,
     refuse_stale,
 )
-from strands_actors.supervisors.mesh_json import ACTIONS, MAX_COMMAND_BYTES, Command, Envelope, Move, Stop
+from strands_actors.supervisors.mesh.schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Envelope, Move, Stop
 
 MOVE = {
     "action": "move",

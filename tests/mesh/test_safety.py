@@ -8,13 +8,13 @@ import time
 import pytest
 import trio
 
-from strands_actors.mesh import control
-from strands_actors.mesh.client import Reading
-from strands_actors.rundir import Name, Note
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.zenoh_session import unix_endpoint
-from strands_actors.supervisors import mesh_json
+from strands_actors.caller.run_directory import Name, Note
+from strands_actors.kernel.channels.zenoh_session import unix_endpoint
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.messages import Acquire, Lease, Release, Setpoint
+from strands_actors.surfaces.mesh import control
+from strands_actors.surfaces.mesh.client import Reading
 from strands_actors.testing import FakeHardware, InlineTree
 
 from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
@@ -39,9 +39,9 @@ def test_saf_007_an_estop_locks_mesh_and_local_writers_until_a_resume() -> None:
             async with control(client, robot) as arm:
                 await arm.send_action({"a": 1.0})
                 (outcome,) = await client.estop("the red button", within_s=5.0)
-                assert (outcome.robot, outcome.outcome, outcome.rung) == (robot, "safe", "limp")
+                assert (outcome.robot, outcome.outcome, outcome.safe_state) == (robot, "safe", "limp")
                 assert outcome.locked and all(motor["safe"] for motor in outcome.motors)
-                assert hardware.of("safe")[-1].rung == "limp"
+                assert hardware.of("safe")[-1].safe_state == "limp"
                 stopped_ns = hardware.of("safe")[-1].t_ns
                 assert isinstance(await arm.send_action({"a": 2.0}), Refused)
                 refused = await arm.acquire()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.sessions import CLOCK_TTL_S, Sessions
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh.sessions import CLOCK_TTL_S, Sessions
 
 SECOND = 10**9
 

@@ -12,9 +12,9 @@ import pytest
 import trio
 import zenoh
 
+from strands_actors.caller.run_directory import notes
+from strands_actors.contract.driver import Observation
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
-from strands_actors.rundir import notes
-from strands_actors.runtime.contract import Observation
 from strands_actors.testing.fake import FakeDriver, FakeWire
 
 from .world import robot_on_mesh, run, until

@@ -9,10 +9,10 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.mesh import MeshConfig, control, open_mesh
-from strands_actors.mesh.keys import make
-from strands_actors.mesh.remote import RemoteRobot
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.mesh import MeshConfig, control, open_mesh
+from strands_actors.surfaces.mesh.keys import make
+from strands_actors.surfaces.mesh.remote import RemoteRobot
 from strands_actors.testing import Twin
 
 from .proxy import Cable, free_port

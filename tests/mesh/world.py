@@ -11,16 +11,16 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.mesh.client import MeshClient, open_mesh
-from strands_actors.mesh.config import TLS, MeshConfig
-from strands_actors.rundir import Name, Note
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.pubsub import Received
-from strands_actors.runtime.zenoh_session import unix_endpoint
-from strands_actors.supervisors import mesh_json
-from strands_actors.supervisors.mesh_place import MeshPlace
+from strands_actors.caller.run_directory import Name, Note
+from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.kernel.channels.zenoh_session import unix_endpoint
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.place import MeshPlace
 from strands_actors.supervisors.messages import Resume, TaskStatus
+from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
+from strands_actors.surfaces.mesh.config import TLS, MeshConfig
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree
 
 PATIENCE_S = 20.0

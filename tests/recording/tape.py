@@ -9,30 +9,39 @@ from dataclasses import dataclass, field
 import msgspec
 import trio
 
-from strands_actors.recording.file import Recording, decode_entries, new_info
-from strands_actors.recording.lines import Gap, Journal
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import VirtualClock
-from strands_actors.runtime.local_mesh import LocalNetwork
-from strands_actors.runtime.node import Node
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.local_mesh import LocalNetwork
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.tap import Acknowledge, Attach, Attached, Batch, Detach, Detached, Entry, TapKeeper
-from strands_actors.supervisors.wire import tap_keeper
+from strands_actors.supervisors.instrument import (
+    Acknowledge,
+    Attach,
+    Attached,
+    Batch,
+    Detach,
+    Detached,
+    Entry,
+    InstrumentKeeper,
+)
+from strands_actors.supervisors.wire.group import instrument_keeper
+from strands_actors.surfaces.recording.file import Recording, decode_entries, new_info
+from strands_actors.surfaces.recording.lines import Gap, Journal
 from strands_actors.testing import InlineTree, open_inline_tree
 
 
 class Taker(Actor):
     """A recorder that keeps batches, and acknowledges them while ``reads``."""
 
-    def __init__(self, tap: str) -> None:
+    def __init__(self, instrument: str) -> None:
         self.batches: list[Batch] = []
         self.reads = True
-        self._tap_address = tap
+        self._instrument_address = instrument
 
     def receive(self, message: Batch) -> None:
         self.batches.append(message)
         if self.reads:
-            self.context.ref(self._tap_address).tell(Acknowledge(message.session, message.number))
+            self.context.ref(self._instrument_address).tell(Acknowledge(message.session, message.number))
 
 
 @dataclass
@@ -42,7 +51,7 @@ class Tape:
     tree: InlineTree
     node: Node
     taker: Taker
-    tap: str
+    instrument: str
     at: str
     session: int = 0
     attached: Attached = field(default_factory=lambda: Attached({}, (), ""))
@@ -57,14 +66,14 @@ class Tape:
         assert isinstance(await self.ask(Detach(self.session)), Detached)
 
     async def ask(self, message: Attach | Detach) -> object:
-        return await self.node.ref(self.tap, TapKeeper).ask(message, 5.0)
+        return await self.node.ref(self.instrument, InstrumentKeeper).ask(message, 5.0)
 
     @property
     def entries(self) -> list[Entry]:
         return [entry for batch in self.taker.batches for entry in entries_of(batch)]
 
     def recording(self) -> Recording:
-        robot = self.tap.split("/")[1]
+        robot = self.instrument.split("/")[1]
         parts: list[Journal | Gap] = [
             Journal("wire", batch.session, batch.number, msgspec.msgpack.encode(batch.entries))
             for batch in self.taker.batches
@@ -82,16 +91,16 @@ async def open_tape() -> AsyncIterator[Tape]:
     async with open_inline_tree() as tree, trio.open_nursery() as nursery:
         robot = tree.gate.address.split("/")[1]
         network.join().attach(tree.node)
-        path = addresses.of(robot).tap("wire")
+        path = addresses.of(robot).instrument("wire")
         description = {"class": "fake", "robot": "fake", "port": robot, "options": {}}
-        keeper = tree.node.cell(path, lambda: tap_keeper(tree.node, tree.driver, description, robot), "tap")
+        keeper = tree.node.cell(path, lambda: instrument_keeper(tree.node, tree.driver, description, robot), "tap")
         await nursery.start(keeper.run)
         node = Node("recorder", VirtualClock())
         network.join().attach(node)
         await nursery.start(node.run)
-        tap = f"strands/{path}"
-        taker = Taker(tap)
+        instrument = f"strands/{path}"
+        taker = Taker(instrument)
         cell = node.cell("recorder/actor/wire", lambda: taker)
         await nursery.start(cell.run)
-        yield Tape(tree, node, taker, tap, cell.address)
+        yield Tape(tree, node, taker, instrument, cell.address)
         nursery.cancel_scope.cancel()

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.failsafe_page import ESTOP, EVENTS, MODES, READER, STORIES, data, page
-from strands_actors.supervisors.failsafe import TRANSITIONS, Action, Event, Mode, State, step
+from strands_actors.supervisors.gate.failsafe import TRANSITIONS, Action, Event, Mode, State, step
+from strands_actors.surfaces.failsafe_page import ESTOP, EVENTS, MODES, READER, STORIES, data, page
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "failsafe.html"
 
@@ -27,10 +27,10 @@ def exported() -> dict[str, object]:
 
 def test_the_committed_page_is_up_to_date() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "strands_actors.failsafe_page"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "strands_actors.surfaces.failsafe_page"], capture_output=True, text=True, check=True
     )
     assert COMMITTED.read_text() == done.stdout == page(), (
-        "python -m strands_actors.failsafe_page > docs/failsafe.html"
+        "python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html"
     )
 
 

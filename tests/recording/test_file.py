@@ -13,21 +13,14 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from strands_actors.recording import RecordingError
-from strands_actors.recording.file import METADATA, RecordingFile, new_info, read
-from strands_actors.recording.lines import CHANNELS, Gap, schema
-from strands_actors.recording.views import View
-from strands_actors.runtime.contract import Observation, Reason
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.messages import (
-    Happened,
-    LinkLost,
-    Observed,
-    Resume,
-    StateIs,
-    Stop,
-)
-from strands_actors.supervisors.tap import Attached, Batch, Entry, Kind, encode
+from strands_actors.contract.driver import Observation, Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode
+from strands_actors.supervisors.messages import Happened, LinkLost, Observed, Resume, StateIs, Stop
+from strands_actors.surfaces.recording import RecordingError
+from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read
+from strands_actors.surfaces.recording.lines import CHANNELS, Gap, schema
+from strands_actors.surfaces.recording.views import View
 from strands_actors.testing import run_virtual
 
 from .tape import Tape, open_tape
@@ -124,7 +117,7 @@ def test_a_recording_opens_with_its_schemas_and_shows_what_happened(run: Path) -
     (too_far, locked) = seen["refusal"]
     assert (too_far["code"], too_far["offered"], locked["code"]) == ("range", "1000.0", "locked_out")
     assert "resume" in locked["remedy"]
-    ordered = [(row["rung"], row["reason"]) for row in seen["safe"] if row["what"] == "ordered"]
+    ordered = [(row["safe_state"], row["reason"]) for row in seen["safe"] if row["what"] == "ordered"]
     assert ordered == [("hold", "expired"), ("hold", "lease"), ("limp", "estop"), ("limp", "stop")]
     done = [row for row in seen["safe"] if row["what"] == "done"]
     assert [row["confirmed"] for row in done] == [True, True, True, False]

@@ -9,15 +9,15 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.recording import RecordingError
-from strands_actors.recording.file import Recording, entries_of
-from strands_actors.recording.lines import Gap, Journal
-from strands_actors.recording.player import Outcome, replay
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors import failsafe, gate, lease
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate import failsafe, gate, lease
+from strands_actors.supervisors.instrument import Kind
 from strands_actors.supervisors.messages import Accepted, Beat, Observed, Resume, RootGone, Stop
-from strands_actors.supervisors.tap import Kind
+from strands_actors.surfaces.recording import RecordingError
+from strands_actors.surfaces.recording.file import Recording, entries_of
+from strands_actors.surfaces.recording.lines import Gap, Journal
+from strands_actors.surfaces.recording.player import Outcome, replay
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 from tests.tree.test_machine import EVENTS, Player

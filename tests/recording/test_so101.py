@@ -18,22 +18,23 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from strands_actors import Robot, cli
-from strands_actors.portal import portal
-from strands_actors.recording import RecordingError, read, record, replay
-from strands_actors.recording.code import build_driver
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import Node
-from strands_actors.supervisors import lease
-from strands_actors.supervisors.gate import Gate
+from strands_actors import Robot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import Node
+from strands_actors.supervisors.gate import lease
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.instrument import SILENT_S
 from strands_actors.supervisors.messages import Acquire, Lease, Setpoint, Stop, StopReport
-from strands_actors.supervisors.tap import SILENT_S
+from strands_actors.surfaces import cli
+from strands_actors.surfaces.recording import RecordingError, read, record, replay
+from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import WireLog
 
 PATIENCE_S = 60.0
-PROGRAM = "from strands_actors.cli import main; main()"
+PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 REPLAYS = 100
 
 
@@ -231,7 +232,7 @@ def test_the_command_shows_the_first_difference(
 ) -> None:
     path, _ = run
     monkeypatch.setattr(lease, "_MAX_LIFETIME_NS", 50_000_000)
-    monkeypatch.setattr("strands_actors.cli.record.__version__", "9.9.9")
+    monkeypatch.setattr("strands_actors.surfaces.cli.record.__version__", "9.9.9")
     assert cli.run(["replay", str(path)]) == 1
     told = capsys.readouterr()
     assert "recorded by strands-actors 0.1.0, replayed by 9.9.9" in told.err
@@ -246,7 +247,7 @@ def test_the_command_shows_the_first_difference(
 def test_other_code_is_named(
     run: tuple[Path, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("strands_actors.cli.record.fingerprint", lambda driver: "0badc0de0bad")
+    monkeypatch.setattr("strands_actors.surfaces.cli.record.fingerprint", lambda driver: "0badc0de0bad")
     assert cli.run(["replay", str(run[0])]) == 0
     assert "recorded by other code" in capsys.readouterr().err
 
@@ -344,7 +345,7 @@ def test_the_death_of_the_wire_is_in_the_file(tmp_path: Path) -> None:
     assert ended in happened
     assert any(what == "the wire process was started" for what, _ in happened[happened.index(ended) :])
     (second,) = [row for row in after["/so101/safe"] if row["path"] == "second"]
-    assert second["confirmed"] and second["rung"] == "limp" and len(second["motors"]) == 6
+    assert second["confirmed"] and second["safe_state"] == "limp" and len(second["motors"]) == 6
     assert [row["source"] for row in after["/so101/gap"]] == ["wire"]
     last = after["/so101/command"][-1]
     assert (last["what"], last["outcome"], last["action"]) == ("setpoint", "accepted", {"gripper": 20.0})

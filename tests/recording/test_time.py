@@ -6,18 +6,18 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.clock import MonotonicClock, VirtualClock
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.pulse import pair
-from strands_actors.runtime.silence import Heard, Silence
-from strands_actors.supervisors.failsafe import State
-from strands_actors.supervisors.gate import Gate
-from strands_actors.supervisors.gate_memory import GateMemory
-from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.clock import MonotonicClock, VirtualClock
+from strands_actors.kernel.health.failure_detector import FailureDetector, Heard
+from strands_actors.kernel.health.heartbeat import pair
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node
+from strands_actors.supervisors.gate.failsafe import State
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.memory import GateMemory
+from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
-from tests.runtime.kernel import real_time, virtual_time
+from tests.kernel.kernel import real_time, virtual_time
 
 MESSAGES = 1000
 
@@ -107,7 +107,16 @@ def test_a_gate_has_no_state_but_its_memory() -> None:
 
 def test_a_watchdog_has_no_state_but_its_memory() -> None:
     watchdog = Watchdog(FakeDriver.timing, "g", "t", lambda _: None, pair()[0])
-    wiring = {"_addresses", "_beat_ttl_ns", "_tick_s", "_tick_ns", "_cycle_ns", "_orphaned", "_pulse", "_leave_s"}
+    wiring = {
+        "_addresses",
+        "_heartbeat_ttl_ns",
+        "_tick_s",
+        "_tick_ns",
+        "_cycle_ns",
+        "_orphaned",
+        "_heartbeat",
+        "_leave_s",
+    }
     wiring |= {"_root_stands"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
@@ -118,9 +127,9 @@ def test_a_watchdog_has_no_state_but_its_memory() -> None:
 
 
 def test_a_silence_has_no_state_but_its_memory() -> None:
-    silence = Silence(0.1, 0.01)
+    failure_detector = FailureDetector(0.1, 0.01)
     wiring = {"_own_ticks", "_ttl_ns", "_longest_ns", "_look"}
     told_at_once = {"_after"}
-    assert set(vars(silence)) - wiring - told_at_once == {"heard_ns", "_ticks", "_looked_ns", "_before"}
-    silence.recall(Heard(1, 2, 3, None))
-    assert silence.memory() == Heard(1, 2, 3, None)
+    assert set(vars(failure_detector)) - wiring - told_at_once == {"heard_ns", "_ticks", "_looked_ns", "_before"}
+    failure_detector.recall(Heard(1, 2, 3, None))
+    assert failure_detector.memory() == Heard(1, 2, 3, None)

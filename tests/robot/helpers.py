@@ -7,8 +7,7 @@ from typing import Any
 
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Entry, WireLog
-
-from ..answers import json_of, until
+from tests.answers import json_of, until
 
 IDS = {"shoulder_pan": 1, "shoulder_lift": 2, "elbow_flex": 3, "wrist_flex": 4, "wrist_roll": 5, "gripper": 6}
 COUNTS_PER_DEGREE = 4095 / 360
@@ -74,7 +73,7 @@ def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
         if entry.sender == "host" and entry.kind == "enable":
             frame = packet(entry)
             assert frame is not None and frame.id in armed, "torque without a goal before it"
-        elif entry.sender == "host" and entry.kind == "safe" and entry.data != p.LIMP and not entry.rung:
+        elif entry.sender == "host" and entry.kind == "safe" and entry.data != p.LIMP and not entry.safe_state:
             assert goals(entry).items() <= measured_before(log, entry.t_ns).items()
             armed |= goals(entry)
     return armed

@@ -8,13 +8,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from strands_actors.policies import Sine
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.frames import ASK, HOSTS, REPLY, TELL, decode_frame, frame
-from strands_actors.runtime.link import Link
-from strands_actors.runtime.messages import Message
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.zenoh_mesh import ZenohMesh
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.frames import ASK, HOSTS, REPLY, TELL, decode_frame, frame
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node
+from strands_actors.policies.registry import Sine
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import Acquire, Beat, Resume, Setpoint, StateIs, StopReport, Write
 

@@ -9,10 +9,10 @@ import time
 import pytest
 import trio
 
-from strands_actors.background import open_background
+from strands_actors.caller.background import open_background
 from strands_actors.testing import Twin
+from tests.answers import until
 
-from ..answers import until
 from .helpers import limps
 
 CANCELLED = """

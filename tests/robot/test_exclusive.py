@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.robot import RealRobot
-from strands_actors.rundir import notes
+from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.run_directory import notes
 from strands_actors.testing import Twin
+from tests.answers import json_of, status
 
-from ..answers import json_of, status
 from .conftest import NewArm
 from .helpers import at
 

@@ -9,8 +9,8 @@ import pytest
 from serial.tools import list_ports
 
 from strands_actors import Robot, drivers
+from strands_actors.caller.robot import RealRobot, SimRobot
 from strands_actors.drivers import list_native_drivers, register_native_driver
-from strands_actors.robot import RealRobot, SimRobot
 
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
@@ -90,7 +90,7 @@ def test_a_twin_is_made_of_a_simulation_of_the_same_robot() -> None:
     with pytest.raises(ValueError, match=r"sim is a so100\. give a simulation of so101"):
         Robot("so101", **TWIN, sim=sim)
     arm = Robot("so_arm100", **TWIN, sim=sim)
-    assert arm.engine is sim.engine
+    assert arm.twin_process is sim.twin_process
     with pytest.raises(ValueError, match=r"sim is <Robot so100 \(so100, twin\)>"):
         Robot("so100", **TWIN, sim=arm)  # its wire is taken
 

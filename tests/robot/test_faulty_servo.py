@@ -6,10 +6,10 @@ import time
 
 import pytest
 
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
 
-from ..answers import json_of, state, status, until, why
 from .helpers import IDS, at, goals, limps, replies, torque_now
 
 FAULTS = ("off", "delayed", "garbage")

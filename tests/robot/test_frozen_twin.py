@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
 
-from ..answers import json_of, state, status, until, why
 from .helpers import IDS, goals, holds, limps, moves
 
 STATUS_S = 0.2

@@ -12,16 +12,16 @@ from contextlib import contextmanager
 import pytest
 
 from strands_actors import Robot
-from strands_actors.portal import portal
-from strands_actors.robot import RealRobot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, until, why
 
-from ..answers import json_of, until, why
 from .conftest import NewArm
 from .helpers import far
 
 HELD_UP_S = 0.5
-"""Less than the lease lives without beats of the loop."""
+"""Less than the lease lives without heartbeats of the loop."""
 
 
 @contextmanager

@@ -8,21 +8,21 @@ from typing import Any
 
 import pytest
 
-from strands_actors import directory
-from strands_actors.mesh import estop
-from strands_actors.portal import portal
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import Node
+from strands_actors.caller import directory
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate import Gate
-from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import SafeDone, StateIs, StopReport
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task_ended, until
 
-from ..answers import json_of, state, status, task_ended, until
 from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, limps
 from .hostile import FAR, Hostile
 

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, register_native_driver
 from strands_actors.drivers.feetech.driver import Feetech
-from strands_actors.mesh import estop
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.contract import Driver
-from strands_actors.supervisors.locks import Locks
+from strands_actors.supervisors.root.locks import Locks
+from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
+from tests.answers import json_of, status, until, why
 
-from ..answers import json_of, status, until, why
 from .conftest import NewArm
 from .helpers import limps
 

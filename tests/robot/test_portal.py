@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from strands_actors.portal import SWITCH_S
+from strands_actors.caller.portal import SWITCH_S
 
 
 @pytest.mark.parametrize(("given_s", "found_s"), [(0.005, SWITCH_S), (0.00005, 0.00005)])
@@ -17,7 +17,7 @@ def test_a_thread_that_computes_lets_the_loop_run_soon_and_a_script_may_want_it_
 ) -> None:
     code = (
         f"import sys; sys.setswitchinterval({given_s})\n"
-        "from strands_actors.portal import portal; portal()\n"
+        "from strands_actors.caller.portal import portal; portal()\n"
         "print(sys.getswitchinterval())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Mapping
 
 import pytest
 
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task, task_ended, until, why
 
-from ..answers import json_of, state, status, task, task_ended, until, why
 from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, limps
 
 Observed = Mapping[str, float]
@@ -308,7 +308,7 @@ def test_stop_does_not_wait_for_the_policy(
     stopped_ns = time.monotonic_ns()
     told = json_of(arm.stop())
     assert until(lambda: limps(twin.log, stopped_ns), "limp")[0].t_ns - stopped_ns < GENEROUS_S * 1e9
-    assert (told["rung"], told["unconfirmed"]) == ("limp", [])
+    assert (told["safe_state"], told["unconfirmed"]) == ("limp", [])
     blocked.set()
     time.sleep(0.3)
     assert twin.log.setpoints_after_safe(stopped_ns) == 0
@@ -378,7 +378,7 @@ def test_stop_ends_a_named_policy_too(arm: RealRobot, twin: Twin) -> None:
     json_of(arm.start_task("wave", policy_provider="sine"))
     until(lambda: task(arm)["steps"] >= 8, "it moves")
     stopped_ns = time.monotonic_ns()
-    assert json_of(arm.stop())["rung"] == "limp"
+    assert json_of(arm.stop())["safe_state"] == "limp"
     twin.log.safe_within(stopped_ns, GENEROUS_S)
     ended = task_ended(arm)
     assert ended["exit_reason"] in ("stop", "gate"), ended

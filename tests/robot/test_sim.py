@@ -18,12 +18,12 @@ import pytest
 import trio
 
 from strands_actors import Robot, open_robot
-from strands_actors.robot import RealRobot, SimRobot
-from strands_actors.simulation import SimulationError
+from strands_actors.caller.robot import RealRobot, SimRobot
+from strands_actors.caller.tree import RobotTree
+from strands_actors.simulation.handle import SimulationError
 from strands_actors.testing import WireLog
-from strands_actors.tree import RobotTree
+from tests.answers import json_of, state, status, task_ended, until, why
 
-from ..answers import json_of, state, status, task_ended, until, why
 from .helpers import at
 
 ROOT = Path(__file__).parents[2]
@@ -121,7 +121,7 @@ def test_a_stop_lets_go_and_only_a_resume_moves_again(new_sim: NewSim) -> None:
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     at(sim, "shoulder_lift", -40.0, 5.0)
     report = json_of(sim.stop())
-    assert (report["stopped"], report["rung"], report["unconfirmed"]) == (True, "limp", [])
+    assert (report["stopped"], report["safe_state"], report["unconfirmed"]) == (True, "limp", [])
     until(lambda: sim.get_observation()["shoulder_lift"] > -30.0, "it falls")
     assert "disarmed" in why(sim.send_action({"shoulder_lift": -40.0}))
     json_of(sim.resume())
@@ -149,17 +149,17 @@ def test_saf_003_008_a_simulation_whose_wire_is_killed_is_let_go_of_and_waits(
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     wire = pids(sim)["wire"]
     os.kill(wire, signal.SIGKILL)
-    until(lambda: [entry for entry in door(log) if entry.kind == "safe"], "the root's own path writes")
+    until(lambda: [entry for entry in control(log) if entry.kind == "safe"], "the root's own path writes")
     until(lambda: state(sim) == "disarmed" and pids(sim)["wire"] != wire, "another wire, disarmed")
     assert "disarmed" in why(sim.send_action({"shoulder_lift": 0.0}))
-    kinds = [entry.kind for entry in door(log)]
+    kinds = [entry.kind for entry in control(log)]
     assert "setpoint" not in kinds[kinds.index("safe") :]
     json_of(sim.resume())
     json_of(sim.send_action({"shoulder_lift": -20.0}))
 
 
-def door(log: WireLog) -> list[Any]:
-    return [entry for entry in log.entries() if entry.sender == "door"]
+def control(log: WireLog) -> list[Any]:
+    return [entry for entry in log.entries() if entry.sender == "control"]
 
 
 def test_what_is_cleaned_up_is_gone(new_sim: NewSim) -> None:

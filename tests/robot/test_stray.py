@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.mesh import estop
-from strands_actors.robot import RealRobot
-from strands_actors.strays import strays
-from strands_actors.supervisors.locks import Locks
+from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.strays import strays
+from strands_actors.supervisors.root.locks import Locks
+from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
+from tests.answers import json_of, until
 
-from ..answers import json_of, until
 from .conftest import NewArm
 from .helpers import limps
 
-MAIN = "from strands_actors.cli import main; main()"
+MAIN = "from strands_actors.surfaces.cli import main; main()"
 BOUND_S = 20.0
 """The command has to start: what the wire needs of that is published."""
 

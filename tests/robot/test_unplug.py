@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
-from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task_ended, until, why
 
-from ..answers import json_of, state, status, task_ended, until, why
 from .conftest import NewArm
 from .helpers import IDS, armed_at, goals, limps, register_now, torque_now
 

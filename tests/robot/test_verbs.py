@@ -18,11 +18,11 @@ import pytest
 import trio
 
 from strands_actors import open_robot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
-from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task, until, why
 
-from ..answers import json_of, state, status, task, until, why
 from .conftest import NewArm
 from .helpers import (
     COUNTS_PER_DEGREE,
@@ -159,7 +159,7 @@ def test_stop_releases_every_motor_and_names_it(arm: RealRobot, twin: Twin) -> N
     assert torque_now(twin.log, began_ns) == dict.fromkeys(IDS.values(), 0)
     assert {name: motor["id"] for name, motor in told["motors"].items()} == IDS
     assert all(motor["safe"] and motor["written"] for motor in told["motors"].values())
-    assert (told["stopped"], told["rung"], told["unconfirmed"]) == (True, "limp", [])
+    assert (told["stopped"], told["safe_state"], told["unconfirmed"]) == (True, "limp", [])
 
     assert "call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert "resume() first" in why(arm.run_policy(lambda observation: observation))

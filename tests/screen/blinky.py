@@ -12,11 +12,7 @@ from typing import Any, ClassVar, Literal
 
 import trio
 
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.drivers.common.twin import Exchange, Reply, TcpServer, answering, run_server
-from strands_actors.drivers.common.twin.faults import Fault, Faults
-from strands_actors.runtime.clock import Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     HOLDING_REASONS,
     Candidate,
     Driver,
@@ -25,12 +21,16 @@ from strands_actors.runtime.contract import (
     Observation,
     Permit,
     Reason,
-    SecondPath,
+    StopChannel,
     Timing,
     Wire,
     WireDown,
 )
-from strands_actors.runtime.messages import Refused
+from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.drivers.common.twin import Exchange, Reply, TcpServer, answering, run_server
+from strands_actors.drivers.common.twin.faults import Fault, Faults
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 ANSWER_S = 0.5
 LIMIT = 100.0
@@ -50,7 +50,7 @@ class Blinky(Driver):
     ids = (1,)
     unit = "degrees"
     timing = Timing(control_hz=50.0, keepalive_s=0.1)
-    ladder: Mapping[Reason, str] = {  # never changed
+    fallbacks: Mapping[Reason, str] = {  # never changed
         reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
     }
     firmware_watchdog = "none: it holds its last goal"
@@ -71,8 +71,8 @@ class Blinky(Driver):
     def open_wire(self, clock: Clock) -> Wire:
         return BlinkyWire(self.port, clock)
 
-    def second_path(self, descriptors: Sequence[int], clock: Clock) -> SecondPath:
-        return BlinkySecondPath(self.port, clock)
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        return BlinkyStopChannel(self.port, clock)
 
 
 class BlinkyWire(Wire):
@@ -116,12 +116,12 @@ class BlinkyWire(Wire):
         permit.check()
         await self._ask(f"G {values[0]}")
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
-            _, energised = await self._ask("S" if rung == "hold" else "L")
+            _, energised = await self._ask("S" if safe_state == "hold" else "L")
         except WireDown as down:
             return (MotorReport("joint", 1, True, False, False, str(down)),)
-        return (MotorReport("joint", 1, True, True, energised == (rung == "hold")),)
+        return (MotorReport("joint", 1, True, True, energised == (safe_state == "hold")),)
 
     def close(self) -> None:
         if self._stream is not None:
@@ -129,16 +129,16 @@ class BlinkyWire(Wire):
             self._stream = None
 
 
-class BlinkySecondPath(SecondPath):
+class BlinkyStopChannel(StopChannel):
     def __init__(self, port: str, clock: Clock) -> None:
         self._wire = BlinkyWire(port, clock)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
             await self._wire.open()
         except WireDown as down:
             return (MotorReport("joint", 1, False, False, False, str(down)),)
-        return await self._wire.make_safe(rung)
+        return await self._wire.make_safe(safe_state)
 
     def close(self) -> None:
         self._wire.close()
@@ -168,8 +168,8 @@ class BlinkyTwin:
             elif verb in "ESL":
                 self.energised = verb != "L"
             reply = self.faults.apply(Reply(0.0, f"{self.position} {int(self.energised)}\n".encode()))
-            rung = {"S": "hold", "L": "limp"}.get(verb)
-            yield Exchange(self.KINDS[verb], line.encode(), [reply] if reply else [], rung)
+            safe_state = {"S": "hold", "L": "limp"}.get(verb)
+            yield Exchange(self.KINDS[verb], line.encode(), [reply] if reply else [], safe_state)
 
 
 def serve(robot: str, **arguments: Any) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
-from strands_actors.runtime.contract import Candidate, Driver, GateState, Reason, Timing
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 from strands_actors.testing import check_driver
 from strands_actors.testing.conformance import report
 
@@ -19,8 +19,8 @@ from .blinky import Blinky
 GOOD = {"joint": 5.0}
 
 
-class NoRung(Blinky):
-    ladder: Mapping[Reason, str] = {reason: "limp" for reason in Reason if reason is not Reason.LINK}
+class NoFallback(Blinky):
+    fallbacks: Mapping[Reason, str] = {reason: "limp" for reason in Reason if reason is not Reason.LINK}
 
 
 class Hasty(Blinky):
@@ -60,7 +60,7 @@ class OneIdTooMany(Blinky):
 @pytest.mark.parametrize(
     ("cls", "failing"),
     [
-        (NoRung, {"every reason leads to a safe state", "travels between processes"}),
+        (NoFallback, {"every reason leads to a safe state", "travels between processes"}),
         (Hasty, {"timing is sane"}),
         (TakesNan, {"refuses what is no finite number"}),
         (TakesBoth, {"refuses one axis under two spellings"}),

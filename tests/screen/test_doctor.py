@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.cli.doctor import (
+from strands_actors.surfaces.cli.doctor import (
     BROKEN,
     OK,
     WEAK,

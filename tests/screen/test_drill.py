@@ -15,8 +15,10 @@ import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.cli.matrix import one_of_each
-from strands_actors.drill.certificate import (
+from strands_actors.caller.plan import plan
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.surfaces.cli.matrix import one_of_each
+from strands_actors.surfaces.drill.certificate import (
     TWIN,
     Certificate,
     clause,
@@ -26,8 +28,6 @@ from strands_actors.drill.certificate import (
     parse_age_s,
     path_of,
 )
-from strands_actors.drivers import get_native_driver_class
-from strands_actors.factory import plan
 from tests.cli.command import Command
 
 WITH_POLICY = ["stop", "policy kill", "wire kill", "root freeze", "link loss"]
@@ -102,14 +102,16 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
 
 
 def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:
-    """The example of docs/safety.md: the root's own path takes the rung of a late writer."""
+    """The example of docs/safety.md: the root's own path takes the safe state of a late writer."""
     package = Path(strands_actors.__file__).parent
     copy = tmp_path / "changed"
     shutil.copytree(package, copy / "strands_actors", ignore=shutil.ignore_patterns("__pycache__"))
     guardian = copy / "strands_actors" / "supervisors" / "guardian.py"
-    line = "rung = self._driver.ladder[Reason.WIRE]"
+    line = "safe state = self._driver.table of fallbacks[Reason.WIRE]"
     assert guardian.read_text().count(line) == 1
-    guardian.write_text(guardian.read_text().replace(line, "rung = self._driver.ladder[Reason.EXPIRED]"))
+    guardian.write_text(
+        guardian.read_text().replace(line, "safe state = self._driver.table of fallbacks[Reason.EXPIRED]")
+    )
     cli.environment["PYTHONPATH"] = str(copy)
     done = cli.run("drill", "so101", "--twin", "--json", cwd=tmp_path)
     assert done.returncode == 1, done.stderr

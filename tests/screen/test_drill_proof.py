@@ -9,9 +9,9 @@ from typing import Any
 import trio
 from trio.testing import MockClock
 
-from strands_actors.drill.steps import Drill
-from strands_actors.runtime.contract import Reason
+from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.messages import StopReport
+from strands_actors.surfaces.drill.steps import Drill
 
 BEGAN_NS = 1000
 

@@ -13,10 +13,10 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.cli import run
-from strands_actors.cli.matrix import one_of_each
+from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
-from strands_actors.runtime.contract import Driver
+from strands_actors.surfaces.cli import run
+from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, WireLog, cells, cells_of
 from strands_actors.testing.bench import NotMoving, driver_of
 from strands_actors.testing.cells import _read
@@ -69,7 +69,9 @@ def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() ->
     assert not summary("so101", WIRE_KILL, []).safe, "what was not measured is not safe"
 
 
-def test_another_rung_is_excused_only_when_the_machine_explains_it_and_nothing_follows(tmp_path: Path) -> None:
+def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_nothing_follows(
+    tmp_path: Path,
+) -> None:
     """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not hold."""
 
     def read_of(stood_ms: float, *kinds: str) -> Outcome:
@@ -77,13 +79,13 @@ def test_another_rung_is_excused_only_when_the_machine_explains_it_and_nothing_f
         rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(kinds, 1)]
         for row in rows:
             if row["kind"] == "safe":
-                row["rung"] = "limp"
+                row["safe_state"] = "limp"
         path.write_text("".join(json.dumps(row) + "\n" for row in rows))
         spin = Cell(Victims.CALLER, Faults.SPIN)
         return _read(WireLog(path), driver_of("so101"), spin, 0, 0, stood_ms=stood_ms)
 
     excused = read_of(30.0, "setpoint", "safe")
-    assert (excused.rung, excused.instead, excused.safe, excused.disturbed) == ("hold", "limp", True, True)
+    assert (excused.safe_state, excused.instead, excused.safe, excused.disturbed) == ("hold", "limp", True, True)
     assert not read_of(0.0, "setpoint", "safe").safe
     moved = read_of(30.0, "setpoint", "safe", "setpoint")
     assert (moved.safe, moved.disturbed) == (False, False)
@@ -94,7 +96,7 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     path = tmp_path / "wire.ndjson"
     kinds = [("host", "enable"), *[("host", "setpoint")] * 3, ("robot", "read"), ("robot", "watchdog")]
     rows = [{"t_ns": at * 10**6, "from": who, "kind": kind, "hex": ""} for at, (who, kind) in enumerate(kinds)]
-    rows.append({"t_ns": 7_500_000, "from": "host", "kind": "safe", "hex": "", "rung": "limp"})
+    rows.append({"t_ns": 7_500_000, "from": "host", "kind": "safe", "hex": "", "safe_state": "limp"})
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     story = WireLog(path).story(10**6)
     assert story == "0.0 host setpoint x 3, 4.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
@@ -234,7 +236,7 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
     (row,) = measure(
         "blinky", 2, Blinky, only=lambda cell: (cell.victim, cell.fault) == (Victims.WIRE, Faults.KILL)
     )
-    assert (row.robot, row.victim, row.fault, row.rung, row.trials) == ("blinky", "wire", "kill", "limp", 2)
+    assert (row.robot, row.victim, row.fault, row.safe_state, row.trials) == ("blinky", "wire", "kill", "limp", 2)
     assert (row.unsafe, row.setpoints_after) == (0, 0)
     assert 0 < row.median_ms <= row.worst_ms
 

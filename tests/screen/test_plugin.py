@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import strands_actors
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 
 from .blinky import Blinky
@@ -45,7 +45,7 @@ def test_a_robot_of_theirs(strands_robot: Callable[..., tuple[RealRobot, Twin]])
     robot, twin = strands_robot("blinky", Blinky)
     assert robot.send_action({"joint": 5.0})["status"] == "success"
     assert robot.stop()["status"] == "success"
-    assert [entry.rung for entry in twin.log.host("safe")] == ["limp"]
+    assert [entry.safe_state for entry in twin.log.host("safe")] == ["limp"]
 
 
 # -- what the log is asked

@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 
-from strands_actors.cli.top.app import Confirm, Top
-from strands_actors.cli.top.rows import COLUMNS, columns_for
+from strands_actors.surfaces.cli.top.app import Confirm, Top
+from strands_actors.surfaces.cli.top.rows import COLUMNS, columns_for
 from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code, wait_until
 from tests.cli.terminal import ALT_SCREEN_OFF, Terminal
 

@@ -1,13 +1,13 @@
-"""A robot that stays energised on every rung, as a gripper that keeps its grip: stopped, it is stopped."""
+"""A robot that stays energised on every safe state, as a gripper that keeps its grip: stopped, it is stopped."""
 
 from __future__ import annotations
 
 import pytest
 import trio
 
-from strands_actors.runtime.contract import HOLDING_REASONS, Reason
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.failsafe import ENDING_REASONS
+from strands_actors.contract.driver import HOLDING_REASONS, Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.failsafe import ENDING_REASONS
 from strands_actors.supervisors.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver
@@ -17,7 +17,7 @@ from .writer import Writer, armed
 
 @pytest.fixture(autouse=True)
 def holds_for_every_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeDriver, "ladder", dict.fromkeys(Reason, "hold"))
+    monkeypatch.setattr(FakeDriver, "fallbacks", dict.fromkeys(Reason, "hold"))
 
 
 async def moving(tree: InlineTree) -> Writer:
@@ -34,7 +34,7 @@ def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
             writer = await moving(tree)
             stopped_ns = tree.node.clock.now_ns()
             report = await tree.gate.ask(Stop(reason), 1.0)
-            assert isinstance(report, StopReport) and report.confirmed and report.rung == "hold"
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "hold"
             assert (await tree.status()).mode == "disarmed"
             assert tree.hardware.energised == [True, True]
             assert isinstance(await writer.acquire(), Lease)
@@ -58,7 +58,7 @@ def test_saf_018_at_the_end_of_its_tree_nothing_moves_it(reason: Reason) -> None
             writer = await moving(tree)
             stopped_ns = tree.node.clock.now_ns()
             report = await tree.gate.ask(Stop(reason), 1.0)
-            assert isinstance(report, StopReport) and report.confirmed and report.rung == "hold"
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "hold"
             refused = await tree.gate.ask(Resume("an operator"), 1.0)
             assert isinstance(refused, Refused) and refused.code == "ending", refused
             assert isinstance(await writer.acquire(), Lease)
@@ -105,7 +105,7 @@ def test_saf_008_a_crash_of_the_wire_leaves_it_held_and_disarmed() -> None:
             tree.place._scope.cancel()
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
-            assert (safe[0].path, safe[0].rung) == ("second", "hold")
+            assert (safe[0].path, safe[0].safe_state) == ("second", "hold")
             assert tree.hardware.of("setpoint", safe[0].t_ns) == []
 
     run_virtual(run)

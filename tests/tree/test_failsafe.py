@@ -5,7 +5,16 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.supervisors.failsafe import OVER, TRANSITIONS, WRITABLE, Action, Event, Mode, State, step
+from strands_actors.supervisors.gate.failsafe import (
+    OVER,
+    TRANSITIONS,
+    WRITABLE,
+    Action,
+    Event,
+    Mode,
+    State,
+    step,
+)
 
 events = st.lists(st.tuples(st.sampled_from(Event), st.booleans()), max_size=40)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.runtime.contract import MotorReport, Reason
-from strands_actors.runtime.processor import Standing
-from strands_actors.supervisors.failsafe import ENDING_REASONS, Mode
-from strands_actors.supervisors.guardian import START_DEADLINE_S
+from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.kernel.health.processor import Standing
+from strands_actors.supervisors.gate.failsafe import ENDING_REASONS, Mode
 from strands_actors.supervisors.messages import Fence, StateIs, Stop, StopReport
-from strands_actors.supervisors.root import Tree
-from strands_actors.supervisors.stop_channel import INSIST_S, LINGER_S
+from strands_actors.supervisors.root.guardian import START_DEADLINE_S
+from strands_actors.supervisors.root.process import Tree
+from strands_actors.supervisors.root.stop_channel import INSIST_S, LINGER_S
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .writer import armed, freeze, setpoints
@@ -170,15 +170,15 @@ def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> 
     run_virtual(run)
 
 
-def test_saf_005_a_second_path_that_fails_is_tried_again() -> None:
+def test_saf_005_a_stop_channel_that_fails_is_tried_again() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            second = tree.keeper._second
+            second = tree.keeper._stop_channel
             assert second is not None
             make_safe = second.make_safe
 
-            async def fails(rung: str) -> tuple[MotorReport, ...]:
+            async def fails(safe_state: str) -> tuple[MotorReport, ...]:
                 second.make_safe = make_safe  # type: ignore[method-assign]
                 raise RuntimeError("a fault was asked for")
 
@@ -221,13 +221,13 @@ def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
 
 
 def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() -> None:
-    """It froze before its first beat."""
+    """It froze before its first heartbeat."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.keeper._silence.heard_ns = 0
-            tree.keeper._pulse.forget()
+            tree.keeper._heartbeat.forget()
             place = tree.place
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
             freeze(tree, "watchdog")
@@ -246,7 +246,7 @@ def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadlin
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.keeper._silence.heard_ns = 0
-            tree.keeper._pulse.forget()
+            tree.keeper._heartbeat.forget()
             place = tree.place
             freeze(tree, "watchdog")
             place.standing = lambda: Standing(0, 0, False, True)  # type: ignore[method-assign,assignment,return-value]

@@ -9,9 +9,9 @@ from collections.abc import AsyncIterator
 import pytest
 import trio
 
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.runtime.contract import Driver, Reason
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import Accepted, Stop, StopReport
 from strands_actors.testing import check_driver, open_inline_tree, run_virtual
 from strands_actors.testing.conformance import report
@@ -58,7 +58,7 @@ def test_saf_006_a_stop_leaves_at_once_however_slow_the_robot_answers(kind: type
             answer = await tree.gate.ask(Stop(Reason.STOP, "a test"), 5.0)
             assert isinstance(answer, StopReport) and answer.confirmed
             safe = peer.of("safe", began_ns)[0]
-            assert safe.t_ns - began_ns <= 1 * MS and safe.safe_state == kind.ladder[Reason.STOP]
+            assert safe.t_ns - began_ns <= 1 * MS and safe.safe_state == kind.fallbacks[Reason.STOP]
             await trio.sleep(2.0)
             assert peer.after("setpoint", safe) == []
 
@@ -87,7 +87,7 @@ def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind])
             await tree.places[-1].fence()
             await trio.sleep(0.05)
             safe = peer.of("safe", began_ns)[0]
-            assert safe.path == "second" and safe.safe_state == kind.ladder[Reason.WIRE]
+            assert safe.path == "second" and safe.safe_state == kind.fallbacks[Reason.WIRE]
             assert peer.after("setpoint", safe) == []
 
     run_virtual(run)
@@ -175,7 +175,7 @@ def test_an_estop_takes_a_drones_motors() -> None:
         async with tree_of(FakeDrone) as (tree, peer, writer):
             assert isinstance(await writer.send(ttl_s=0.3, vx=0.5), Accepted)
             answer = await tree.gate.ask(Stop(Reason.ESTOP, "a test", lock=True), 5.0)
-            assert isinstance(answer, StopReport) and answer.rung == SafeState.OFF
+            assert isinstance(answer, StopReport) and answer.safe_state == SafeState.OFF
             assert not peer.motors_on
 
     run_virtual(run)

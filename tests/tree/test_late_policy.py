@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import Accepted, Acquire, Lease, Resume, Resumed, Stop
 from strands_actors.testing import open_inline_tree, run_virtual
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.lease import Leases
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.lease import Leases
 from strands_actors.supervisors.messages import Acquire, Beat
 
 CALLER, POLICY = "so101 in process 1", "policy process 7"

@@ -14,11 +14,11 @@ import trio
 import trio.lowlevel
 import trio.testing
 
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.contract import Reason
-from strands_actors.supervisors.lock_keeper import LockKeeper
-from strands_actors.supervisors.locks import UNREADABLE, Locks, locked_robots
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.supervisors.messages import Fence, Resume, Stop, StopReport
+from strands_actors.supervisors.root.lock_keeper import LockKeeper
+from strands_actors.supervisors.root.locks import UNREADABLE, Locks, locked_robots
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree
 
 ESTOP = Stop(Reason.ESTOP, "the button", lock=True)

@@ -6,11 +6,11 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.runtime.contract import Reason, Wire, WireDown
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Reason, Wire, WireDown
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import Accepted, Resume, Resumed, RootGone, Stop, StopReport
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
-from strands_actors.testing.fake import FakeSecondPath, FakeWire
+from strands_actors.testing.fake import FakeStopChannel, FakeWire
 
 from .writer import armed
 
@@ -38,7 +38,7 @@ def test_saf_020_a_robot_that_is_no_longer_heard_is_made_safe_at_once() -> None:
             lost_ns = await lost(tree)
             await trio.sleep(0.05)
             safe = tree.hardware.of("safe", lost_ns)
-            assert safe and safe[0].rung == "limp"
+            assert safe and safe[0].safe_state == "limp"
             assert safe[0].t_ns - lost_ns < 2.5e9 / tree.driver.timing.control_hz
             kinds = [kind for kind in first_kinds(tree.hardware, lost_ns) if kind != "setpoint"]
             assert kinds[0] == "safe", "before anything is asked"
@@ -144,12 +144,12 @@ def test_saf_020_a_stop_before_the_loss_is_noticed_is_tried_on_a_new_way() -> No
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
             wire = transport._wire  # type: ignore[attr-defined]
 
-            async def nothing(rung: str) -> object:
+            async def nothing(safe_state: str) -> object:
                 return ()
 
             wire.make_safe = nothing
             stopped_ns = tree.node.clock.now_ns()
-            wire.reach = lambda rung: type(wire).make_safe(wire, rung)
+            wire.reach = lambda safe_state: type(wire).make_safe(wire, safe_state)
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert isinstance(report, StopReport) and report.confirmed
             assert tree.hardware.of("safe", stopped_ns)[0].t_ns - stopped_ns <= 20 * MS
@@ -207,8 +207,8 @@ def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
                 await trio.sleep(0.1)
                 stopped_ns = tree.node.clock.now_ns()
                 report = await tree.gate.ask(Stop(Reason.STOP), 3.0)
-            assert isinstance(report, StopReport) and report.confirmed and report.rung == "limp"
-            limp = [entry for entry in tree.hardware.of("safe", stopped_ns) if entry.rung == "limp"]
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "limp"
+            limp = [entry for entry in tree.hardware.of("safe", stopped_ns) if entry.safe_state == "limp"]
             assert limp[0].t_ns - stopped_ns <= 20 * MS
             assert tree.hardware.energised == [False, False]
             assert (await tree.status()).mode == "disarmed"
@@ -247,7 +247,9 @@ def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
         async with open_inline_tree() as tree:
             lost_ns = await lost(tree)
             await trio.sleep(0.05)
-            assert {(entry.path, entry.rung) for entry in tree.hardware.of("safe", lost_ns)} == {("second", "limp")}
+            assert {(entry.path, entry.safe_state) for entry in tree.hardware.of("safe", lost_ns)} == {
+                ("second", "limp")
+            }
             assert tree.hardware.energised == [False, False]
             tree.hardware.energised = [True, True]
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
@@ -266,7 +268,7 @@ def test_saf_020_a_stop_channel_that_finds_nobody_breaks_nothing(monkeypatch: py
     async def run() -> None:
         async with open_inline_tree() as tree:
             await lost(tree)
-            monkeypatch.setattr(FakeSecondPath, "serve", nobody, raising=False)
+            monkeypatch.setattr(FakeStopChannel, "serve", nobody, raising=False)
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert isinstance(report, StopReport) and not report.confirmed
             assert len(tree.places) == 1

@@ -9,9 +9,9 @@ import trio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.node import AskTimeout, Unreachable
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors.messages import (
     LEASE_TTL_S,
     Accepted,

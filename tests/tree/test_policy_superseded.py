@@ -8,10 +8,10 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.runtime.mailbox import SUPERSEDED
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.mailbox import SUPERSEDED
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate import Gate
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import Accepted, Rollout, Setpoint, TaskStatus
 from strands_actors.supervisors.policy import Policy
 from strands_actors.testing import open_inline_tree

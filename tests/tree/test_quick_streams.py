@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.runtime.contract import Condition, Observation
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.pulse import Pulse
-from strands_actors.supervisors.lease import LEASE_TTL_NS
+from strands_actors.contract.driver import Condition, Observation
+from strands_actors.kernel.health.heartbeat import Heartbeat
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.lease import LEASE_TTL_NS
 from strands_actors.supervisors.messages import Accepted, Acquire, Lease
-from strands_actors.supervisors.watchdog import Watchdog, WatchdogMemory
+from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
 from .writer import Writer, armed, setpoints
@@ -139,11 +139,11 @@ def test_saf_003_a_root_that_falls_silent_is_noticed_beside_a_quick_stream(monke
         async with open_inline_tree() as tree:
             writer = await armed(tree)
             await stream(writer, 0.2)
-            monkeypatch.setattr(Pulse, "heard_ns", watchdog(tree).root.heard_ns)
+            monkeypatch.setattr(Heartbeat, "heard_ns", watchdog(tree).root.heard_ns)
             silent_ns = watchdog(tree).root.heard_ns
             await stream(writer, 0.5, stand=True)
             safe = tree.hardware.of("safe")[0]
-            limit_ns = round((FakeDriver.timing.beat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)
+            limit_ns = round((FakeDriver.timing.heartbeat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)
             assert safe.t_ns - silent_ns <= limit_ns
             assert tree.hardware.after("setpoint", safe) == []
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.runtime.contract import MotorReport, Reason
-from strands_actors.supervisors.stop_channel import LINGER_S
-from strands_actors.supervisors.transport import Transport
+from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.supervisors.root.stop_channel import LINGER_S
+from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .writer import armed, freeze, setpoints
@@ -40,14 +40,14 @@ class Root:
         self.over = trio.Event()
         self.steps: list[str] = []
         guardian, place = tree.keeper, tree.place
-        second = guardian._second
+        second = guardian._stop_channel
         assert second is not None
         make_safe, fence = second.make_safe, place.fence
         about_to_write = iter((STEPS[0], STEPS[3]))
 
-        async def watched_make_safe(rung: str) -> tuple[MotorReport, ...]:
+        async def watched_make_safe(safe_state: str) -> tuple[MotorReport, ...]:
             await self._comes_to(next(about_to_write))
-            reports = await make_safe(rung)
+            reports = await make_safe(safe_state)
             if self.steps[-1] == STEPS[3]:
                 await self._comes_to(STEPS[4])
             return reports
@@ -180,7 +180,7 @@ def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
         async with moving_tree() as (tree, root):
             wire: Any = transport_of(tree)._wire
 
-            async def fails(rung: str) -> tuple[MotorReport, ...]:
+            async def fails(safe_state: str) -> tuple[MotorReport, ...]:
                 raise RuntimeError("a fault was asked for")
 
             wire.make_safe = fails
@@ -197,7 +197,7 @@ def test_saf_003_a_transport_that_hangs_as_the_root_dies_is_passed_by() -> None:
         async with moving_tree() as (tree, root):
             wire: Any = transport_of(tree)._wire
 
-            async def hangs(rung: str) -> tuple[MotorReport, ...]:
+            async def hangs(safe_state: str) -> tuple[MotorReport, ...]:
                 await trio.sleep_forever()
                 raise AssertionError
 

@@ -1,4 +1,4 @@
-"""A driver's own services, conditions and clocks, and a second path that is kept ready. Virtual time."""
+"""A driver's own services, conditions and clocks, and a stop channel that is kept ready. Virtual time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Condition, Observation, Permit, Reason, Service, Timing, WireDown
-from strands_actors.runtime.messages import Message, Refused
+from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service, Timing, WireDown
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
 from strands_actors.testing import open_inline_tree, run_virtual
-from strands_actors.testing.fake import FakeDriver, FakeSecondPath, FakeWire
+from strands_actors.testing.fake import FakeDriver, FakeStopChannel, FakeWire
 
 from .writer import Writer, armed, setpoints
 
@@ -220,7 +220,7 @@ def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytes
     weather = Weather()
     grounded = Condition(weather, Reason.LINK, "limp", always=True)
     monkeypatch.setattr(FakeDriver, "conditions", (grounded,))
-    monkeypatch.setattr(FakeDriver, "ladder", dict.fromkeys(Reason, "hold"))
+    monkeypatch.setattr(FakeDriver, "fallbacks", dict.fromkeys(Reason, "hold"))
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -232,7 +232,7 @@ def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytes
             await trio.sleep(0.05)
             last = tree.hardware.of("safe")[-1]
             status = await tree.status()
-            assert (last.rung, status.mode, status.cause) == ("limp", "disarmed", "it storms")
+            assert (last.safe_state, status.mode, status.cause) == ("limp", "disarmed", "it storms")
             assert not any(tree.hardware.energised)
 
     run_virtual(run)
@@ -259,7 +259,7 @@ def test_a_condition_refuses_and_ends_what_is_live(monkeypatch: pytest.MonkeyPat
             stormed_ns = tree.node.clock.now_ns()
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", stormed_ns)[0]
-            assert safe.rung == "limp"
+            assert safe.safe_state == "limp"
             assert safe.t_ns - stormed_ns <= 2 * round(FakeDriver.timing.tick_s * NS)
             assert tree.hardware.of("setpoint", safe.t_ns) == []
             assert (await tree.status()).cause == "it storms"
@@ -275,7 +275,7 @@ def quick(**changes: Any) -> Timing:
 
 
 def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    timing = quick(tick_s=0.002, beat_ttl_s=0.016, control_hz=500.0, keepalive_s=0.002)
+    timing = quick(tick_s=0.002, heartbeat_ttl_s=0.016, control_hz=500.0, keepalive_s=0.002)
     monkeypatch.setattr(FakeDriver, "timing", timing)
 
     async def run() -> None:
@@ -294,14 +294,14 @@ def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.
     run_virtual(run)
 
 
-# -- the second path
+# -- the stop channel
 
 
-def test_no_arming_before_the_second_path_is_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_arming_before_the_stop_channel_is_ready(monkeypatch: pytest.MonkeyPatch) -> None:
     ready = trio.Event()
     ended: list[str] = []
 
-    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+    async def serve(self: FakeStopChannel, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
         await ready.wait()
         task_status.started()
         try:
@@ -309,7 +309,7 @@ def test_no_arming_before_the_second_path_is_ready(monkeypatch: pytest.MonkeyPat
         finally:
             ended.append("served")
 
-    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+    monkeypatch.setattr(FakeStopChannel, "serve", serve)
 
     async def run() -> None:
         async with trio.open_nursery() as nursery:
@@ -331,17 +331,17 @@ def test_no_arming_before_the_second_path_is_ready(monkeypatch: pytest.MonkeyPat
     run_virtual(run)
 
 
-def test_a_second_path_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_channel_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: pytest.MonkeyPatch) -> None:
     """And costs no restarts: it is tried again, with pauses."""
     attempts: list[float] = []
 
-    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+    async def serve(self: FakeStopChannel, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
         attempts.append(trio.current_time())
         if len(attempts) < 4:
             raise WireDown("nobody is there")
         task_status.started()
 
-    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+    monkeypatch.setattr(FakeStopChannel, "serve", serve)
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -352,15 +352,15 @@ def test_a_second_path_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: p
     run_virtual(run)
 
 
-def test_saf_003_a_second_path_that_is_lost_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_003_a_stop_channel_that_is_lost_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     lost = trio.Event()
 
-    async def serve(self: FakeSecondPath, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
+    async def serve(self: FakeStopChannel, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
         await lost.wait()
         raise WireDown("its socket is gone")
 
-    monkeypatch.setattr(FakeSecondPath, "serve", serve)
+    monkeypatch.setattr(FakeStopChannel, "serve", serve)
 
     async def run() -> None:
         nonlocal lost

@@ -9,12 +9,12 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.runtime.actor import Actor, Deferred
-from strands_actors.runtime.clock import VirtualClock
-from strands_actors.runtime.contract import Observation
-from strands_actors.runtime.mailbox import SUPERSEDED
-from strands_actors.runtime.messages import Message, Refused
-from strands_actors.runtime.node import Node
+from strands_actors.contract.driver import Observation
+from strands_actors.kernel.actor import Actor, Deferred
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.mailbox import SUPERSEDED
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import (
     Accepted,

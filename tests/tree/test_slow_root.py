@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.runtime.clock import VirtualClock
-from strands_actors.runtime.node import Node
-from strands_actors.runtime.pulse import pair
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.health.heartbeat import pair
+from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.failsafe import Mode, State
-from strands_actors.supervisors.gate import Gate
-from strands_actors.supervisors.guardian import Guardian
+from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import GetStatus, Status
-from strands_actors.supervisors.wire import InlinePlace
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.wire.group import InlinePlace
 from strands_actors.testing import FakeHardware, run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver
 

@@ -6,8 +6,8 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.runtime.contract import Reason, WireDown
-from strands_actors.supervisors.failsafe import Mode
+from strands_actors.contract.driver import Reason, WireDown
+from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.messages import GetStatus, Status, Stop, StopReport
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeWire

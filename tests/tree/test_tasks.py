@@ -11,16 +11,16 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.runtime.actor import Actor
-from strands_actors.runtime.channel import Channel
-from strands_actors.runtime.contract import MotorReport
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.node import Node, Ref
-from strands_actors.runtime.process import ChildProcess
-from strands_actors.runtime.supervisor import ChildSpec, Supervisor
+from strands_actors.contract.driver import MotorReport
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.permissions import Channel
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import Node, Ref
+from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.supervisor import ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import Acquire, GetTask, Lease, Rollout, StartTask, StopTask, TaskStatus
-from strands_actors.supervisors.tasks import Tasks
+from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .writer import Writer, armed, freeze, setpoints
@@ -166,7 +166,7 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_ends_no_actor() -> None:
             await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
             freeze(tree, "policy")
-            slow(tree.keeper._second)
+            slow(tree.keeper._stop_channel)
             tree.place._scope.cancel()
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status
@@ -204,9 +204,9 @@ def slow(way: Any) -> None:
     """It takes a second to begin to make safe."""
     make_safe = way.make_safe
 
-    async def late(rung: str) -> tuple[MotorReport, ...]:
+    async def late(safe_state: str) -> tuple[MotorReport, ...]:
         await trio.sleep(1.0)
-        reports: tuple[MotorReport, ...] = await make_safe(rung)
+        reports: tuple[MotorReport, ...] = await make_safe(safe_state)
         return reports
 
     way.make_safe = late

@@ -6,8 +6,8 @@ import math
 
 import trio
 
-from strands_actors.runtime.contract import Reason
-from strands_actors.runtime.messages import Refused
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import (
     Accepted,
     Acquire,
@@ -218,7 +218,7 @@ def test_saf_012_link_loss_is_seen_and_comes_back_disarmed() -> None:
             tree.hardware.plugged = True
             await tree.until("disarmed", within_s=5.0)
             safe = tree.hardware.of("safe", lost_ns)
-            assert safe and safe[0].rung == "limp", "it was left energised: safe comes first"
+            assert safe and safe[0].safe_state == "limp", "it was left energised: safe comes first"
             assert setpoints(tree, lost_ns + 40 * MS) == []
             assert tree.hardware.energised == [False, False]
             answer = await writer.send(a=1.0)
@@ -259,7 +259,7 @@ def test_the_end_of_a_delegate_holds_before_it_is_answered() -> None:
             answer = await caller.send(a=4.0)
             assert isinstance(answer, Refused) and "policy" in answer.reason
             await policy.ref.ask(Release(lease.id), 1.0)
-            assert [entry.rung for entry in tree.hardware.of("safe")] == ["hold"]
+            assert [entry.safe_state for entry in tree.hardware.of("safe")] == ["hold"]
             await caller.acquire()
             assert isinstance(await caller.send(a=4.0), Accepted)
 
@@ -292,8 +292,8 @@ def test_status_and_observation_are_answered_while_a_stop_is_confirmed() -> None
             wire = transport._wire  # type: ignore[attr-defined]
             make_safe = wire.make_safe
 
-            async def slow(rung: str) -> object:
-                reports = await make_safe(rung)
+            async def slow(safe_state: str) -> object:
+                reports = await make_safe(safe_state)
                 await trio.sleep(0.5)
                 return reports
 

@@ -5,18 +5,9 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.runtime.contract import MotorReport, Reason
-from strands_actors.runtime.messages import Refused
-from strands_actors.supervisors.messages import (
-    Accepted,
-    Acquire,
-    Beat,
-    Cycle,
-    Lease,
-    MakeSafe,
-    Stop,
-    Write,
-)
+from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Accepted, Acquire, Beat, Cycle, Lease, MakeSafe, Stop, Write
 from strands_actors.testing import FakeHardware, open_inline_tree, run_virtual
 
 from .writer import Writer, armed, freeze, setpoints
@@ -81,7 +72,7 @@ def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
             transport.tell(Write(epoch, now_ns + 100 * MS, (9.0, 9.0)))
             await trio.sleep(0.05)
             safe = tree.hardware.of("safe")
-            assert safe and safe[-1].rung == "limp"
+            assert safe and safe[-1].safe_state == "limp"
             assert setpoints(tree, safe[-1].t_ns) == []
 
     run_virtual(run)
@@ -127,14 +118,14 @@ def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
-            place, second = tree.place, tree.keeper._second
+            place, second = tree.place, tree.keeper._stop_channel
             assert second is not None
             make_safe = second.make_safe
             ended: list[bool] = []
 
-            async def watched(rung: str) -> tuple[MotorReport, ...]:
+            async def watched(safe_state: str) -> tuple[MotorReport, ...]:
                 ended.append(place._ended.is_set())
-                return await make_safe(rung)
+                return await make_safe(safe_state)
 
             second.make_safe = watched  # type: ignore[method-assign]
             tree.hardware.write_s = 0.5
@@ -146,7 +137,7 @@ def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
     run_virtual(run)
 
 
-def test_saf_003_a_crashed_actor_ends_its_group_and_the_second_path_makes_safe() -> None:
+def test_saf_003_a_crashed_actor_ends_its_group_and_the_stop_channel_makes_safe() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -157,7 +148,7 @@ def test_saf_003_a_crashed_actor_ends_its_group_and_the_second_path_makes_safe()
             gate._look = lambda now_ns: 1 / 0  # type: ignore[attr-defined]
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
-            assert safe[0].path == "second" and safe[0].rung == "limp"
+            assert safe[0].path == "second" and safe[0].safe_state == "limp"
             assert safe[0].t_ns - crashed_ns < 50 * MS
             assert setpoints(tree, safe[0].t_ns) == []
             assert tree.hardware.energised == [False, False]
@@ -224,8 +215,8 @@ def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
             box = transport.mailbox
             watchdog = tree.node.cells[tree.gate.address.replace("gate", "watchdog")].actor
             transport.mailbox = Spy()  # type: ignore[assignment]
-            for turn in range(40):
-                tree.hardware.read_s = 0.03 if turn % 4 == 3 else 0.001
+            for dispatch in range(40):
+                tree.hardware.read_s = 0.03 if dispatch % 4 == 3 else 0.001
                 await writer.send(ttl_s=0.3, a=5.0)
                 await trio.sleep(0.02)
             transport.mailbox = box
@@ -248,7 +239,7 @@ def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
             last = tree.hardware.of("setpoint")[-1]
             assert 900 * MS < last.t_ns - sent_ns <= 1020 * MS, "re-sent while the lease lived, no longer"
             safe = tree.hardware.of("safe", sent_ns)
-            assert [entry.rung for entry in safe] == ["hold"]
+            assert [entry.safe_state for entry in safe] == ["hold"]
             status = await tree.status()
             assert status.mode == "holding" and "stopped answering" in status.cause
 

@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from . import parameters as pl
-from .words import BUILTIN_ENDPOINTS, LITTLE, PARTICIPANT, PREFIX_SIZE, VENDOR, Address, Malformed, Order
+from .wire_types import (
+    BUILTIN_ENDPOINTS,
+    LITTLE,
+    PARTICIPANT,
+    PREFIX_SIZE,
+    VENDOR,
+    Address,
+    Malformed,
+    Order,
+)
 
 BEST_EFFORT = 1
 RELIABLE = 2

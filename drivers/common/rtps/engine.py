@@ -15,7 +15,7 @@ from .matching import Matching
 from .messages import Data, Fragment, Heartbeat, Send
 from .reader import Reader, Sample
 from .reassembly import Reassembly
-from .words import (
+from .wire_types import (
     MAX_ENTITIES,
     PARTICIPANT,
     PREFIX_SIZE,
@@ -92,7 +92,7 @@ class Engine:
         self._announced = 0
         self._announced_ns = 0
         self._header = messages.header(self._own)
-        self._hello = messages.data(SPDP_READER, SPDP_WRITER, 1, discovery.encode_participant(data))
+        self._handshake = messages.data(SPDP_READER, SPDP_WRITER, 1, discovery.encode_participant(data))
         self._publications = self._builtin_writer(PUBLICATIONS_WRITER)
         self._subscriptions = self._builtin_writer(SUBSCRIPTIONS_WRITER)
         self._heard_publications = self._builtin_reader(PUBLICATIONS_READER, self._on_publication)
@@ -248,7 +248,7 @@ class Engine:
 
     def _meet(self, prefix: bytes, address: Address) -> None:
         """Show ourselves at once, and what we write and read."""
-        self._send((self._header, self._hello), address)
+        self._send((self._header, self._handshake), address)
         join = self._matching
         join.join_reader(self._publications, _builtin(prefix, PUBLICATIONS_READER), address)
         join.join_reader(self._subscriptions, _builtin(prefix, SUBSCRIPTIONS_READER), address)
@@ -317,7 +317,7 @@ class Engine:
     def _announce(self) -> None:
         known = [peer.discovery for peer in self._peers.values()]
         for address in dict.fromkeys((*self._announce_to, *known)):
-            self._send((self._header, self._hello), address)
+            self._send((self._header, self._handshake), address)
 
     def say_goodbye(self) -> None:
         """Tell everybody that we end now."""

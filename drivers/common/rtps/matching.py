@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from .discovery import EndpointData, mismatch
 from .reader import Reader
-from .words import PREFIX_SIZE, Address
+from .wire_types import PREFIX_SIZE, Address
 from .writer import Writer
 
 MAX_ENDPOINTS = 1024

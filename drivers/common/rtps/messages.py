@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from . import parameters
-from .words import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Malformed, Order
+from .wire_types import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Malformed, Order
 
 HEADER_SIZE = 20
 MAX_BITS = 256

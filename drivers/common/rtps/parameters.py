@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import socket
 
-from .words import BIG, LITTLE, Address, Malformed, Order
+from .wire_types import BIG, LITTLE, Address, Malformed, Order
 
 PAD = 0x00
 SENTINEL = 0x01

@@ -14,14 +14,14 @@ from contextlib import aclosing, asynccontextmanager
 
 import trio
 
-from strands_actors.runtime.clock import Clock, MonotonicClock
+from strands_actors.kernel.clock import Clock, MonotonicClock
 
-from . import words
+from . import wire_types
 from .discovery import ParticipantData
 from .engine import Counters, Engine, OnSample
 from .reader import Reader
 from .sockets import ANCILLARY, age_ns, is_host, open_sockets
-from .words import Address, Buffer
+from .wire_types import Address, Buffer
 from .writer import Writer
 
 TICK_S = 0.05
@@ -62,13 +62,13 @@ class Participant:
         this ``host``, or the one at ``host:port``: on a network of many robots, whoever finds us would hear what we
         write otherwise. Raise ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be
         had."""
-        if not 0 <= domain <= words.MAX_DOMAIN:
-            raise ValueError(f"domain is {domain}. Give 0..{words.MAX_DOMAIN}")
+        if not 0 <= domain <= wire_types.MAX_DOMAIN:
+            raise ValueError(f"domain is {domain}. Give 0..{wire_types.MAX_DOMAIN}")
         if not is_host(address):
             raise ValueError(f"address is {address!r}. Give an IPv4 address of this host, which peers can reach")
         asked = [where for peer in peers for where in _peer(peer, domain)]
         if multicast:
-            asked.insert(0, (words.MULTICAST_GROUP, words.multicast_port(domain)))
+            asked.insert(0, (wire_types.MULTICAST_GROUP, wire_types.multicast_port(domain)))
         self.trouble = ""
         """Why the last datagram that could not be sent was not."""
         self._clock = clock or MonotonicClock()
@@ -80,7 +80,7 @@ class Participant:
         self._out = self._sockets[0]
         self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())  # when there was nothing to read
         here = [sock.getsockname() for sock in self._sockets[:2]]
-        prefix = words.VENDOR + os.urandom(words.PREFIX_SIZE - len(words.VENDOR))
+        prefix = wire_types.VENDOR + os.urandom(wire_types.PREFIX_SIZE - len(wire_types.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
         wanted = (lambda found, heard_from: _is_at(only, found, heard_from)) if only else (lambda *_: True)
         self._engine = Engine(data, asked, self._send, self._changed.unpark_all, wanted)
@@ -245,7 +245,7 @@ def _peer(text: str, domain: int) -> list[Address]:
     if not is_host(host):
         raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")
     if not port:
-        return [(host, words.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
+        return [(host, wire_types.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
     return [(host, int(port))]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from . import messages
 from .discovery import EndpointData
 from .messages import Gap, Heartbeat, Send
-from .words import PREFIX_SIZE, Address
+from .wire_types import PREFIX_SIZE, Address
 
 WINDOW = 256
 """Sequence numbers beyond the next one that are waited for; as many as an ACKNACK can name."""

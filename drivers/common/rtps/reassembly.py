@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .messages import Fragment
-from .words import Malformed
+from .wire_types import Malformed
 
 MAX_SAMPLES = 16
 MAX_BYTES = 8 << 20

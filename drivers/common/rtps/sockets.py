@@ -8,9 +8,9 @@ import struct
 import sys
 import time
 
-from strands_actors.runtime.contract import WireDown
+from strands_actors.contract.driver import WireDown
 
-from . import words
+from . import wire_types
 
 _RECEIVE_BYTES = 1 << 20
 
@@ -47,7 +47,7 @@ def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.soc
     try:
         if multicast:
             opened.append(_group_member(domain, address))
-        for index in range(words.indices(domain)):
+        for index in range(wire_types.indices(domain)):
             pair = _pair(domain, address, index)
             if pair is not None:
                 return (*pair, *opened)
@@ -68,8 +68,8 @@ def _pair(domain: int, address: str, index: int) -> tuple[socket.socket, socket.
     first = _udp()
     second = _udp()
     try:
-        first.bind((address, words.discovery_port(domain, index)))
-        second.bind((address, words.user_port(domain, index)))
+        first.bind((address, wire_types.discovery_port(domain, index)))
+        second.bind((address, wire_types.user_port(domain, index)))
         first.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
     except OSError as error:
         first.close()
@@ -86,8 +86,8 @@ def _group_member(domain: int, address: str) -> socket.socket:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if not sys.platform.startswith("linux"):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        sock.bind((words.MULTICAST_GROUP, words.multicast_port(domain)))
-        membership = socket.inet_aton(words.MULTICAST_GROUP) + socket.inet_aton(address)
+        sock.bind((wire_types.MULTICAST_GROUP, wire_types.multicast_port(domain)))
+        membership = socket.inet_aton(wire_types.MULTICAST_GROUP) + socket.inet_aton(address)
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
     except OSError:
         sock.close()

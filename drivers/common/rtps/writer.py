@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from . import messages
 from .discovery import VOLATILE, EndpointData
 from .messages import FRAGMENT_SIZE, AckNack, Frame, Send
-from .words import PREFIX_SIZE, UNKNOWN, Address, Buffer
+from .wire_types import PREFIX_SIZE, UNKNOWN, Address, Buffer
 
 HEARTBEAT_NS = 50_000_000
 """As long as a reader has not acknowledged everything."""

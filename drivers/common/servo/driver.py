@@ -6,19 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
 from strands_actors.drivers.common.gates import parse
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.runtime.contract import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Reason,
-    Timing,
-)
-from strands_actors.runtime.messages import Refused
-from strands_actors.runtime.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
+from strands_actors.kernel.messages import Refused
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .gates import all_gates
@@ -60,7 +53,7 @@ class ServoDriver(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
     )
-    ladder: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
+    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from strands_actors.contract.driver import GateCheck
 from strands_actors.drivers.common.gates import (
     Axes,
     motor_fault,
@@ -13,7 +14,6 @@ from strands_actors.drivers.common.gates import (
     too_fast,
     voltage,
 )
-from strands_actors.runtime.contract import GateCheck
 
 
 def all_gates(

@@ -1,4 +1,4 @@
-"""Making every servo safe and proving it. Shared by the wire and by the root's second path."""
+"""Making every servo safe and proving it. Shared by the wire and by the root's stop channel."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import ClassVar, Generic
 
 import trio
 
+from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import MotorReport, WireDown
+from strands_actors.kernel.clock import NS
 
 from .axes import Axis
 from .codec import Codec

@@ -1,6 +1,6 @@
-"""The bus of position servos in the wire process, and the root's second path to it.
+"""The bus of position servos in the wire process, and the root's stop channel to it.
 
-What one protocol or firmware does differently is in its subclass: ``hello``, and the hooks around arming.
+What one protocol or firmware does differently is in its subclass: ``handshake``, and the hooks around arming.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
-from strands_actors.drivers.common.port_users import users_of
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, in_use, open_serial
-from strands_actors.runtime.clock import NS, Clock
-from strands_actors.runtime.contract import (
+from strands_actors.contract.driver import (
     MotorReport,
     Observation,
     Permit,
     PermitDenied,
-    SecondPath,
+    StopChannel,
     Wire,
     WireDown,
 )
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
+from strands_actors.drivers.common.port_users import users_of
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, in_use, open_serial
+from strands_actors.kernel.clock import NS, Clock
 
 from .axes import COUNTS, Axis
 from .codec import Codec
 from .driver import ServoDriver
-from .hello import ask, command, roll_call, untold
+from .handshake import ask, command, roll_call, untold
 from .readings import Readings
 from .safing import Safing, unreachable
 
@@ -45,7 +45,7 @@ Up to here that is a twitch; beyond, somebody should move the joint by hand."""
 Range = tuple[int, int]
 
 
-class Hello(msgspec.Struct, Generic[PacketT]):
+class Handshake(msgspec.Struct, Generic[PacketT]):
     """What the servos said when the wire was opened."""
 
     readings: Readings[PacketT]
@@ -58,11 +58,15 @@ class _Session(Generic[PacketT]):
     """What exists between ``open`` and ``close``."""
 
     def __init__(
-        self, bus: HalfDuplexBus[PacketT], ids: Sequence[int], hello: Hello[PacketT], safing: Safing[PacketT]
+        self,
+        bus: HalfDuplexBus[PacketT],
+        ids: Sequence[int],
+        handshake: Handshake[PacketT],
+        safing: Safing[PacketT],
     ) -> None:
         self.bus = bus
-        self.readings = hello.readings
-        self.reach = hello.reach
+        self.readings = handshake.readings
+        self.reach = handshake.reach
         self.safing = safing
         self.health = Health(ids)
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
@@ -110,7 +114,7 @@ class ServoWire(Wire, Generic[PacketT]):
     # -- what a protocol adds
 
     @abstractmethod
-    async def hello(self, bus: HalfDuplexBus[PacketT]) -> Hello[PacketT]:
+    async def handshake(self, bus: HalfDuplexBus[PacketT]) -> Handshake[PacketT]:
         """All ids have answered: identify them, check them, set them up. Raise ``WireDown``."""
 
     async def before_arming(self, permit: Permit) -> None:
@@ -129,19 +133,19 @@ class ServoWire(Wire, Generic[PacketT]):
         bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, driver.baud, overhead=codec.OVERHEAD)
         try:
             await roll_call(bus, codec, driver.robot, self.axes, f"{driver.port} at {driver.baud} baud")
-            hello = await self.hello(bus)
+            handshake = await self.handshake(bus)
         except BaseException as error:
             self.close()
             if isinstance(error, WireDown) and (users := users_of(driver.port)):
                 raise WireDown(f"connect: {in_use(driver.port, users)}") from error  # and garbles what it hears
             raise
-        safing = self.SAFING(bus, codec, self.axes, hello.travel)
-        self._session_or_none = _Session(bus, driver.ids, hello, safing)
+        safing = self.SAFING(bus, codec, self.axes, handshake.travel)
+        self._session_or_none = _Session(bus, driver.ids, handshake, safing)
         return {
             "port": driver.port,
             "baud": driver.baud,
             "calibration_source": driver.calibration_source,
-            **hello.facts,
+            **handshake.facts,
         }
 
     async def arm(self, permit: Permit) -> Observation:
@@ -182,21 +186,21 @@ class ServoWire(Wire, Generic[PacketT]):
             session.bus.send(frame)
             session.told(counts)
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
             return unreachable(self.axes, "not connected")
-        if rung == "hold":
+        if safe_state == "hold":
             return await self._hold(session)
         self._armed = False
         return await session.safing.limp()
 
-    async def reach(self, rung: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The old descriptor may still take what nobody answers; a new one reaches what was plugged in again."""
         old, driver = self._port, self.driver
         shouted = False
         try:
-            if old is not None and rung != "hold":
+            if old is not None and safe_state != "hold":
                 shouted = await self._safing_on(old).shout()
         finally:
             self.close()
@@ -206,7 +210,7 @@ class ServoWire(Wire, Generic[PacketT]):
             return unreachable(self.axes, str(error), shouted)
         try:
             safing = self._safing_on(port)
-            return await safing.hold({}) if rung == "hold" else await safing.limp()
+            return await safing.hold({}) if safe_state == "hold" else await safing.limp()
         finally:
             port.close()
 
@@ -333,7 +337,7 @@ class ServoWire(Wire, Generic[PacketT]):
             )
 
 
-class ServoSecondPath(SecondPath, Generic[PacketT]):
+class ServoStopChannel(StopChannel, Generic[PacketT]):
     """The root's way to the servos: the same open port, after its owner is gone for good; or, where that one is
     dead or there never was one, the port opened anew by its path."""
 
@@ -362,10 +366,10 @@ class ServoSecondPath(SecondPath, Generic[PacketT]):
             await port.hung_up()
             self.close()
 
-    async def make_safe(self, rung: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         axes = self._driver.joints
         if self._port is not None:
-            reports = await self._by(self._port, rung)
+            reports = await self._by(self._port, safe_state)
             if any(report.written for report in reports):
                 return reports
             self.close()
@@ -373,12 +377,12 @@ class ServoSecondPath(SecondPath, Generic[PacketT]):
             self._port = self._open_port(self._driver.port, self._driver.baud)
         except WireDown as error:
             return unreachable(axes, str(error))
-        return await self._by(self._port, rung)
+        return await self._by(self._port, safe_state)
 
-    async def _by(self, port: BytePort, rung: str) -> tuple[MotorReport, ...]:
+    async def _by(self, port: BytePort, safe_state: str) -> tuple[MotorReport, ...]:
         safing = safing_on(port, self._driver, self._codec, self._safing, self._clock)
         # nothing is known here of where the servos are: a hold begins with asking them
-        return await safing.hold({}) if rung == "hold" else await safing.limp()
+        return await safing.hold({}) if safe_state == "hold" else await safing.limp()
 
     def close(self) -> None:
         if self._port is not None:

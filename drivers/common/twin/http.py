@@ -14,12 +14,13 @@ from .tcp import ClientGone, Handler, answering
 
 
 class Answer(NamedTuple):
-    """What the service does with a request. ``kind`` and ``rung``: the request, in the words of the wire log."""
+    """What the service does with a request. ``kind`` and ``safe_state``: the request, in the words of the wire
+    log."""
 
     status: int
     body: bytes
     kind: str = "read"
-    rung: str | None = None
+    safe_state: str | None = None
 
 
 class Service(Protocol):
@@ -52,7 +53,7 @@ class HttpSession:
             return Exchange("other", request.raw, ())
         answer = service.answer(request)
         reply = service.faults.apply(Reply(0.0, encode_response(answer.status, answer.body)))
-        return Exchange(answer.kind, request.raw, () if reply is None else (reply,), answer.rung)
+        return Exchange(answer.kind, request.raw, () if reply is None else (reply,), answer.safe_state)
 
 
 def serving(service: Service) -> Handler:

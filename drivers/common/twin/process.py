@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack, runtime_chec
 
 import trio
 
-from strands_actors.drivers.common.door.body import body_of
+from strands_actors.drivers.common.simulation_control.body import body_of
 
 from .line import Line
 from .server import Robot, Server
 from .wirelog import WireLog
 
 if TYPE_CHECKING:
-    from strands_actors.drivers.common.door.server import Door
+    from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
 LINGER_S = 3.0
 """How long a twin outlives its parent, so that what others still write is logged."""
@@ -62,8 +62,8 @@ class Start(TypedDict, total=False):
     """``WORD[:unit]``, from the beginning."""
     parent_fd: int | None
     """At its end the twin's parent is gone."""
-    door: str | None
-    """Where the robot's body is served as a simulation, too (see ``common.door``)."""
+    control: str | None
+    """Where the robot's body is served as a simulation, too (see ``common.control``)."""
 
 
 def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
 
 
 def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
-    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``door`` on a robot that
+    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control`` on a robot that
     shows no body."""
     trio.run(functools.partial(_main, build, **start))
 
@@ -101,14 +101,14 @@ async def _main(
     log: str | None = None,
     fault: str | None = None,
     parent_fd: int | None = None,
-    door: str | None = None,
+    control: str | None = None,
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
-    opened: Door | None = None
+    opened: SimulationControl | None = None
     try:
-        if door is not None:
-            opened = _open_door(door, server, wire_log)
+        if control is not None:
+            opened = _open_control(control, server, wire_log)
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:
@@ -138,10 +138,12 @@ async def _main(
                 os.unlink(port_file)
 
 
-def _open_door(path: str, server: Served, log: WireLog) -> Door:
-    from strands_actors.drivers.common.door.server import Door  # MuJoCo: not every twin has it loaded
+def _open_control(path: str, server: Served, log: WireLog) -> SimulationControl:
+    from strands_actors.drivers.common.simulation_control.server import (
+        SimulationControl,  # MuJoCo: not every twin has it loaded
+    )
 
-    return Door(path, body_of(server), log)
+    return SimulationControl(path, body_of(server), log)
 
 
 async def _outlive_parent(fd: int, scope: trio.CancelScope) -> None:

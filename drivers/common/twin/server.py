@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import trio
 
-from strands_actors.drivers.common.door.body import Body, body_of
+from strands_actors.drivers.common.simulation_control.body import Body, body_of
 
 from .alarm import NS, new_alarm
 from .faults import Fault, Reply, parse_fault
@@ -30,7 +30,7 @@ class Exchange(NamedTuple):
     kind: str
     request: bytes
     replies: Sequence[Reply]
-    rung: str | None = None  # what it brings the whole robot to by itself; None: nobody has said
+    safe_state: str | None = None  # what it brings the whole robot to by itself; None: nobody has said
 
 
 class Session(Protocol):
@@ -106,7 +106,7 @@ class Conversation:
             await self._frost.thawed()
             rate = self._channel.bits_per_s()
             for exchange in self._session.receive(data, rate):
-                self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.rung)
+                self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.safe_state)
                 self._schedule(exchange, t_ns, rate)
 
     def _schedule(self, exchange: Exchange, t_ns: int, rate: int | None) -> None:

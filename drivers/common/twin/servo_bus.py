@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.drivers.common.half_duplex import Decoder, PacketT
+from strands_actors.drivers.common.jointed_body import PlantBody
 from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.plant_body import PlantBody
 
 from .faults import Fault, Faults, Reply
 from .line import PtyLine

@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import trio
 
-from strands_actors.drivers.common.door.body import Body, body_of
+from strands_actors.drivers.common.simulation_control.body import Body, body_of
 
 from .faults import parse_fault
 from .line import CHUNK

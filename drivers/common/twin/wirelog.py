@@ -6,8 +6,8 @@ import os
 from collections.abc import Iterable
 from typing import Literal
 
-Source = Literal["host", "robot", "door"]
-"""``door``: what the simulation was told, beside the wire (see ``common.door``)."""
+Source = Literal["host", "robot", "control"]
+"""``control``: what the simulation was told, beside the wire (see ``common.control``)."""
 
 
 class WireLog:
@@ -18,13 +18,14 @@ class WireLog:
         self._fd = None if path is None else os.open(path, flags, 0o644)
 
     def write(
-        self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], rung: str | None = None
+        self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
-        """Log frames, each with its kind, that were on the wire together. ``t_ns``: CLOCK_MONOTONIC. ``rung``:
-        what they bring the whole robot to by themselves; "" is none, None that nobody has said."""
+        """Log frames, each with its kind, that were on the wire together. ``t_ns``: CLOCK_MONOTONIC.
+        ``safe_state``: what they bring the whole robot to by themselves; "" is none, None that nobody has
+        said."""
         if self._fd is None:
             return
-        end = "" if rung is None else f', "rung": "{rung}"'
+        end = "" if safe_state is None else f', "safe state": "{safe_state}"'
         lines = [
             f'{{"t_ns": {t_ns}, "from": "{source}", "kind": "{kind}", "hex": "{data.hex()}"{end}}}\n'
             for kind, data in frames

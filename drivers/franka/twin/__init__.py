@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from typing import Any, Unpack
 
 from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
-from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
+from strands_actors.drivers.franka.arms import arm_of
+from strands_actors.drivers.franka.protocol import DIALECTS
+from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
-from ..arms import arm_of
-from ..protocol import DIALECTS
 from .server import FrankaServer
 
 OPTIONS = {

@@ -13,9 +13,8 @@ import msgspec
 
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault
-
-from .. import protocol as p
-from ..arms import JOINTS, Arm, model_table
+from strands_actors.drivers.franka import protocol as p
+from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
 TICK_S = 1.0 / p.STATE_HZ
 START_RAD = 1e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..arms import FLANGE_M, JOINTS, LINKS, Arm
+from strands_actors.drivers.franka.arms import FLANGE_M, JOINTS, LINKS, Arm
 
 
 def urdf(arm: Arm) -> str:

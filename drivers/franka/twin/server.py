@@ -18,9 +18,9 @@ import trio
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import ClientGone, Connection, Fault, Faults, Reply, TcpServer, WireLog
+from strands_actors.drivers.franka import protocol as p
+from strands_actors.drivers.franka.arms import JOINTS, arm_of
 
-from .. import protocol as p
-from ..arms import JOINTS, arm_of
 from .body import FrankaBody
 from .controller import TICK_S, Controller
 from .description import urdf

@@ -35,11 +35,11 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
-from strands_actors.runtime.clock import NS, MonotonicClock
-from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
+from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, decode_command, encode_monitoring
+from strands_actors.drivers.kuka.robots import Arm, arm_of
+from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
-from ..protocol import FRI_PORT, JOINTS, LARGEST, decode_command, encode_monitoring
-from ..robots import Arm, arm_of
 from .body import KukaBody
 from .controller import Controller
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from strands_actors.drivers.common.door.body import Hand
-from strands_actors.drivers.common.plant_body import PlantBody
-
-from ..robots import TABLES, Arm
+from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 if TYPE_CHECKING:
     from .controller import Controller

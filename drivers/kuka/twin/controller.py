@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from strands_actors.drivers.common.physics import Plant
-
-from ..protocol import (
+from strands_actors.drivers.kuka.protocol import (
     COUNTER,
     JOINTS,
     ClientMode,
@@ -22,7 +21,8 @@ from ..protocol import (
     Quality,
     State,
 )
-from ..robots import Arm
+from strands_actors.drivers.kuka.robots import Arm
+
 from .body import model_table
 
 FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100

@@ -1,8 +1,8 @@
 """The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo behind them.
 
-The log has every LowCmd (``safe`` with its rung when it gives no torque, else ``setpoint``; ``garbled`` when its
-checksum is wrong) and every request; of the robot's side the answers and what it does by itself: ``fsm``, ``mode``,
-``fell``, ``stood``. LowStates are not in it: a megabyte a second that nobody reads.
+The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``; ``garbled``
+when its checksum is wrong) and every request; of the robot's side the answers and what it does by itself:
+``fsm``, ``mode``, ``fell``, ``stood``. LowStates are not in it: a megabyte a second that nobody reads.
 
 Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``: released) and
 ``battery PERCENT`` (``battery unknown``).
@@ -29,15 +29,15 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
-from strands_actors.runtime.clock import NS, MonotonicClock
-from strands_actors.runtime.realtime import TWIN_PRIORITY, run_first
+from strands_actors.drivers.unitree import protocol as p
+from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.gates import CONTROL_S
+from strands_actors.drivers.unitree.link import CDR
+from strands_actors.drivers.unitree.protocol import Command, CommandCodec, Garbled, StateCodec
+from strands_actors.drivers.unitree.robots import Model, model_of
+from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
-from .. import protocol as p
-from .. import rpc
-from ..gates import CONTROL_S
-from ..link import CDR
-from ..protocol import Command, CommandCodec, Garbled, StateCodec
-from ..robots import Model, model_of
 from .onboard import Onboard
 
 OPTIONS = {
@@ -55,7 +55,7 @@ WRONG_RAD = 1.0
 _READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID)
 
 
-def rung_of(command: Command) -> str:
+def safe_state_of(command: Command) -> str:
     """What a LowCmd brings the whole robot to: ``zero_torque``, ``damp``, or "" for anything else."""
     if any(command.tau) or any(command.kp):
         return ""
@@ -163,8 +163,8 @@ class UnitreeServer:
         except Garbled:
             self._log.write(t_ns, "host", [("garbled", body)])
             return
-        rung = rung_of(command)
-        self._log.write(t_ns, "host", [("safe" if rung else "setpoint", body)], rung)
+        safe_state = safe_state_of(command)
+        self._log.write(t_ns, "host", [("safe" if safe_state else "setpoint", body)], safe_state)
         self.onboard.command(command, t_ns / NS)
 
     def _on_request(self, service: str, payload: memoryview, t_ns: int) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.walker import Walker
-
-from ..robots import TABLES, Model
+from strands_actors.drivers.common.legged_body import Walker
+from strands_actors.drivers.unitree.robots import TABLES, Model
 
 
 def body_of(model: Model) -> Walker:

@@ -9,11 +9,12 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .. import rpc
-from ..gates import HANDSHAKE_FSM
-from ..protocol import Command, Garbled, State
-from ..robots import Model
-from ..rpc import Request, Response
+from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
+from strands_actors.drivers.unitree.protocol import Command, Garbled, State
+from strands_actors.drivers.unitree.robots import Model
+from strands_actors.drivers.unitree.rpc import Request, Response
+
 from .body import body_of
 
 STAND_KP, STAND_KD = 1000.0, 20.0

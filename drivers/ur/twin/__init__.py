@@ -13,9 +13,9 @@ from typing import Any, Unpack
 import trio
 
 from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.ur import protocol as p
+from strands_actors.drivers.ur.arms import JOINTS, arm_of
 
-from .. import protocol as p
-from ..arms import JOINTS, arm_of
 from .body import URBody
 from .controller import TICK_HZ, Controller
 from .lines import Dashboard, ScriptPort

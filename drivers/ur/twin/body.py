@@ -1,12 +1,13 @@
-"""The arm as a simulation: as long as no program runs on its controller, targets come through the door."""
+"""The arm as a simulation: as long as no program runs on its controller, targets come through the simulation
+control."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.door.body import Hand
-from strands_actors.drivers.common.door.protocol import TIMESTEP_S
-from strands_actors.drivers.common.plant_body import PlantBody
+from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .controller import Controller
 from .motion import Hold, Servo

@@ -14,9 +14,9 @@ import numpy as np
 
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.ur import protocol as p
+from strands_actors.drivers.ur.arms import JOINTS, Arm, model_table
 
-from .. import protocol as p
-from ..arms import JOINTS, Arm, model_table
 from . import motion
 from .motion import Motion
 

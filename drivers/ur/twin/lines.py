@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from strands_actors.drivers.common.twin import Connection
+from strands_actors.drivers.ur import protocol as p
 
-from .. import protocol as p
 from .controller import Controller
 from .script import program_of
 

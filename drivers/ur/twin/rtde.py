@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Mapping
 
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
+from strands_actors.drivers.ur import protocol as p
 
-from .. import protocol as p
 from .controller import INPUT_TYPES, OUTPUT_TYPES, TICK_HZ, Controller
 
 VERSION = struct.pack(">4I", 5, 13, 1, 0)

@@ -6,7 +6,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from .. import protocol as p
+from strands_actors.drivers.ur import protocol as p
+
 from .controller import Controller, Program
 from .motion import MoveTo, Servo, Speed
 

@@ -31,9 +31,9 @@ from strands_actors.drivers.common.twin import (
     own_host,
     run_server,
 )
+from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm.arms import arm_of
 
-from .. import protocol as p
-from ..arms import arm_of
 from .body import XArmBody
 from .controller import TICK_HZ, Controller
 from .publisher import HZ, Publisher

@@ -14,11 +14,10 @@ from collections.abc import Callable, Sequence
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.physics import Plant
-
-from .. import protocol as p
-from .. import reports as r
-from ..arms import ArmType, arm_of, model_table
-from ..protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
+from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm import reports as r
+from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table
+from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
 
 TICK_HZ = 250.0
 """Of these controllers."""

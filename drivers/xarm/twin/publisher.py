@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
+from strands_actors.drivers.xarm import reports as r
 
-from .. import reports as r
 from .controller import TICK_HZ, Controller
 
 HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}

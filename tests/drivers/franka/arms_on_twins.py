@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from strands_actors import Robot
-from strands_actors.robot import RealRobot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import until
 

@@ -17,7 +17,7 @@ from strands_actors.drivers.franka.cycle import (
     Reporter,
 )
 from strands_actors.drivers.franka.generator import limits_of
-from strands_actors.runtime.pulse import pair
+from strands_actors.kernel.health.heartbeat import pair
 
 MS = 1_000_000
 GOAL = tuple(rad + 0.05 for rad in HOME_RAD)
@@ -28,8 +28,8 @@ class Rig:
 
     def __init__(self, fci: int = 5) -> None:
         self.dialect = p.DIALECTS[fci]
-        self.wire_pulse, pulse = pair()
-        self.cycle = Cycle(self.dialect, limits_of(arm_of("panda"), 0.2), pulse)
+        self.wire_heartbeat, heartbeat = pair()
+        self.cycle = Cycle(self.dialect, limits_of(arm_of("panda"), 0.2), heartbeat)
         self.ms = 1000
         self.q_d: tuple[float, ...] = tuple(HOME_RAD)
         self.running = False
@@ -53,7 +53,7 @@ class Rig:
         for _ in range(count):
             self.ms += by
             if self.fed:
-                self.wire_pulse.beat(self.ms * MS)
+                self.wire_heartbeat.beat(self.ms * MS)
             answer = self.cycle.answer(self.state(), self.ms * MS)
             command = None if answer is None else self.dialect.command(answer)
             if command is not None:

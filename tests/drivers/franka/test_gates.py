@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import pytest
 
+from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
 from strands_actors.drivers.franka.arms import HOME_RAD, arms
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.gates import LOST, REASONS
 from strands_actors.drivers.franka.protocol import RobotMode
-from strands_actors.runtime.contract import Candidate, GateState, Observation, Reason
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 
 NOW = 10**12
 HOME = tuple(HOME_RAD)

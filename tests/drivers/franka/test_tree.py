@@ -17,8 +17,8 @@ import pytest
 from twin_process import TwinProcess
 
 from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.franka.arms import arm_of
-from strands_actors.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
 
@@ -128,7 +128,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
 
     began_ns = time.monotonic_ns()
     stopped = json_of(arm.stop())
-    assert stopped["rung"] == "stop"
+    assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(JOINTS)
     assert first_safe(twin, began_ns) < SLACK_S
     comes_back(arm, twin)

@@ -8,7 +8,7 @@ import pytest
 from strands import Agent
 
 from strands_actors import Robot
-from strands_actors.recording import read, record, replay
+from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.testing import Twin
 from tests.agents.scripted import Scripted
 from tests.answers import json_of, state, until, why

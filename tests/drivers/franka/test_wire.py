@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import trio
 
+from strands_actors.contract.driver import PermitDenied, WireDown
 from strands_actors.drivers.franka.client import connect
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.stop_channel import FrankaStopChannel
 from strands_actors.drivers.franka.wire import FrankaWire
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.contract import PermitDenied, WireDown
+from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S
 

@@ -8,13 +8,13 @@ from typing import Any
 import trio
 from memory_port import MemoryPort, Permission
 
+from strands_actors.contract.driver import MotorReport, Observation
 from strands_actors.drivers.kinova.driver import Kinova
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Frame
-from strands_actors.drivers.kinova.stop_channel import StopChannel
+from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
 from strands_actors.drivers.kinova.twin import KinovaTwin, KortexSession, twin_of
 from strands_actors.drivers.kinova.wire import KinovaWire
-from strands_actors.runtime.clock import VirtualClock
-from strands_actors.runtime.contract import MotorReport, Observation
+from strands_actors.kernel.clock import VirtualClock
 
 HOST = "192.0.2.10"
 
@@ -73,12 +73,12 @@ class Rig:
         self.target = tuple(target)
         await self.wire.write(self.target, Permission())
 
-    async def stop(self, rung: str = "stop") -> tuple[MotorReport, ...]:
+    async def stop(self, safe_state: str = "stop") -> tuple[MotorReport, ...]:
         self.target = None
-        return await self.wire.make_safe(rung)
+        return await self.wire.make_safe(safe_state)
 
-    def stop_channel(self) -> StopChannel:
-        return StopChannel(self.driver, (), self.clock, self.connect)
+    def stop_channel(self) -> KinovaStopChannel:
+        return KinovaStopChannel(self.driver, (), self.clock, self.connect)
 
     # -- what came of it
 

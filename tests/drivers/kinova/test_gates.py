@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
 from strands_actors.drivers.kinova.driver import Kinova
-from strands_actors.runtime.clock import NS
-from strands_actors.runtime.contract import Candidate, GateState, Observation, Reason
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
 
 NOW_NS = 1000 * NS
 AT = (0.0, 0.26, 3.1, -2.2, 0.0, 0.96, 1.57)
@@ -158,8 +158,8 @@ def test_an_arm_that_its_wire_has_stopped_is_armed_anew_first() -> None:
 
 
 def test_every_reason_ends_in_a_standing_arm() -> None:
-    assert {ARM.ladder[reason] for reason in (Reason.EXPIRED, Reason.LEASE, Reason.POLICY)} == {"hold"}
-    assert {ARM.ladder[reason] for reason in Reason} == {"hold", "stop"}
+    assert {ARM.fallbacks[reason] for reason in (Reason.EXPIRED, Reason.LEASE, Reason.POLICY)} == {"hold"}
+    assert {ARM.fallbacks[reason] for reason in Reason} == {"hold", "stop"}
     assert ARM.energised("hold")
     assert "never expire" in ARM.firmware_watchdog
 
@@ -169,7 +169,7 @@ def test_the_clocks_follow_the_control_frequency(hz: float, silent_s: float) -> 
     arm = Kinova("kinova_gen3", "192.0.2.10", Kinova.resolve("kinova_gen3", {"control_frequency": hz}))
     timing = arm.timing
     assert timing.control_hz == hz
-    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.beat_ttl_s, arm.silent_s):
+    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.heartbeat_ttl_s, arm.silent_s):
         assert lapse_s == pytest.approx(silent_s)
     assert timing.keepalive_s < 1 / hz
     step = 0.8727 / hz

@@ -15,18 +15,18 @@ import pytest
 from twin_process import TwinProcess
 
 from strands_actors import Robot
-from strands_actors.drill.certificate import TWIN, config_of
+from strands_actors.caller.plan import plan
+from strands_actors.caller.robot import RealRobot, SimRobot
+from strands_actors.contract.driver import Reason
 from strands_actors.drivers import canonical_name, list_driver_coverage, port_kind
 from strands_actors.drivers.kinova.driver import Kinova
-from strands_actors.factory import plan
-from strands_actors.recording import read, replay
-from strands_actors.robot import RealRobot, SimRobot
-from strands_actors.runtime.contract import Reason
 from strands_actors.supervisors.loading import describe_driver, without_secrets
+from strands_actors.surfaces.drill.certificate import TWIN, config_of
+from strands_actors.surfaces.recording import read, replay
 from tests.answers import json_of, status, until, why
 
 PASSWORD = "hunter2"
-RECORDER = "from strands_actors.cli import main; main()"
+RECORDER = "from strands_actors.surfaces.cli import main; main()"
 
 
 @pytest.fixture
@@ -149,5 +149,5 @@ def test_it_is_simulated_without_gates_and_driven_on_its_wire(run_dir: Path) -> 
 
 def test_every_reason_has_a_published_bound() -> None:
     arm = Kinova("kinova_gen3", "", {})
-    assert set(arm.ladder) == set(Reason)
-    assert arm.bound_s == 0.05 and math.isclose(arm.timing.beat_ttl_s, 0.075)
+    assert set(arm.fallbacks) == set(Reason)
+    assert arm.bound_s == 0.05 and math.isclose(arm.timing.heartbeat_ttl_s, 0.075)

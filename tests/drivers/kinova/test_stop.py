@@ -9,12 +9,12 @@ import pytest
 import trio
 from memory_port import Permission, virtual
 
+from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova.base import Base, CallFailed, Session
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
-from strands_actors.drivers.kinova.stop_channel import StopChannel
-from strands_actors.runtime.contract import MotorReport, WireDown
+from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
 
 from .rig import Rig
 
@@ -241,7 +241,7 @@ def test_a_stop_before_there_ever_was_a_link() -> None:
 
 
 @asynccontextmanager
-async def served(channel: StopChannel) -> AsyncIterator[StopChannel]:
+async def served(channel: KinovaStopChannel) -> AsyncIterator[KinovaStopChannel]:
     async with trio.open_nursery() as nursery:
         await nursery.start(channel.serve)
         yield channel
@@ -249,7 +249,7 @@ async def served(channel: StopChannel) -> AsyncIterator[StopChannel]:
     channel.close()
 
 
-def wires(rig: Rig, channel: StopChannel) -> None:
+def wires(rig: Rig, channel: KinovaStopChannel) -> None:
     """Give it the wire's connection, as the descriptors would."""
     session = rig.wire._session()
     page = Page(session.client.page._memory)

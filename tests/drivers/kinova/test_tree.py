@@ -14,10 +14,10 @@ import pytest
 from twin_process import TwinProcess
 
 from strands_actors import Robot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Feedback
-from strands_actors.portal import portal
-from strands_actors.robot import RealRobot
-from strands_actors.runtime.contract import Reason
 from strands_actors.testing import WireLog
 from tests.answers import json_of, state, status, task_ended, until, why
 
@@ -135,7 +135,7 @@ def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
     arm, log = bench.arm, bench.log
     told = status(arm)
     assert (told["state"], told["actuators"], told["address"]) == ("armed", 7, bench.twin.port)
-    assert set(told["ladder"].values()) == {"hold", "stop"}
+    assert set(told["fallbacks"].values()) == {"hold", "stop"}
     assert "never expire" in told["firmware_watchdog"]
     assert told["sensors"]["arm_state"] == [7.0]
     seen = arm.get_observation()
@@ -159,7 +159,7 @@ def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
     assert "joint_8 is not a joint of kinova_gen3" in why(arm.send_action({"joint_8": 0.0}))
     since_ns = time.monotonic_ns()
     stopped = json_of(arm.stop())
-    assert (stopped["rung"], list(stopped["motors"])) == ("stop", AXES)
+    assert (stopped["safe_state"], list(stopped["motors"])) == ("stop", AXES)
     bench.safe_within(since_ns, SLACK_S)
     bench.comes_back()
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
-from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first, run_like_others
+from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first, run_like_others
 
 MONITORING, COMMAND = 0x245142, 0x34001
 

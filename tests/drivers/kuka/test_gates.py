@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from strands_actors.contract.driver import Candidate, GateState, Observation
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import ClientMode, ControlMode, Monitoring, Overlay, Quality, State
 from strands_actors.drivers.kuka.wire import observation_of
-from strands_actors.runtime.contract import Candidate, GateState, Observation
-from strands_actors.runtime.messages import Refused
+from strands_actors.kernel.messages import Refused
 
 KUKA = Kuka("kuka_iiwa", "", {})
 NOW_NS = 10**12

@@ -17,16 +17,16 @@ import pytest
 from strands import Agent
 
 from strands_actors import Robot, estop
+from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.kuka.protocol import JOINTS, decode_command
-from strands_actors.recording import read, replay
-from strands_actors.robot import RealRobot
+from strands_actors.surfaces.recording import read, replay
 from strands_actors.testing import WireLog
 from tests.agents.scripted import Scripted
 from tests.answers import json_of, state, status, task, task_ended, until, why
-from tests.drivers.twin_process import TwinProcess
+from tests.drivers.common.twin_process import TwinProcess
 
 AXES = [f"joint{number}" for number in range(1, JOINTS + 1)]
-PROGRAM = "from strands_actors.cli import main; main()"
+PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 
@@ -138,11 +138,11 @@ def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
         told = status(iiwa.robot)
         assert (told["sample_ms"], told["receive_multiplier"]) == (5, 1)
         assert "drops it to monitoring" in told["firmware_watchdog"]
-        assert set(told["ladder"].values()) == {"hold"}
+        assert set(told["fallbacks"].values()) == {"hold"}
 
         began_ns = time.monotonic_ns()
         stopped = json_of(iiwa.robot.stop())
-        assert (stopped["rung"], stopped["unconfirmed"], list(stopped["motors"])) == ("hold", [], AXES)
+        assert (stopped["safe_state"], stopped["unconfirmed"], list(stopped["motors"])) == ("hold", [], AXES)
         assert iiwa.first_safe_s(began_ns) < SLACK_S
         assert "resume() first" in why(iiwa.robot.send_action({"joint1": 0.0}))
         iiwa.comes_back()

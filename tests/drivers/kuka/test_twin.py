@@ -12,7 +12,7 @@ from strands_actors.drivers.kuka.protocol import ClientMode, Command, Monitoring
 from strands_actors.drivers.kuka.robots import arm_of
 from strands_actors.drivers.kuka.twin.controller import Controller
 from strands_actors.testing import WireLog
-from tests.drivers.twin_process import TwinProcess, wait_until
+from tests.drivers.common.twin_process import TwinProcess, wait_until
 
 from .fri_client import Client
 

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors.contract.driver import MotorReport, Observation, PermitDenied, WireDown
 from strands_actors.drivers.common.twin import WireLog as TwinLog
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import Monitoring, State, decode_command, encode_monitoring
@@ -19,9 +20,8 @@ from strands_actors.drivers.kuka.robots import arm_of
 from strands_actors.drivers.kuka.stop_channel import KukaStopChannel
 from strands_actors.drivers.kuka.twin import KukaServer
 from strands_actors.drivers.kuka.wire import KukaWire
-from strands_actors.runtime.clock import MonotonicClock
-from strands_actors.runtime.contract import MotorReport, Observation, PermitDenied, WireDown
-from strands_actors.runtime.realtime import WIRE_PRIORITY, run_first, run_like_others
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first, run_like_others
 from strands_actors.testing import WireLog
 from strands_actors.testing.wirelog import Entry
 
@@ -419,11 +419,11 @@ def test_saf_020_a_wire_that_never_had_a_link_stops_whoever_speaks(tmp_path: Pat
 
 def test_saf_020_the_stop_channel_opens_a_socket_of_its_own_when_it_was_given_none(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
-        channel = rig.driver.second_path((), rig.clock)
+        channel = rig.driver.stop_channel((), rig.clock)
         assert all_safe(await channel.make_safe("hold"))
         channel.close()
         await rig.wire.open()
-        channel = rig.driver.second_path((), rig.clock)
+        channel = rig.driver.stop_channel((), rig.clock)
         reports = await channel.make_safe("hold")
         channel.close()
         assert not all_safe(reports) and "Check who else has it" in reports[0].detail

@@ -6,11 +6,12 @@ import struct
 from pathlib import Path
 
 import trio
-from test_rtps_cyclone import COMMAND, CONFIG, STATE, command_image, cyclone, run
 
 from strands_actors.drivers.unitree.protocol import CommandCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.testing.twin import Twin
+
+from .test_cyclone import COMMAND, CONFIG, STATE, command_image, cyclone, run
 
 MODEL = model_of("unitree_g1")
 STATE_IMAGE_MOTOR = 72

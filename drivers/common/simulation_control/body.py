@@ -1,0 +1,75 @@
+"""What a twin shows at its simulation control: the robot's body, whatever is behind its wire."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
+
+
+class Hand(enum.IntEnum):
+    """Who holds a joint."""
+
+    NONE = 0  # nobody: it is limp
+    WIRE = 1  # the robot's own electronics, told by whoever is on its wire
+    SIM = 2  # the simulation
+
+
+class Felt(NamedTuple):
+    """One reading, a value per axis: radians or metres, and what is pushed with."""
+
+    time_s: float
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+    hands: Sequence[Hand]
+
+
+class Body(Protocol):
+    """Time passes between calls, in ``pass_time``; nothing here waits. What the wire holds follows the wire."""
+
+    @property
+    def axes(self) -> tuple[str, ...]: ...
+    @property
+    def spec(self) -> Any:
+        """The model, as an ``mujoco.MjSpec`` that was compiled."""
+        ...
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        """Who holds each axis."""
+        ...
+
+    def pass_time(self) -> None: ...
+    def felt(self) -> Felt: ...
+    def pose(self) -> Sequence[float]:
+        """``qpos`` of ``spec``."""
+        ...
+
+    def take(self, on: bool) -> None:
+        """Energise what nobody holds, where it is; or let go of what was taken."""
+        ...
+
+    def aim(self, values: Sequence[float]) -> None:
+        """Targets for what was taken."""
+        ...
+
+    def hold(self) -> None:
+        """Let what was taken stay where it is."""
+        ...
+
+    def step(self, steps: int) -> None:
+        """Let so many time steps of physics (``protocol.TIMESTEP_S``) pass at once."""
+        ...
+
+    def reset(self) -> None:
+        """Everything as at first."""
+        ...
+
+
+def body_of(twin: object) -> Body:
+    """Raise ``ValueError`` for a twin that shows none."""
+    body: Body | None = getattr(twin, "body", None)
+    if body is None:
+        raise ValueError("this robot's twin shows no body: it cannot be simulated")
+    return body

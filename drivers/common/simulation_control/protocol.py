@@ -1,0 +1,166 @@
+"""Frames of the simulation control: four bytes of length (little endian), then a msgpack array tagged with its
+type.
+
+A request's ``number`` comes back in its reply; 0 wants none. Values are those of the model: radians or metres, a
+gripper's closed fraction; one per axis, in the order of ``Axes``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+import msgspec
+
+HEADER = 4
+MAX_REQUEST = 1 << 16
+MAX_REPLY = 1 << 26
+"""Bytes; the longest is a picture."""
+
+TIMESTEP_S = 0.002
+"""Of the physics of every twin."""
+MOST_STEPS = 100_000
+
+LIMP = "limp"
+HOLD = "hold"
+
+
+class Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    number: int
+
+
+class Handshake(Frame, frozen=True):
+    """Who is there? ``Axes``."""
+
+
+class Take(Frame, frozen=True):
+    """Energise, where the joints are, all that the wire does not hold. ``Sample``."""
+
+
+class Aim(Frame, frozen=True):
+    """New targets, from the client that took it. No reply."""
+
+    values: tuple[float, ...]
+
+
+class Safe(Frame, frozen=True):
+    """``limp``: let go of what is taken. ``hold``: target := position. ``Sample``."""
+
+    safe_state: str
+
+
+class Read(Frame, frozen=True):
+    """``Sample``."""
+
+
+class Reset(Frame, frozen=True):
+    """Back to where it began, limp. ``Sample``, or ``No`` while the wire holds a joint."""
+
+
+class Step(Frame, frozen=True):
+    """Let so many time steps pass at once, 1 to ``MOST_STEPS``, after what other clients have said before.
+    ``Sample``, or ``No`` while the wire holds a joint."""
+
+    steps: int
+
+
+class Render(Frame, frozen=True):
+    """``Picture``, or ``No``."""
+
+    width: int
+    height: int
+    camera: str  # "": the whole robot
+
+
+class GetModel(Frame, frozen=True):
+    """The scene as a compiled MuJoCo model. ``Model``, or ``No``."""
+
+
+class GetPose(Frame, frozen=True):
+    """``Pose``."""
+
+
+class Axes(Frame, frozen=True):
+    axes: tuple[str, ...]
+
+
+class Sample(Frame, frozen=True):
+    time_s: float  # of the simulation
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]  # newton metres, or newtons
+    hands: tuple[int, ...]  # who holds each: 0 nobody, 1 the wire, 2 the simulation
+
+
+class Picture(Frame, frozen=True):
+    """Rows from the top, three bytes a pixel."""
+
+    width: int
+    height: int
+    rgb: bytes
+
+
+class Model(Frame, frozen=True):
+    binary: bytes
+
+
+class Pose(Frame, frozen=True):
+    """``qpos`` of ``Model``."""
+
+    qpos: tuple[float, ...]
+
+
+class No(Frame, frozen=True):
+    why: str
+
+
+Request = Handshake | Take | Aim | Safe | Read | Reset | Step | Render | GetModel | GetPose
+Reply = Axes | Sample | Picture | Model | Pose | No
+
+FrameT = TypeVar("FrameT")
+
+_encode = msgspec.msgpack.Encoder().encode
+
+
+class Garbled(Exception):
+    """What came is no frame; nothing after it can be understood."""
+
+
+def encode(frame: Frame) -> bytes:
+    body = _encode(frame)
+    return len(body).to_bytes(HEADER, "little") + body
+
+
+class Decoder(Generic[FrameT]):
+    """Bytes in any pieces, frames out."""
+
+    def __init__(self, kind: msgspec.msgpack.Decoder[FrameT], longest: int) -> None:
+        self._kind = kind
+        self._longest = longest
+        self._held = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[FrameT]:
+        """Raise ``Garbled``."""
+        held = self._held
+        held += data
+        while len(held) >= HEADER:
+            size = int.from_bytes(held[:HEADER], "little")
+            if size > self._longest:
+                raise Garbled(f"a frame of {size} bytes, more than {self._longest}")
+            if len(held) < HEADER + size:
+                return
+            body = bytes(held[HEADER : HEADER + size])
+            del held[: HEADER + size]
+            try:
+                frame = self._kind.decode(body)
+            except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+                raise Garbled(f"a frame that means nothing: {error}") from None
+            yield frame
+
+
+def request_decoder() -> Decoder[Request]:
+    return Decoder(msgspec.msgpack.Decoder(Request), MAX_REQUEST)
+
+
+def reply_decoder() -> Decoder[Reply]:
+    return Decoder(msgspec.msgpack.Decoder(Reply), MAX_REPLY)

@@ -1,0 +1,187 @@
+"""Pictures of a model, without a window."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import trio
+
+from strands_actors.drivers.common.lean_mujoco import mujoco
+
+from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
+
+LIBRARIES = {
+    "egl": (("libEGL.so.1",), "libegl1"),
+    "osmesa": (("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"), "libosmesa6"),
+}
+"""Platforms of OpenGL that need no window: names of the library, and the Debian package it is in. In the order in
+which they are tried."""
+
+WINDOWED = ("", "enable", "enabled", "on", "true", "1", "glfw", "glx", "cgl")
+"""Words of ``MUJOCO_GL`` that leave the choice to us."""
+
+
+class CannotRender(Exception):
+    """There can be no picture. The text says why and what to do."""
+
+
+class Renderer:
+    """Takes pictures one at a time, each in a thread, of its own copy of the model."""
+
+    def __init__(self, spec: Any) -> None:
+        self._spec = spec
+        self._limiter = trio.CapacityLimiter(1)
+        self._view: View | None = None
+        self._room: _Room | None = None
+
+    async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
+        """Rows from the top, three bytes a pixel. Raise ``CannotRender``."""
+        if not (1 <= width <= MAX_WIDTH and 1 <= height <= MAX_HEIGHT):
+            raise CannotRender(
+                f"a picture of {width} x {height} pixels. ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
+            )
+        if camera not in CAMERAS:
+            known = ", ".join(name for name in CAMERAS if name)
+            raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
+        return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
+
+    async def model(self, pose: Sequence[float]) -> bytes:
+        """The scene as MuJoCo's own file."""
+        return await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
+
+    def close(self) -> None:
+        if self._room is not None:
+            self._room.close()
+
+    def _render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
+        if self._room is not None and not self._room.holds(width, height):
+            self._room.close()
+            self._room = None
+        if self._room is None:
+            self._room = _Room(self._spec, self._look(pose), width, height)
+        return self._room.shoot(pose, width, height, camera)
+
+    def _look(self, pose: Sequence[float]) -> View:
+        """Where to stand is decided once, by the robot's pose at the time."""
+        if self._view is None:
+            model = self._spec.copy().compile()
+            data = mujoco.MjData(model)
+            data.qpos[:] = pose
+            mujoco.mj_kinematics(model, data)
+            self._view = view_of(model, data)
+        return self._view
+
+    def _save(self, pose: Sequence[float]) -> bytes:
+        model = decorate(self._spec, self._look(pose)).compile()
+        file = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, file)
+        return file.tobytes()
+
+
+class _Room:
+    """A scene and an OpenGL context for it, usable in any thread, one at a time; for pictures of at most that
+    size."""
+
+    def __init__(self, spec: Any, view: View, width: int, height: int) -> None:
+        model = decorate(spec, view).compile()
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self._size = width, height
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._scene = mujoco.MjvScene(model, maxgeom=1000)
+        self._option = mujoco.MjvOption()
+        self._view = view
+        self._gl = open_gl(width, height)
+        with self._gl.as_current():
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+
+    def holds(self, width: int, height: int) -> bool:
+        return width <= self._size[0] and height <= self._size[1]
+
+    def shoot(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
+        model, data = self._model, self._data
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        self._view = widened(self._view, model, data)
+        eye = mujoco.MjvCamera()
+        look(eye, model, self._view, width, height, camera)
+        mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        rectangle = mujoco.MjrRect(0, 0, width, height)
+        rows = np.empty((height, width, 3), np.uint8)
+        with self._gl.as_current():
+            mujoco.mjr_render(rectangle, self._scene, self._context)
+            mujoco.mjr_readPixels(rows, None, rectangle, self._context)
+        return rows[::-1].tobytes()  # OpenGL's first row is the lowest
+
+    def close(self) -> None:
+        with self._gl.as_current():
+            self._context.free()
+        self._gl.free()
+
+
+def open_gl(width: int, height: int) -> Any:
+    """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise ``CannotRender``."""
+    wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if sys.platform == "darwin":
+        platform = "cgl"
+    elif wanted in WINDOWED:
+        platform = _first()
+    elif wanted in LIBRARIES:
+        platform = wanted
+        if not _is_there(platform):
+            raise CannotRender(_missing([platform]))
+    else:
+        raise CannotRender(f"MUJOCO_GL is {wanted!r}. unset it, or use {_names(list(LIBRARIES))}")
+    os.environ["MUJOCO_GL"] = platform  # MuJoCo's loader reads it, too
+    try:
+        return importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
+    except Exception as error:  # whatever OpenGL's many layers raise
+        others = [name for name in LIBRARIES if name != platform]
+        raise CannotRender(
+            f"{platform} gives no context ({error}). check the graphics driver, or use {_names(others)}"
+        ) from error
+
+
+def _first() -> str:
+    for platform in LIBRARIES:
+        if _is_there(platform):
+            return platform
+    raise CannotRender(_missing(list(LIBRARIES)))
+
+
+def _is_there(platform: str) -> bool:
+    for name in LIBRARIES[platform][0]:
+        try:
+            library = ctypes.CDLL(name)
+        except OSError:
+            continue
+        return platform != "egl" or _devices(library) > 0
+    return False
+
+
+def _devices(egl: ctypes.CDLL) -> int:
+    """What EGL can draw on; a library without a driver has none."""
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    if not address:
+        return 0
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))(address)
+    count = ctypes.c_int()
+    return count.value if query(0, None, ctypes.byref(count)) else 0
+
+
+def _names(platforms: list[str]) -> str:
+    return " or ".join(f"MUJOCO_GL={name} (Debian package {LIBRARIES[name][1]})" for name in platforms)
+
+
+def _missing(platforms: list[str]) -> str:
+    packages = " or ".join(f"{LIBRARIES[name][1]} ({name})" for name in platforms)
+    return f"no OpenGL that draws without a window. install {packages}: apt install {LIBRARIES[platforms[0]][1]}"

@@ -1,0 +1,170 @@
+"""The twin's end of the simulation control."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import socket
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import trio
+
+from . import protocol as p
+from .body import Body, Hand
+from .renderer import CannotRender, Renderer
+
+if TYPE_CHECKING:
+    from strands_actors.drivers.common.twin.wirelog import WireLog
+
+BACKLOG = 16
+_CHUNK = 1 << 16
+_STEPS_AT_ONCE = 500
+"""Three milliseconds or so."""
+
+
+class SimulationControl:
+    """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the wire nor another
+    client waits for one.
+
+    Only the client that took the body last may aim, until another one makes it safe: what a client that is gone has
+    left in its socket would otherwise be obeyed after the safe frame.
+    """
+
+    def __init__(self, path: str, body: Body, log: WireLog) -> None:
+        """Raise ``OSError`` when there can be no socket at ``path``."""
+        self._path = path
+        self._body = body
+        self._log = log
+        self._renderer = Renderer(body.spec)
+        self._taker: object = None
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.setblocking(False)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        self._listener.bind(path)
+        os.chmod(path, 0o600)
+        self._listener.listen(BACKLOG)
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        try:
+            async with trio.open_nursery() as nursery:
+                while True:
+                    await trio.lowlevel.wait_readable(self._listener)
+                    with contextlib.suppress(BlockingIOError, ConnectionError):
+                        sock, _ = self._listener.accept()
+                        nursery.start_soon(self._attend, sock)
+        finally:
+            self._renderer.close()
+
+    def close(self) -> None:
+        self._listener.close()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._path)
+
+    async def _attend(self, sock: socket.socket) -> None:
+        decoder = p.request_decoder()
+        client = object()
+        with sock, contextlib.suppress(ConnectionError, p.Garbled):
+            sock.setblocking(False)
+            while True:
+                await trio.lowlevel.wait_readable(sock)
+                try:
+                    data = sock.recv(_CHUNK)
+                except BlockingIOError:
+                    continue
+                if not data:
+                    return
+                for request in decoder.feed(data):
+                    reply = await self._answer(client, request)
+                    if reply is not None and request.number:
+                        await _send(sock, p.encode(reply))
+
+    async def _answer(self, client: object, request: p.Request) -> p.Reply | None:
+        body = self._body
+        body.pass_time()
+        number = request.number
+        match request:
+            case p.Handshake():
+                return p.Axes(number, body.axes)
+            case p.Take():
+                self._note("enable", request)
+                self._taker = client
+                body.take(True)
+            case p.Aim():
+                if client is self._taker and self._fits(request.values):
+                    self._note("setpoint", request)
+                    body.aim(request.values)
+                return None
+            case p.Safe():
+                self._note("safe", request, request.safe_state)
+                if client is not self._taker:
+                    self._taker = None
+                if request.safe_state == p.LIMP:
+                    body.take(False)
+                else:
+                    body.hold()
+            case p.Reset():
+                if Hand.WIRE in body.hands:
+                    return p.No(number, "the robot on the wire is energised. stop it first")
+                self._note("reset", request)
+                body.reset()
+            case p.Step():
+                if not 1 <= request.steps <= p.MOST_STEPS:
+                    return p.No(number, f"{request.steps} steps. give 1 to {p.MOST_STEPS}")
+                if Hand.WIRE in body.hands:
+                    return p.No(
+                        number, "the robot on the wire is energised, and its time is the clock's. stop it first"
+                    )
+                await self._step(request.steps)
+            case p.Render():
+                return await self._render(request)
+            case p.GetModel():
+                return p.Model(number, await self._renderer.model(self._body.pose()))
+            case p.GetPose():
+                return p.Pose(number, tuple(body.pose()))
+            case p.Read():
+                pass
+        felt = body.felt()
+        return p.Sample(
+            number,
+            felt.time_s,
+            tuple(felt.position),
+            tuple(felt.velocity),
+            tuple(felt.effort),
+            tuple(int(hand) for hand in felt.hands),
+        )
+
+    async def _step(self, steps: int) -> None:
+        """What others have said before is heard first; and between a few steps they are served."""
+        while steps > 0:
+            await trio.lowlevel.checkpoint()
+            now = min(steps, _STEPS_AT_ONCE)
+            self._body.step(now)
+            steps -= now
+
+    def _fits(self, values: Sequence[float]) -> bool:
+        return len(values) == len(self._body.axes) and all(map(math.isfinite, values))
+
+    async def _render(self, request: p.Render) -> p.Reply:
+        try:
+            rgb = await self._renderer.render(self._body.pose(), request.width, request.height, request.camera)
+        except CannotRender as failure:
+            return p.No(request.number, str(failure))
+        return p.Picture(request.number, request.width, request.height, rgb)
+
+    def _note(self, kind: str, request: p.Frame, safe_state: str | None = None) -> None:
+        self._log.write(time.monotonic_ns(), "control", [(kind, p.encode(request))], safe_state)
+
+
+async def _send(sock: socket.socket, data: bytes) -> None:
+    """All of it. Nearly always there is room, and then nothing is waited for."""
+    rest = memoryview(data)
+    while rest:
+        try:
+            rest = rest[sock.send(rest) :]
+        except BlockingIOError:
+            await trio.lowlevel.wait_writable(sock)

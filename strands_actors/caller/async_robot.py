@@ -1,0 +1,198 @@
+"""``async with open_robot(...)``: one robot in a trio program; the verbs and envelopes of ``Robot``, awaited."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Observation
+from strands_actors.kernel.messages import Refused
+from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
+from strands_actors.surfaces.agents.calls import read, tool_spec
+from strands_actors.surfaces.agents.use import use
+
+from . import envelopes as answers
+from . import verbs
+from .envelopes import Answer
+from .plan import Plan, plan
+from .portal import open_caller
+from .tree import RobotTree
+from .twin_process import TwinProcess
+from .verbs import answered
+
+
+class Observations(AsyncIterator[dict[str, float]]):
+    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns that were missed
+    are skipped. It holds nothing: a loop may be left at any time."""
+
+    def __init__(self, tree: RobotTree, hz: float) -> None:
+        if not 0 < hz <= 1000:
+            raise ValueError(f"observations: hz is {hz!r}. give hertz, above 0 and at most 1000")
+        self._tree = tree
+        self._period_s = 1.0 / hz
+        self._last_s = trio.current_time()
+
+    async def __anext__(self) -> dict[str, float]:
+        while True:
+            self._last_s = max(self._last_s + self._period_s, trio.current_time())
+            await trio.sleep_until(self._last_s)
+            answer = await self._tree.observe()
+            if isinstance(answer, Observation):
+                return self._tree.driver.as_json(answer.position)
+
+
+class AsyncRobot:
+    """A connected robot, in the trio loop that opened it. Every verb answers with an envelope."""
+
+    def __init__(self, tree: RobotTree, approval: Approval) -> None:
+        self._tree = tree
+        self._plan = tree.plan
+        self._approval = approval
+        self.driver = tree.driver
+
+    @property
+    def tool_name(self) -> str:
+        return self._plan.tool_name
+
+    @property
+    def name(self) -> str:
+        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        return self._tree.robot
+
+    @property
+    def twin_process(self) -> TwinProcess | None:
+        """The twin's process, where there is one."""
+        return self._plan.twin_process
+
+    @property
+    def transport(self) -> str | None:
+        return self._plan.transport
+
+    @property
+    def tool_spec(self) -> dict[str, Any]:
+        return tool_spec(self.tool_name, self.driver)
+
+    async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
+        """As ``Robot.send_action``."""
+        return await answered("move", verbs.send_action, self._tree, action)
+
+    async def get_observation(self) -> Answer:
+        """Positions by joint, in the driver's units, or why there are none."""
+        return await answered("observe", verbs.get_observation, self._tree)
+
+    def observations(self, hz: float = 30.0) -> Observations:
+        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
+        return Observations(self._tree, hz)
+
+    async def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``. ``action``: a
+        command that is written first; when it is refused, so is the service."""
+        return await answered(name, verbs.service, self._tree, name, arguments, action)
+
+    def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
+        """The driver's own services as methods."""
+        verbs.require_service(self, self.__dict__.get("_plan"), name)
+        return functools.partial(self.service, name)
+
+    async def stop(self) -> Answer:
+        """De-energise every motor and report each."""
+        return await answered("stop", verbs.stop, self._tree)
+
+    async def resume(self) -> Answer:
+        """Lift a lockout, energise at the measured position. Restarts no motion."""
+        return await answered("resume", verbs.resume, self._tree)
+
+    async def get_status(self) -> Answer:
+        return await answered("status", verbs.get_status, self._tree)
+
+    async def run_policy(
+        self,
+        policy: Any = None,
+        instruction: str = "",
+        duration: float = 30.0,
+        n_steps: int | None = None,
+        control_frequency: float | None = None,
+        policy_object: Any = None,
+    ) -> Answer:
+        """As ``Robot.run_policy``: it returns at once; the policy runs in a worker thread."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
+
+    async def start_task(
+        self,
+        instruction: str = "",
+        policy_port: int | None = None,
+        policy_host: str = "localhost",
+        policy_provider: str = DEFAULT_PROVIDER,
+        duration: float = 30.0,
+        control_frequency: float | None = None,
+        **options: Any,
+    ) -> Answer:
+        """As ``Robot.start_task``."""
+        start = verbs.start_task(
+            self.driver,
+            policy_provider,
+            policy_host,
+            policy_port,
+            options,
+            instruction,
+            duration,
+            control_frequency,
+        )
+        return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
+
+    async def get_task_status(self) -> Answer:
+        return await answered("task", verbs.get_task_status, self._tree)
+
+    async def stop_task(self) -> Answer:
+        """End the rollout; returns when the robot holds, whatever the policy does."""
+        return await answered("stop_task", verbs.stop_task, self._tree)
+
+    async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
+        """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
+        call = read(self.driver, given)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        return await answered(call.verb.name, use, self._tree, call, self._approval, by, motion)
+
+
+@contextlib.asynccontextmanager
+async def open_robot(
+    name: str,
+    mode: str = "sim",
+    *,
+    arm: bool = True,
+    approve: Approve | None = None,
+    guarded: tuple[str, ...] = (),
+    approve_within_s: float = APPROVE_S,
+    **keywords: Any,
+) -> AsyncIterator[AsyncRobot]:
+    """One robot for a trio program: connected and armed inside the block, safe and gone after it. ``arm=False``
+    energises nothing.
+
+    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
+    """
+    wanted = plan(name, mode, **keywords)
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
+    async with open_tree(wanted, arm) as tree:
+        yield AsyncRobot(tree, approval)
+
+
+@contextlib.asynccontextmanager
+async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
+    """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
+    async with open_caller() as (node, nursery, endpoint):
+        tree = RobotTree(node, nursery, endpoint, wanted)
+        try:
+            problem = await tree.connect(arm)
+            if problem is not None:
+                raise ConnectionError(problem)
+            yield tree
+        finally:
+            with trio.CancelScope(shield=True):
+                await tree.cleanup()

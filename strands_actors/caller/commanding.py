@@ -1,0 +1,116 @@
+"""Commands: what is asked of a robot's gate under its caller's lease.
+
+``ask`` is for the trio loop of the tree, ``ask_here`` for a thread of the program, which asks the gate itself and
+waits. The thread decides nothing: whatever needs a decision (there is no lease, it is stale, a rollout writes) is
+the loop's, where it is taken in one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from strands_actors.contract.driver import Driver
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.supervisors.gate.actions import plain, refuse_shape
+from strands_actors.supervisors.messages import Lease, Perform, Setpoint
+
+from .portal import portal
+from .processes import Patience, Processes, unreachable
+from .rollouts import Rollouts
+from .writer import STALE, Writer
+
+
+class Order(NamedTuple):
+    """One command, whatever lease it will be given under."""
+
+    verb: str
+    make: Callable[[Lease], Message]
+    within_s: float
+
+
+class Orders:
+    """Commands as messages. Of any thread."""
+
+    def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
+        self._driver = driver
+        self._clock = clock
+        self._patience = patience
+
+    def move(self, action: Mapping[str, Any]) -> Order | Refused:
+        return refuse_shape(action) or Order(
+            "move", lambda lease: self._setpoint(lease, action), self._patience.ask_s
+        )
+
+    def perform(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+    ) -> Order | Refused:
+        """``action``: a command that is written first; when it is refused, so is the service."""
+        refusal = self._driver.check_service(service, arguments)
+        if refusal is None and action is not None:
+            refusal = refuse_shape(action)
+        if refusal is not None:
+            return refusal
+
+        def make(lease: Lease) -> Message:
+            first = None if action is None else self._setpoint(lease, action)
+            return Perform(lease.id, lease.epoch, service, plain(arguments), first)
+
+        return Order(service, make, self._driver.SERVICES[service].within_s + self._patience.ask_s)
+
+    def _setpoint(self, lease: Lease, action: Mapping[str, Any]) -> Setpoint:
+        ttl_s = self._driver.timing.oneshot_ttl_s
+        deadline_ns = self._clock.now_ns() + round(1e9 * (self._patience.command_s if ttl_s is None else ttl_s))
+        return Setpoint(lease.id, lease.epoch, deadline_ns, plain(action), 0.0, ttl_s is None)
+
+
+class Commanding:
+    def __init__(self, processes: Processes, writer: Writer, rollouts: Rollouts) -> None:
+        self._processes = processes
+        self._writer = writer
+        self._rollouts = rollouts
+
+    async def ask(self, order: Order) -> Message | None:
+        """A lease that is no longer good (the robot was held since, the wire restarted, somebody else has it) may
+        be taken anew by an explicit new command; a robot that is disarmed or locked out refuses it all the same."""
+        writer = self._writer
+        async with writer.turn:
+            refusal = await self._rollouts.refuse(order.verb)
+            if refusal is not None:
+                return refusal
+            if writer.lease is not None:
+                answer = await self._ask(order, writer.lease)
+                if not _is_stale(answer):
+                    return answer
+            refusal = await writer.acquire()
+            if refusal is not None or writer.lease is None:
+                return refusal or Refused("lease", f"{order.verb}: no lease")
+            return await self._ask(order, writer.lease)
+
+    async def _ask(self, order: Order, lease: Lease) -> Message | None:
+        try:
+            return await self._processes.gate.ask(order.make(lease), order.within_s)
+        except AskTimeout as timeout:
+            return await self._processes.late(order.verb, timeout)
+        except Unreachable as failure:
+            return unreachable(order.verb, failure)
+
+    def ask_here(self, order: Order) -> Message | None:
+        """In the thread that calls. None: nothing was done, and the loop has to ``ask``."""
+        lease = self._writer.lease
+        if lease is None or self._rollouts.running:
+            return None
+        try:
+            answer = self._processes.gate.ask_here(order.make(lease), order.within_s)
+        except AskTimeout as timeout:
+            return portal().call(self._processes.late, order.verb, timeout)
+        except Unreachable as failure:
+            self._processes.require()  # cleaned up meanwhile
+            return unreachable(order.verb, failure)
+        return None if _is_stale(answer) else answer
+
+
+def _is_stale(answer: Message | None) -> bool:
+    return isinstance(answer, Refused) and answer.code in STALE

@@ -1,0 +1,125 @@
+"""The robots of this user that run now, and a way to speak to them from another process.
+
+    async with join() as directory:
+        for note in directory.notes:
+            print(await directory.tree(note))
+
+It holds no lease and keeps nothing alive: it asks, stops, resumes, and leaves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import AsyncIterator, Sequence
+
+import trio
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import (
+    Describe,
+    Fence,
+    GetStatus,
+    ProcessInfo,
+    Resume,
+    Resumed,
+    Status,
+    Stop,
+    StopReport,
+    TreeReport,
+)
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.process import Root
+
+from .nodes import open_node
+from .run_directory import Note, notes
+
+UNREACHABLE = "unreachable"
+
+JOIN_S = 0.5
+"""How long after joining a process that does not appear counts as unreachable."""
+ANSWER_S = 0.5
+STOP_S = 2.0
+FENCE_S = 3.0
+RESUME_S = 12.0
+
+
+class Directory:
+    """The robots that ran when it was joined."""
+
+    def __init__(self, node: Node, found: Sequence[Note]) -> None:
+        self.notes = found
+        self._node = node
+        self._joined_at = trio.current_time()
+
+    async def tree(self, note: Note) -> TreeReport:
+        """What the root says of its tree; state ``unreachable`` when it does not answer."""
+        try:
+            answer = await self._ask(addresses.of(note.robot).root, Root, Describe(), ANSWER_S)
+        except (AskTimeout, Unreachable):
+            answer = None
+        if isinstance(answer, TreeReport):
+            return answer
+        return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
+
+    async def status(self, note: Note) -> Status | None:
+        """What the gate says; None when it does not answer."""
+        try:
+            answer = await self._ask(addresses.of(note.robot).gate, Gate, GetStatus(), ANSWER_S)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, Status) else None
+
+    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
+        """Make a robot safe: by its gate, or when that does not answer by the root's own path."""
+        at = addresses.of(note.robot)
+        try:
+            answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), STOP_S)
+        except (AskTimeout, Unreachable):
+            try:
+                answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), FENCE_S)
+            except (AskTimeout, Unreachable):
+                return Refused("unconfirmed", "neither wire nor root answers", "look at the robot")
+        return answer if isinstance(answer, StopReport | Refused) else _NO_ANSWER
+
+    async def resume(self, note: Note, by: str) -> Resumed | Refused:
+        """Lift a lockout and energise at the measured position."""
+        try:
+            answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), RESUME_S)
+        except (AskTimeout, Unreachable) as failure:
+            return Refused("unreachable", f"the wire does not answer ({failure})", "is it being restarted?")
+        return answer if isinstance(answer, Resumed | Refused) else _NO_ANSWER
+
+    async def _ask(
+        self, address: str, protocol: type[Actor], message: Message, deadline_s: float
+    ) -> Message | None:
+        """Ask as soon as the address is there: the links come up shortly after the session is open."""
+        ref = self._node.ref(address, protocol)
+        while True:
+            try:
+                return await ref.ask(message, deadline_s)
+            except Unreachable:
+                if trio.current_time() > self._joined_at + JOIN_S:
+                    raise
+                await trio.sleep(0.005)
+
+
+_NO_ANSWER = Refused("no_answer", "there was no answer that could be read")
+
+
+@contextlib.asynccontextmanager
+async def join() -> AsyncIterator[Directory]:
+    """A node joined to every robot of this user, as long as the block runs."""
+    found = list(notes())
+    if not found:  # no session for nobody
+        yield Directory(Node("nobody", MonotonicClock()), found)
+        return
+    endpoints = [endpoint for note in found for endpoint in note.endpoints]
+    async with open_node(f"visitor.{os.getpid()}", connect=endpoints) as (node, _):
+        yield Directory(node, found)

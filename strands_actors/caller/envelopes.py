@@ -1,0 +1,184 @@
+"""The envelopes of the drivers page, and an answer that can be used at once or awaited."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Generator, Iterator, Mapping
+from concurrent.futures import Future
+from typing import Any
+
+from strands_actors.contract.driver import Driver, Observation
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Status, StopReport, TaskStatus, TreeReport
+
+UNREACHABLE = "unreachable"
+"""The state of a robot that does not answer, or was not connected."""
+
+
+class Answer(dict[str, Any]):
+    """``{"status", "content"}``. Awaiting it gives itself, so ``stop()`` and ``await stop()`` both work."""
+
+    def __await__(self) -> Generator[Any, None, Answer]:
+        yield from ()
+        return self
+
+
+class PendingAnswer(Mapping[str, Any]):
+    """What ``stop()`` and ``get_status()`` return inside a running event loop: already under way, whether awaited
+    or not, and not cancelled with who awaits it. ``await`` does not block the loop; to read it as a dict waits,
+    which is what a cell of a notebook wants."""
+
+    def __init__(self, future: Future[Answer]) -> None:
+        self._future = future
+
+    def __await__(self) -> Generator[Any, None, Answer]:
+        import asyncio  # who awaits this has it
+
+        return asyncio.shield(asyncio.wrap_future(self._future)).__await__()
+
+    def __getitem__(self, key: str) -> Any:
+        return self._future.result()[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._future.result())
+
+    def __len__(self) -> int:
+        return len(self._future.result())
+
+    def __repr__(self) -> str:
+        return repr(self._future.result())
+
+
+def in_asyncio() -> bool:
+    """Whether an asyncio loop runs in this thread. Not by an import: who runs one has it, and it costs 8 ms."""
+    asyncio = sys.modules.get("asyncio")
+    return asyncio is not None and asyncio._get_running_loop() is not None
+
+
+def success(json: dict[str, Any]) -> Answer:
+    return Answer(status="success", content=[{"json": json}])
+
+
+def error(text: str, json: dict[str, Any] | None = None) -> Answer:
+    content: list[dict[str, Any]] = [{"text": text}]
+    if json is not None:
+        content.append({"json": json})
+    return Answer(status="error", content=content)
+
+
+def refused(refusal: Refused) -> Answer:
+    details = {key: value for key in ("code", "offered", "limit") if (value := getattr(refusal, key))}
+    return error(refusal.text, {"refused": details})
+
+
+def stopped(report: StopReport) -> Answer:
+    """A stop is a success only when every motor confirmed it."""
+    json = {
+        "stopped": report.confirmed,
+        "reason": str(report.reason),
+        "safe_state": report.safe_state,
+        "path": report.path,
+        "took_ms": round(report.took_ms, 2),
+        "unconfirmed": report.unconfirmed,
+        "note": report.note,
+        "motors": {
+            motor.axis: {
+                "id": motor.id,
+                "written": motor.written,
+                "acknowledged": motor.acknowledged,
+                "safe": motor.safe,
+                "detail": motor.detail,
+            }
+            for motor in report.motors
+        },
+    }
+    if report.confirmed:
+        return success(json)
+    named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in report.motors if not motor.safe)
+    return error(f"stop: not confirmed by {named or 'the robot'}. cut its power if it still moves", json)
+
+
+def task(status: TaskStatus) -> dict[str, Any]:
+    return {
+        "running": status.running,
+        "steps": status.steps,
+        "elapsed_s": round(status.elapsed_s, 3),
+        "exit_reason": status.exit_reason or None,
+        "exit_detail": status.exit_detail or None,
+        "refusal": status.refusal or None,
+        "instruction": status.instruction,
+        "hz": round(status.hz, 2),
+    }
+
+
+def status(
+    tool_name: str, robot: str, driver: Driver, problem: str, told: Status | None, facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what its wire said
+    of itself when it last answered; they come on top."""
+    observation = None if told is None else told.observation
+    return {
+        "tool_name": tool_name,
+        "robot": robot,
+        "connected": told is not None and told.connected,
+        "connect_error": problem if told is None else told.connect_error or None,
+        "state": UNREACHABLE if told is None else told.mode,
+        "epoch": None if told is None else told.epoch,
+        "locked_by": None if told is None else told.locked_by or None,
+        "locked_since": None if told is None else told.locked_since or None,
+        "cause": None if told is None else told.cause or None,
+        "lease": None if told is None else told.holder or None,
+        "observation_age_s": None if told is None or told.age_s < 0 else round(told.age_s, 4),
+        "writes": 0 if told is None else told.writes,
+        "reads": 0 if told is None else told.reads,
+        "refusals": 0 if told is None else told.refusals,
+        "last_refusal": None if told is None else told.last_refusal or None,
+        "faults": {} if observation is None else dict(observation.faults),
+        "sensors": {} if observation is None else sensors(observation),
+        "fallbacks": {str(reason): safe_state for reason, safe_state in driver.fallbacks.items()},
+        "firmware_watchdog": driver.firmware_watchdog,
+        "unit": driver.unit,
+        **facts,
+    }
+
+
+def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """By public key; what was never read is null."""
+    return {key: _known(value) for key, value in driver.as_json(observation.position).items()}
+
+
+def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:
+    """By axis; empty where the robot measures none."""
+    return {axis: _known(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
+
+
+def sensors(observation: Observation) -> dict[str, list[float | None]]:
+    """By name, in axis order; what is not known is null."""
+    return {name: [_known(value) for value in row] for name, row in observation.sensors.items()}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def tree(report: TreeReport) -> dict[str, Any]:
+    """As ``strands-actors tree --json`` prints one robot."""
+    return {
+        "robot": report.robot,
+        "state": report.state,
+        "epoch": report.epoch,
+        "processes": [
+            {"role": process.role, "pid": process.pid, "restarts": process.restarts} for process in report.processes
+        ],
+        "actors": [
+            {
+                "address": actor.address,
+                "role": actor.role,
+                "pid": actor.pid,
+                "state": actor.state,
+                "restarts": actor.restarts,
+            }
+            for actor in report.actors
+        ],
+    }

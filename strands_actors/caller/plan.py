@@ -1,0 +1,345 @@
+"""From the arguments of ``Robot(...)`` to a plan, or to a refusal that says what would be accepted."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import (
+    SIMULATION,
+    canonical_name,
+    constructor_keywords,
+    get_native_driver_class,
+    list_driver_coverage,
+    list_native_drivers,
+    resolve_driver,
+)
+from strands_actors.supervisors.loading import load, place_of
+from strands_actors.supervisors.messages import MAX_LIFETIME_S
+from strands_actors.surfaces.drill.certificate import parse_age_s
+from strands_actors.surfaces.mesh.config import MeshConfig
+
+from .twin_process import SIM, TwinProcess
+
+MODES = ("sim", "real", "auto")
+_TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to start, checked. ``twin_process``: the twin's process behind the transport."""
+
+    robot: str
+    tool_name: str
+    driver_class: type[Driver]
+    port: str
+    transport: str | None
+    options: dict[str, Any] = field(repr=False)  # may hold a password
+    twin_process: TwinProcess | None = None
+    owns_twin_process: bool = True
+    data_config: Any = None
+    mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
+    drill_age_s: float | None = None
+    """No motion without a stop drill that is younger."""
+    at: str = ""
+    """Where the robot is, when it is another host's; ``mesh`` says how to get there."""
+    lifetime_s: float | None = None
+    """Of a setpoint of a rollout, at least."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The arguments of ``Robot(...)``, as far as they are the factory's own."""
+
+    name: str
+    robot: str
+    mode: str
+    tool_name: str
+    port: str | None
+    transport: str | None
+    sim: Any
+    cameras: Any
+    data_config: Any
+    mesh: MeshConfig
+    drill_age_s: float | None
+    at: str | None
+    lifetime_s: float | None
+    options: dict[str, Any] = field(repr=False)
+
+    def given(self) -> dict[str, Any]:
+        """What only hardware has a use for."""
+        own = {"port": self.port, "transport": self.transport, "sim": self.sim, "cameras": self.cameras}
+        own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
+        return {key: value for key, value in own.items() if value is not None} | self.options
+
+
+def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
+    """Raise ``ValueError`` for names, values and unknown keywords, ``TypeError`` for what a simulation would
+    ignore."""
+    wanted, driver_class = _read(name, mode, **keywords)
+    if not issubclass(driver_class, Driver):
+        raise ValueError(
+            f"Robot: {name}'s driver {driver_class.__name__} is not run as a tree. use Robot({name!r})"
+        )
+    if wanted.mode == "sim":
+        return _simulated(wanted, driver_class)
+    return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
+
+
+def standalone(name: str, mode: str = "sim", **keywords: Any) -> Any:
+    """A robot whose driver class is not run as a tree but by itself, as on the drivers page; None for others. Raise
+    as ``plan``."""
+    wanted, driver_class = _read(name, mode, **keywords)
+    if issubclass(driver_class, Driver):
+        return None
+    if wanted.mode == "sim":
+        raise ValueError(f"Robot: {driver_class.__name__} has no simulation of {name}. use mode='real'")
+    if wanted.at:
+        raise ValueError(f"Robot: {driver_class.__name__} is not run as a tree, and not reached from another host")
+    _check_hardware(wanted, driver_class)
+    own = {"port": wanted.port, "transport": wanted.transport, "sim": wanted.sim}
+    more = {key: value for key, value in own.items() if value is not None} | wanted.options
+    return driver_class(tool_name=wanted.tool_name, cameras=wanted.cameras, data_config=wanted.data_config, **more)
+
+
+def _read(
+    name: str,
+    mode: str,
+    *,
+    driver: str = "auto",
+    port: str | None = None,
+    transport: str | None = None,
+    sim: Any = None,
+    tool_name: str | None = None,
+    cameras: Any = None,
+    data_config: Any = None,
+    mesh: MeshConfig | None = None,
+    require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
+    **options: Any,
+) -> tuple[Wanted, type[Any]]:
+    chosen_mode = str(mode).lower()
+    if chosen_mode not in MODES:
+        raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
+    robot = canonical_name(name)
+    driver_class = _driver_class(name, robot, driver)
+    chosen = robot if tool_name is None else tool_name
+    if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
+        raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
+    _check_keywords(driver_class, options)
+    if mesh is None:
+        mesh = MeshConfig.from_environment()
+    if at is not None:
+        mesh = msgspec.structs.replace(mesh, connect=at, listen=())
+    mesh.check()
+    if lifetime is not None and not 0 < lifetime <= MAX_LIFETIME_S:
+        raise ValueError(f"Robot: lifetime is {lifetime!r}. give seconds, above 0 and at most {MAX_LIFETIME_S:g}")
+    drill_age_s = None if require_drill is None else parse_age_s(require_drill)
+    if chosen_mode == "auto":
+        port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
+    return (
+        Wanted(
+            name,
+            robot,
+            chosen_mode,
+            chosen,
+            port,
+            transport,
+            sim,
+            cameras,
+            data_config,
+            mesh,
+            drill_age_s,
+            at,
+            lifetime,
+            options,
+        ),
+        driver_class,
+    )
+
+
+def _driver_class(name: str, robot: str, driver: str) -> type[Any]:
+    known = list_driver_coverage()
+    if robot not in known:
+        raise ValueError(_unknown(name, known))
+    if resolve_driver(name, driver) == "strands":
+        driver_class = get_native_driver_class(robot)
+        assert driver_class is not None
+        return driver_class
+    native = ", ".join(list_native_drivers())
+    if driver == "auto" and "lerobot" not in known[robot]:
+        raise ValueError(f"Robot: {name} has no native driver. these have one: {native}")
+    raise ValueError(
+        f"Robot: {name} would be driven by lerobot (extra strands-actors[lerobot]), which is not in this version. "
+        f"these have a native driver: {native}"
+    )
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    if name.endswith("_leader"):
+        return f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and attach it to a follower"
+    close = difflib.get_close_matches(name, known, n=3)
+    hint = f" Did you mean: {', '.join(close)}?" if close else ""
+    return f"Robot: {name!r} is not known.{hint} strands_actors.drivers.list_driver_coverage() lists all robots"
+
+
+def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None:
+    accepted = constructor_keywords(driver_class)
+    if "**" in accepted:
+        return
+    for keyword in options:
+        if keyword not in accepted:
+            close = difflib.get_close_matches(keyword, accepted, n=1)
+            hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
+            raise ValueError(
+                f"Robot: {driver_class.__name__} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
+            )
+
+
+def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
+    """Port and mode of ``mode="auto"``."""
+    if port is not None or transport is not None:
+        return port, "real"
+    found = _adapters(driver_class)
+    return (found[0], "real") if len(found) == 1 else (None, "sim")
+
+
+# -- in simulation
+
+
+def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    if why := driver_class.SIMULATION:
+        raise ValueError(f"Robot: there is no simulation of {wanted.name}: {why}")
+    if ignored := wanted.given():
+        raise TypeError(
+            f"Robot: a simulation of {wanted.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
+            "add mode='real', or leave it out"
+        )
+    options = {"class": place_of(driver_class), "options": driver_class.resolve(wanted.robot, {})}
+    return Plan(
+        wanted.robot,
+        wanted.tool_name,
+        load(SIMULATION),
+        "",
+        SIM,
+        options,
+        TwinProcess(driver_class.TWIN, wanted.robot, has_control=True),
+        data_config=wanted.data_config,
+        mesh=wanted.mesh,
+    )
+
+
+# -- on hardware, or on a twin
+
+
+def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    _check_hardware(wanted, driver_class)
+    tool_name = wanted.tool_name
+    twin_process = None
+    owns_twin_process = True
+    if wanted.transport is not None:
+        owns_twin_process = wanted.sim is None
+        twin_process = (
+            TwinProcess(driver_class.TWIN, wanted.robot) if owns_twin_process else _twin_process_of(wanted)
+        )
+        resolved = driver_class.resolve(wanted.robot, wanted.options)  # a twin is new: nobody has calibrated it
+    else:
+        resolved = driver_class.resolve(wanted.robot, {**wanted.options, "tool_name": tool_name})
+    return Plan(
+        wanted.robot,
+        tool_name,
+        driver_class,
+        wanted.port or "",
+        wanted.transport,
+        resolved,
+        twin_process,
+        owns_twin_process,
+        wanted.data_config,
+        wanted.mesh,
+        wanted.drill_age_s,
+        lifetime_s=wanted.lifetime_s,
+    )
+
+
+def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    """Of another host: what is about its hardware was said there."""
+    assert wanted.at is not None
+    own = ("port", "transport", "sim", "cameras", "require_drill")
+    if ignored := [key for key in wanted.given() if key in own]:
+        raise TypeError(
+            f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
+        )
+    return Plan(
+        wanted.robot,
+        wanted.tool_name,
+        driver_class,
+        "",
+        None,
+        driver_class.resolve(wanted.robot, wanted.options),
+        data_config=wanted.data_config,
+        mesh=wanted.mesh,
+        at=wanted.at,
+        lifetime_s=wanted.lifetime_s,
+    )
+
+
+def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
+    name, transport = driver_class.__name__, wanted.transport
+    offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
+    if transport is not None and transport not in offered:
+        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
+    if wanted.sim is not None and transport != "twin":
+        raise ValueError(
+            "Robot: sim= is what a twin is made of: add transport='twin'. "
+            f"{name} offers {', '.join(offered) or 'none'}"
+        )
+    if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
+        raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
+    if transport is not None and wanted.port is not None:
+        raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
+    needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
+    if transport is None and wanted.port is None and needs_port:
+        raise ValueError(_missing_port(wanted.robot, driver_class))
+
+
+def _twin_process_of(wanted: Wanted) -> TwinProcess:
+    twin_process = getattr(wanted.sim, "engine", None)
+    if getattr(wanted.sim, "transport", None) != SIM or not isinstance(twin_process, TwinProcess):
+        raise ValueError(f"Robot: sim is {wanted.sim!r}. give a simulation: Robot({wanted.robot!r}), mode 'sim'")
+    if twin_process.robot != wanted.robot:
+        raise ValueError(f"Robot: sim is a {twin_process.robot}. give a simulation of {wanted.robot}")
+    return twin_process
+
+
+def _missing_port(robot: str, driver_class: type[Any]) -> str:
+    if driver_class.PORT_KIND != "serial":
+        return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port='192.0.2.10')"
+    from serial.tools import list_ports
+
+    found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
+    doubt = "" if _adapters(driver_class) else ", none looks like a servo bus"
+    return (
+        f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
+        f"serial devices here: {found}{doubt} (a path is not an identity: check which robot is behind it)"
+    )
+
+
+def _adapters(driver_class: type[Any]) -> list[str]:
+    """Serial devices that may be this driver's bus, by the adapter they are."""
+    if getattr(driver_class, "PORT_KIND", None) != "serial":
+        return []
+    from serial.tools import list_ports
+
+    wanted = getattr(driver_class, "USB_IDS", ())
+    return sorted(
+        port.device
+        for port in list_ports.comports()
+        if (getattr(port, "vid", None), getattr(port, "pid", None)) in wanted
+    )

@@ -1,0 +1,421 @@
+"""``Robot(...)``: one robot with synchronous verbs, safe to call from any thread.
+
+The verbs and envelopes are those of the drivers page. Each call is a message to the robot's actors; nothing
+here touches hardware.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+from collections.abc import Callable, Coroutine, Mapping
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
+
+from strands_actors.contract.driver import Driver, Observation
+from strands_actors.kernel.messages import Refused
+from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.simulation.handle import SimulationError, World
+from strands_actors.supervisors.loading import build_driver
+from strands_actors.supervisors.messages import Status, TaskStatus
+from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
+from strands_actors.surfaces.agents.calls import read
+from strands_actors.surfaces.agents.tool import RobotTool
+from strands_actors.surfaces.agents.use import use
+
+from . import envelopes as answers
+from . import verbs
+from .async_robot import AsyncRobot, open_robot
+from .envelopes import Answer, PendingAnswer
+from .liveness import Liveness
+from .plan import Plan, plan, standalone
+from .portal import portal
+from .tree import RobotTree
+from .twin_process import SIM, TwinProcess
+from .verbs import Verb, VerbHere, answered, answered_here
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+_log = logging.getLogger("strands_actors")
+
+T = TypeVar("T")
+
+
+@overload
+def Robot(name: str, mode: Literal["sim"] = "sim", **keywords: Any) -> SimRobot: ...
+@overload
+def Robot(name: str, mode: str, **keywords: Any) -> RealRobot: ...
+def Robot(  # a factory named as on the drivers page
+    name: str,
+    mode: str = "sim",
+    *,
+    approve: Approve | None = None,
+    guarded: tuple[str, ...] = (),
+    approve_within_s: float = APPROVE_S,
+    **keywords: Any,
+) -> RealRobot:
+    """A handle on one robot; nothing is started yet.
+
+    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected by
+    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
+    of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
+    ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
+    have. ``at``: the robot is run by another host, which listens there (``"tls/arm.example:7447"``); ``mesh=``
+    has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
+    rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
+    for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
+    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
+    are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    """
+    other = standalone(name, mode, **keywords)
+    if other is not None:
+        return cast(RealRobot, other)  # a driver class of the drivers page: the same verbs, no tree
+    wanted = plan(name, mode, **keywords)
+    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
+    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
+
+
+class RealRobot(RobotTool):
+    """A robot behind its wire. Made by ``Robot(...)``. A strands-agents tool (``stream``, ``tool_spec``).
+
+    Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook) ``stream``, ``stop``
+    and ``get_status`` are to be awaited and do not block it; the others wait for their answer: milliseconds.
+    """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset()
+    """Verbs that connect by themselves when nobody has."""
+
+    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
+        self._plan = plan
+        self._approval = approval or Approval(plan.driver_class.GUARDED)
+        self._liveness = Liveness()
+        self._opened: RobotTree | None = None
+        self._pid = os.getpid()
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        self._closed = False
+
+    @property
+    def tool_name(self) -> str:
+        return self._plan.tool_name
+
+    @property
+    def driver(self) -> Driver:
+        return self._driver
+
+    @property
+    def name(self) -> str:
+        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        return self.tool_name if self._tree is None else self._tree.robot
+
+    @property
+    def twin_process(self) -> TwinProcess | None:
+        """The process of its twin, if it has one."""
+        return self._plan.twin_process
+
+    @property
+    def transport(self) -> str | None:
+        """What is instead of a port: ``twin``, ``sim``."""
+        return self._plan.transport
+
+    @property
+    def data_config(self) -> Any:
+        return self._plan.data_config
+
+    def __repr__(self) -> str:
+        where = self._plan.at or self._plan.transport or self._plan.port
+        return f"<Robot {self.tool_name} ({self._plan.robot}, {where})>"
+
+    @property
+    def _tree(self) -> RobotTree | None:
+        """None in a forked child, too: the tree is its parent's."""
+        return self._opened if self._pid == os.getpid() else None
+
+    # -- the loop
+
+    def _call(self, verb: Callable[..., Coroutine[Any, Any, T]], *args: Any) -> T:
+        with self._liveness:
+            return portal().call(verb, *args)
+
+    def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
+        """Run a verb on the tree; what keeps it from running at all is an error envelope."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        return self._call(answered, name, verb, tree, *args)
+
+    def _verb_here(self, here: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
+        """As ``_verb``, but in this thread, unless the loop has to."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            answer = answered_here(name, here, tree, *args)
+        return self._call(answered, name, verb, tree, *args) if answer is None else answer
+
+    def _ready(self, name: str) -> RobotTree | str:
+        """The tree for a verb, or why there is none."""
+        if self._tree is None and name in self.LAZY and not self._closed:
+            problem = self.connect_eagerly()
+            if problem is not None:
+                return problem
+        return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    # -- lifecycle
+
+    def connect_eagerly(self) -> str | None:
+        """Start the tree, connect, and arm at the measured position. None, or why not."""
+        if self._closed:
+            return f"connect: {_CLEANED_UP}"
+        try:
+            return self._call(self._connect)
+        except OSError as failure:  # there is no loop to connect in
+            return f"connect: {failure}"
+
+    async def _connect(self) -> str | None:
+        if self._tree is None:
+            shared = portal()
+            self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._pid = os.getpid()
+        assert self._opened is not None
+        return await self._opened.connect()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether frames arrive from the robot, not whether a port is open."""
+        status = self._status()
+        return status is not None and status.connected and 0 <= status.age_s < 1.0
+
+    def cleanup(self) -> Answer:
+        """Make the robot safe and end everything that was started for it. Harmless when called again."""
+        tree, self._opened, self._closed = self._tree, None, True
+        if tree is None:
+            return answers.success({"stopped": True, "reason": "nothing was running"})
+        report = self._call(tree.cleanup)
+        if isinstance(report, Refused):
+            return answers.refused(report)
+        return answers.success({"stopped": True}) if report is None else answers.stopped(report)
+
+    def __enter__(self) -> RealRobot:
+        problem = self.connect_eagerly()
+        if problem is not None:
+            self.cleanup()
+            raise ConnectionError(problem)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cleanup()
+
+    # -- verbs
+
+    def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
+        """One command: joints by name, in the driver's units. Refused with a reason, or written."""
+        return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
+
+    def release(self) -> Answer:
+        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
+        return self._verb(verbs.release, "release")
+
+    def get_observation(self) -> dict[str, float]:
+        """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
+        answer = self._get_observation()
+        if answer["status"] == "error":
+            _log.warning("%s", answer["content"][0]["text"])
+            return {}
+        observation: dict[str, float] = answer["content"][0]["json"]
+        return observation
+
+    def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
+        ``action``: a command that is written first; when it is refused, so is the service."""
+        return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
+
+    def __getattr__(self, name: str) -> Callable[..., Answer]:
+        """The driver's own services as methods."""
+        verbs.require_service(self, self.__dict__.get("_plan"), name)
+        return functools.partial(self.service, name)
+
+    def stop(self) -> Answer | PendingAnswer:
+        """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
+        return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
+
+    def get_status(self) -> Answer | PendingAnswer:
+        """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
+        return self._now_or_soon(self._get_status, verbs.get_status, "status")
+
+    def resume(self) -> Answer:
+        """Lift a lockout, restart what has died, energise at the measured position. Restarts no motion."""
+        return self._verb(verbs.resume, "resume")
+
+    def run_policy(
+        self,
+        policy: Any = None,
+        instruction: str = "",
+        duration: float = 30.0,
+        n_steps: int | None = None,
+        control_frequency: float | None = None,
+        policy_object: Any = None,
+    ) -> Answer:
+        """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable. Returns at
+        once; ``n_steps`` wins over ``duration`` (seconds)."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        return run if isinstance(run, Answer) else self._verb(run, "run_policy")
+
+    def start_task(
+        self,
+        instruction: str = "",
+        policy_port: int | None = None,
+        policy_host: str = "localhost",
+        policy_provider: str = DEFAULT_PROVIDER,
+        duration: float = 30.0,
+        control_frequency: float | None = None,
+        **options: Any,
+    ) -> Answer:
+        """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another package) in a
+        process of its own, built there from ``options``. Returns at once."""
+        start = verbs.start_task(
+            self._driver,
+            policy_provider,
+            policy_host,
+            policy_port,
+            options,
+            instruction,
+            duration,
+            control_frequency,
+        )
+        return start if isinstance(start, Answer) else self._verb(start, "start_task")
+
+    def get_task_status(self) -> Answer:
+        """The present rollout, or the last one: the same keys for every driver."""
+        if self._tree is None:
+            return answers.success(answers.task(TaskStatus()))
+        return self._verb(verbs.get_task_status, "task")
+
+    def stop_task(self) -> Answer:
+        """End the rollout; returns when the robot holds, whatever the policy does."""
+        return self._verb(verbs.stop_task, "stop_task")
+
+    # -- as a tool
+
+    async def use_tool(self, given: object, by: str) -> Answer:
+        """Do what a tool's input asks for, from an asyncio loop."""
+        import asyncio  # who has a loop has it; a script without one is spared 8 ms
+
+        call = read(self._driver, given)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        if self._tree is None and call.verb.does == "status":
+            return self._get_status()
+        name = call.verb.name
+        tree: RobotTree | str | None = self._tree
+        if tree is None:
+            tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            doing = portal().submit(answered, name, use, tree, call, self._approval, by)
+            return await asyncio.wrap_future(doing)
+
+    def tree(self) -> dict[str, Any] | None:
+        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are none."""
+        tree = self._tree
+        report = None if tree is None else self._call(tree.describe)
+        return None if report is None else answers.tree(report)
+
+    # -- helpers
+
+    def _get_observation(self) -> Answer:
+        return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
+
+    def _status(self) -> Status | None:
+        tree = self._tree
+        return None if tree is None else self._call(tree.status)
+
+    def _get_status(self) -> Answer:
+        tree, plan = self._ready("status"), self._plan
+        if isinstance(tree, str):
+            return answers.success(answers.status(plan.tool_name, plan.robot, self._driver, tree, None, {}))
+        return self._call(answered, "status", verbs.get_status, tree)
+
+    def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
+        """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
+        if not answers.in_asyncio():
+            return now()
+        if self._tree is None:
+            done: Future[Answer] = Future()
+            done.set_result(now())
+            return PendingAnswer(done)
+        self._liveness.enter()
+        future = portal().submit(answered, name, verb, self._tree)
+        future.add_done_callback(lambda _: self._liveness.leave())
+        return PendingAnswer(future)
+
+
+class SimRobot(RealRobot):
+    """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a simulation can do.
+
+    It starts at its first use. ``transport="twin", sim=`` puts a real driver on its wire: joints that are energised
+    there follow the wire, and a command to them here is refused.
+    """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset(
+        {"move", "observe", "resume", "run_policy", "start_task", "reset", "step"}
+    )
+
+    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
+        super().__init__(plan, approval)
+        assert plan.twin_process is not None
+        self._world = World(plan.twin_process)
+
+    def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
+        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None for the whole
+        robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a ``RuntimeError``) that names the system
+        package when neither is there."""
+        return self._call(self._world.render, width, height, camera)
+
+    def view(self) -> None:
+        """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise ``SimulationError`` without a
+        display."""
+        self._call(self._world.view)
+
+    def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Answer:
+        """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed. Answers with
+        ``position`` after them and ``sim_time_s``. A target that was sent before counts from the first step on, and
+        so does ``action``, joints by name as ``send_action`` takes them; when that is refused, no step passes.
+        ``get_observation`` follows within a control period. Deadlines, leases and rollouts are of the clock all the
+        same, and between calls the physics keeps to it."""
+        return self.service("step", steps=steps, action=action)
+
+    def reset(self) -> Answer:
+        """Stop, put every joint back to where it began, energise."""
+
+        async def run(tree: RobotTree) -> Answer:
+            report = await tree.stop()
+            if isinstance(report, Refused):
+                return answers.refused(report)
+            try:
+                await self._world.reset()
+            except SimulationError as failure:
+                return answers.error(str(failure))
+            answer = await tree.resume()
+            if isinstance(answer, Refused):
+                return answers.refused(answer)
+            return answers.success({"position": tree.driver.as_json(answer.observation.position)})
+
+        return self._verb(run, "reset")
+
+    def cleanup(self) -> Answer:
+        answer = super().cleanup()
+        self._call(self._world.close)
+        return answer
+
+
+_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
+"""The robot's own verb for what an agent's verb does."""
+
+_NOT_CONNECTED = "not connected; call connect_eagerly() first"
+_CLEANED_UP = "this robot was cleaned up. make a new one"
+
+__all__ = ["AsyncRobot", "Observation", "RealRobot", "Robot", "SimRobot", "open_robot"]

@@ -1,0 +1,200 @@
+"""One robot's rollouts, as the caller has them: a policy of this process, or a named one in a process of its own.
+
+One at a time. It writes under the caller's lease; its status is the same wherever it runs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.loading import load
+from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+
+from .processes import Processes
+from .writer import Writer
+
+START_S = 2.0
+"""For a policy's process to be started."""
+
+
+class Rollouts:
+    """All methods belong to the trio loop of the tree."""
+
+    def __init__(self, processes: Processes, writer: Writer, driver: Driver) -> None:
+        self._processes = processes
+        self._writer = writer
+        self._driver = driver
+        self._task = TaskStatus()
+        self._has_process = False
+        self._scope: trio.CancelScope | None = None
+        """Of a policy of this process."""
+
+    async def run_policy(
+        self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run ``policy`` in this process. Returns at once."""
+        async with self._writer.turn:
+            refusal = await self._may_start("run_policy")
+            if refusal is not None:
+                return refusal
+            return self._begin(self._rollout(instruction, duration_s, n_steps, hz), lambda: policy)
+
+    def _begin(self, rollout: Rollout, make: Callable[[], Any]) -> TaskStatus:
+        self._has_process = False
+        self._task = TaskStatus(running=True, instruction=rollout.instruction)
+        self._scope = trio.CancelScope()
+        self._processes.nursery.start_soon(self._run_policy, rollout, make, self._scope)
+        return self._task
+
+    async def _run_policy(self, rollout: Rollout, make: Callable[[], Any], scope: trio.CancelScope) -> None:
+        from strands_actors.supervisors.policy import Policy
+
+        ended = trio.Event()
+
+        def report(status: TaskStatus) -> None:
+            self._task = status
+            if not status.running:
+                ended.set()
+
+        node = self._processes.node
+        path = addresses.of(self._processes.robot).path("policy")
+        gate, ask_s = self._processes.gate, self._processes.patience.ask_s
+        cell = node.cell(path, lambda: Policy(rollout, make, report, gate, ask_s))
+        try:
+            with scope:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(cell.run)
+                    await ended.wait()
+                    nursery.cancel_scope.cancel()
+        finally:
+            node.release(cell)
+
+    async def start_task(
+        self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
+    ) -> TaskStatus | Refused:
+        """Run a named policy in a process of its own; for a robot of another host in this one. Returns at once."""
+        async with self._writer.turn:
+            refusal = await self._may_start("start_task")
+            if refusal is not None:
+                return refusal
+            rollout, tasks = self._rollout(instruction, duration_s, 0, hz), self._processes.tasks
+            if tasks is None:
+                return self._begin(rollout, lambda: load(provider)(**options))
+            deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)
+            try:
+                answer = await tasks.ask(StartTask(provider, options, rollout, deadline_ns), START_S)
+            except (AskTimeout, Unreachable) as failure:
+                return await self._never_started(tasks, failure)
+            if isinstance(answer, TaskStatus):
+                self._task, self._has_process = answer, True
+        return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+
+    async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
+        """What was not answered in time must not be done late. The stop ends the lease that it would write under,
+        so that whatever began, or still begins, gets none."""
+        tasks.tell(StopTask())
+        await self._hold()
+        return Refused("timeout", f"start_task: {failure}; nothing of it will begin", "try again")
+
+    async def _may_start(self, verb: str) -> Refused | None:
+        kind = self._processes.plan.robot
+        if self._driver.ROLLOUTS:
+            return Refused("no_rollout", f"{verb}: {kind}: {self._driver.ROLLOUTS}", "call send_action()")
+        if self._driver.TASKS and verb == "start_task":
+            return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
+        self._processes.require()
+        status = await self._processes.status()
+        if status is None or status.mode not in (Mode.ARMED, Mode.HOLDING):
+            mode = "not connected" if status is None else status.mode
+            return Refused("not_armed", f"{verb}: the robot is {mode}", "connect_eagerly() or resume() first")
+        return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
+
+    def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
+        driver, lease = self._driver, self._writer.lease
+        period_s = 1.0 / (hz or driver.timing.control_hz)
+        over = lease.id if lease else 0
+        lifetime_s = self._processes.plan.lifetime_s or driver.timing.stream_ttl_s
+        ttl_s = max(lifetime_s, 2 * period_s)
+        robot = self._processes.robot
+        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
+
+    async def task(self) -> TaskStatus:
+        """The present task's status, or the last one's."""
+        tasks = self._processes.tasks
+        if tasks is not None and self._has_process and self._task.running:
+            try:
+                answer = await tasks.ask(GetTask(), 0.1)
+            except (AskTimeout, Unreachable):
+                return self._task
+            if isinstance(answer, TaskStatus):
+                self._task = answer
+        return self._task
+
+    @property
+    def running(self) -> bool:
+        """Whether one runs, as far as is known without asking. Of any thread."""
+        return self._task.running
+
+    async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
+        """What a command is told while a rollout writes; None when there is none."""
+        if (await self.task()).running:
+            return Refused("running", f"{verb}: {why}", "call stop_task() first")
+        return None
+
+    async def stop_task(self) -> TaskStatus | Refused:
+        """End the rollout. Returns when the robot holds, whatever the policy does."""
+        from strands_actors.supervisors.policy import Policy
+
+        processes = self._processes
+        processes.require()
+        if not (await self.task()).running:
+            return self._task
+        ref: ActorRef = processes.node.ref(addresses.of(processes.robot).policy, Policy)
+        if processes.tasks is not None and self._has_process:
+            ref = processes.tasks
+        try:
+            answer = await ref.ask(StopTask(), 2 * processes.patience.ask_s)
+        except (AskTimeout, Unreachable):
+            answer = await self._hold()
+            self.end("stopped")
+        if isinstance(answer, TaskStatus):
+            self._task = answer
+        return self._task
+
+    async def _hold(self) -> Message:
+        """End what a policy of ours commanded, by the gate, else by the root."""
+        processes = self._processes
+        try:
+            answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return answer or await processes.make_safe(Reason.POLICY, processes.holder, False)
+
+    async def end_overtaken(self) -> None:
+        """The lease is the caller's anew: a rollout from before has lost its own, whether it has noticed or not."""
+        if not (await self.task()).running:
+            return
+        tasks = self._processes.tasks
+        if tasks is not None and self._has_process:
+            with contextlib.suppress(AskTimeout, Unreachable):  # then the next task() tells
+                await tasks.ask(StopTask(), 2 * self._processes.patience.ask_s)
+        else:
+            self.end("stop")
+
+    def end(self, reason: str) -> None:
+        """The robot is stopped: a policy of this process ends, and the task counts as ended."""
+        if self._scope is not None:
+            self._scope.cancel()
+            self._scope = None
+        task = self._task
+        if task.running:
+            self._task = TaskStatus(False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz)

@@ -1,0 +1,196 @@
+"""The directory where the robots of this user meet: sockets, and one note a robot on how to reach it.
+
+``$STRANDS_ACTORS_RUN``, else ``$XDG_RUNTIME_DIR/strands-actors``, else ``/tmp/strands-actors-<uid>``; for
+the user alone. A robot's name is its own for as long as a process holds its lock exclusively. Who looks whether one
+does tries a shared lock: when it gets that, the robot has ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from strands_actors.kernel.channels.zenoh_session import unix_endpoint
+
+MAX_SOCKET_PATH = 100
+"""Bytes a unix socket's path may have (108 on Linux, less what zenoh appends)."""
+
+
+NOTE_BYTES = 16 * 1024
+"""More is no note."""
+PATIENCE_S = 0.5
+"""Of a robot that starts, with others who look whether its name is free."""
+LOOK_S = 0.001
+
+
+class Note(msgspec.Struct):
+    """How to reach a robot's tree. ``problem``: why the note that lies there cannot be read; then the sockets are
+    those that it must have by its name."""
+
+    robot: str
+    kind: str
+    pid: int
+    endpoints: list[str]  # of its actors
+    mesh: list[str] = []  # of its topics: what a subscriber connects to
+    problem: str = ""
+    unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
+    caller: str = ""  # endpoint of the process that started it
+
+
+def run_dir() -> Path:
+    """The directory, made if need be. Raise ``PermissionError`` when it is not ours alone."""
+    named = os.environ.get("STRANDS_ACTORS_RUN")
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    path = (
+        Path(named)
+        if named
+        else Path(base) / "strands-actors"
+        if base
+        else Path(tempfile.gettempdir()) / f"strands-actors-{os.getuid()}"
+    )
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = path.stat()
+    if status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise PermissionError(f"{path} is open to others: chmod 700 it, or set STRANDS_ACTORS_RUN to another place")
+    return path
+
+
+def data_dir() -> Path:
+    """What is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else ``$XDG_DATA_HOME/strands-actors``, else
+    ``~/.local/share/strands-actors``."""
+    named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
+    if named:
+        return Path(named)
+    return (Path(base) if base else Path.home() / ".local" / "share") / "strands-actors"
+
+
+def locks_dir() -> Path:
+    """Where the locks of e-stops lie."""
+    return data_dir() / "locks"
+
+
+def socket_path(directory: Path, robot: str, role: str) -> str:
+    return str(directory / f"{robot}.{role}.sock")
+
+
+class Name:
+    """A robot's name, held by a lock that the tree's root inherits."""
+
+    def __init__(self, wanted: str) -> None:
+        directory = run_dir()
+        for number in range(1, 1000):
+            self.name = wanted if number == 1 else f"{wanted}-{number}"
+            self.lock_fd = os.open(directory / f"{self.name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            if _take(self.lock_fd):
+                (directory / f"{self.name}.json").unlink(missing_ok=True)  # of who had it before
+                return
+            os.close(self.lock_fd)
+        raise RuntimeError(f"there are 999 robots called {wanted} already")
+
+    def socket(self, role: str) -> str:
+        """Path of a process's socket. Raise ``ValueError`` when it is too long for one."""
+        path = socket_path(run_dir(), self.name, role)
+        if len(path.encode()) > MAX_SOCKET_PATH:
+            raise ValueError(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
+        return path
+
+    @property
+    def note(self) -> Path:
+        """Where it is published."""
+        return run_dir() / f"{self.name}.json"
+
+    def publish(self, note: Note) -> None:
+        target = self.note
+        draft = target.with_suffix(".tmp")
+        draft.write_bytes(msgspec.json.encode(note))
+        draft.replace(target)
+
+    def release(self) -> None:
+        """Close our hold; the root's own lives as long as it does."""
+        os.close(self.lock_fd)
+
+
+def _take(lock_fd: int) -> bool:
+    """Take a name; False when another robot has it. Who only looks is waited for."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not _try(lock_fd, fcntl.LOCK_EX):
+        if not _try(lock_fd, fcntl.LOCK_SH) or time.monotonic() > until_s:
+            return False
+        fcntl.flock(lock_fd, fcntl.LOCK_UN)
+        time.sleep(LOOK_S)
+    return True
+
+
+def _try(lock_fd: int, how: int) -> bool:
+    try:
+        fcntl.flock(lock_fd, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def is_held(robot: str) -> bool:
+    """Whether a process has that name."""
+    try:
+        fd = os.open(run_dir() / f"{robot}.lock", os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        return not _try(fd, fcntl.LOCK_SH)
+    finally:
+        os.close(fd)
+
+
+def notes() -> Iterator[Note]:
+    """The robots whose lock somebody holds; notes of others are removed. Raise ``OSError`` when the directory
+    cannot be used, and for no note in it."""
+    directory = run_dir()
+    for name in sorted(path.stem for path in directory.glob("*.json")):
+        try:
+            fd = os.open(directory / f"{name}.lock", os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            continue
+        try:
+            if not _try(fd, fcntl.LOCK_SH):
+                note = _read(directory, name)
+                if note is not None:
+                    yield note
+            else:  # as long as we have it, nobody can take the name and write another
+                with contextlib.suppress(OSError):
+                    (directory / f"{name}.json").unlink()
+        finally:
+            os.close(fd)
+
+
+def _read(directory: Path, name: str) -> Note | None:
+    """None when it has just been taken away."""
+    path = directory / f"{name}.json"
+    try:
+        if not path.is_file():
+            return None if not path.exists() else _by_name(directory, name, "it is no file")
+        with path.open("rb") as file:
+            note = msgspec.json.decode(file.read(NOTE_BYTES), type=Note)
+    except FileNotFoundError:
+        return None
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return _by_name(directory, name, str(error))
+    if note.robot != name or not all(map(_is_endpoint, (*note.endpoints, *note.mesh))):
+        return _by_name(directory, name, "it names another robot, or what is no socket")
+    return note
+
+
+def _is_endpoint(endpoint: str) -> bool:
+    return endpoint.startswith(unix_endpoint("/")) and endpoint.endswith(".sock") and "#" not in endpoint
+
+
+def _by_name(directory: Path, name: str, why: str) -> Note:
+    """Of a robot that runs and whose note says nothing: its sockets have their names all the same."""
+    root, wire, mesh = (unix_endpoint(socket_path(directory, name, role)) for role in ("root", "wire", "mesh"))
+    return Note(name, "unknown", 0, [root, wire], [mesh], f"its note {directory / name}.json cannot be read: {why}")

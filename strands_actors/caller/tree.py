@@ -1,0 +1,304 @@
+"""The caller's end of one robot's tree, on trio: connects it, writes to it, stops it, resumes it.
+
+``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in ``_here`` is for any
+thread of the program but the loop's, and asks the gate from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.loading import build_driver
+from strands_actors.supervisors.messages import (
+    Accepted,
+    GetObservation,
+    Performed,
+    Resume,
+    Resumed,
+    Status,
+    Stop,
+    StopReport,
+    TreeReport,
+)
+
+from .commanding import Commanding, Order, Orders
+from .plan import Plan
+from .portal import portal
+from .processes import NotConnected, Processes, unreachable
+from .rollouts import Rollouts
+from .tree_processes import TreeProcesses
+from .writer import Writer
+
+RETRY_S = 3.0
+"""The wire's longest pause between two attempts to open it, and one attempt."""
+
+
+class RobotTree:
+    """One robot. All methods belong to the trio loop of ``nursery``."""
+
+    def __init__(
+        self,
+        node: Node,
+        nursery: trio.Nursery,
+        endpoint: str,
+        plan: Plan,
+        liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
+    ) -> None:
+        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``."""
+        self.plan = plan
+        self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        self.problem = ""
+        """Why the last attempt to connect failed."""
+        self._processes = processes_of(node, nursery, endpoint, plan, self.driver)
+        self._writer = Writer(self._processes, liveness)
+        self.rollouts = Rollouts(self._processes, self._writer, self.driver)
+        self._orders = Orders(self.driver, node.clock, self._processes.patience)
+        self._commanding = Commanding(self._processes, self._writer, self.rollouts)
+        self._stops = 0
+        self._starting = trio.Lock()
+
+    @property
+    def robot(self) -> str:
+        """Its name among the robots that run: ``plan.tool_name``, numbered when that was taken."""
+        return self._processes.robot
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the wire said of itself when it last answered."""
+        return self._processes.facts
+
+    # -- start and end
+
+    async def connect(self, arm: bool = True) -> str | None:
+        """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is false: then
+        nothing is energised). None, or why not."""
+        if self._processes.closed:
+            return "connect: this robot was cleaned up. make a new one"
+        try:
+            async with self._starting:
+                self.problem = await self._connect(arm) or ""
+                return self.problem or None
+        except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
+            self.problem = f"connect: {str(failure).removeprefix('connect: ')}"
+            return self.problem
+
+    async def _connect(self, arm: bool) -> str | None:
+        stops = self._stops
+        processes = self._processes
+        if processes.started:
+            # What it says of the link may be from before its present pause between two attempts.
+            status = await processes.wait_linked(RETRY_S)
+        else:
+            try:
+                await processes.start(self._writer.beat)
+                status = await processes.wait_linked()
+                await processes.require_mesh()
+            except (NotConnected, OSError):
+                await self._end()  # it would go on trying, and take the port from whoever has it next
+                raise
+        if not arm:
+            return None
+        if status.mode != Mode.ARMED and (status.mode != Mode.HOLDING or processes.elsewhere):
+            if status.locked_by:
+                since = f", {status.locked_since}" if status.locked_since else ""
+                return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
+            answer = await self._energise(stops)
+            if not isinstance(answer, Resumed):
+                return answer.text if isinstance(answer, Refused) else "no answer"
+        async with self._writer.turn:
+            refusal = await self._writer.acquire()
+        return None if refusal is None else refusal.text
+
+    async def cleanup(self) -> StopReport | Refused | None:
+        """Make safe, end the tree. The report, or None when nothing was running."""
+        self._processes.close()
+        self.rollouts.end("cleanup")
+        report = await self._end()
+        if self.plan.twin_process is not None and self.plan.owns_twin_process:
+            await self.plan.twin_process.close()
+        return report
+
+    async def _end(self) -> StopReport | Refused | None:
+        report = await self._processes.end(self._writer.lease)
+        self._writer.lease = None
+        return report
+
+    # -- writing
+
+    async def release(self) -> Refused | None:
+        """Give the lease up: others, on the mesh too, may then move the robot. A target that was latched is held.
+        The next command of ours takes the lease again, if nobody else has it."""
+        self._processes.require()
+        refusal = await self.rollouts.refuse("release")
+        if refusal is not None:
+            return refusal
+        async with self._writer.turn:
+            await self._writer.release()
+        return None
+
+    async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
+        """One command: gated, then written, then kept for as long as the driver says."""
+        return _accepted(await self._command(self._orders.move(action)))
+
+    def send_action_here(self, action: Mapping[str, Any]) -> Accepted | Refused | None:
+        """The same in the thread that calls; None when the loop has to do it."""
+        answer = self._command_here(self._orders.move(action))
+        return None if answer is None else _accepted(answer)
+
+    async def perform(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+    ) -> Performed | Refused:
+        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease. ``action``: a command
+        that is written first; when it is refused, so is the service."""
+        return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
+
+    def perform_here(
+        self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+    ) -> Performed | Refused | None:
+        """The same in the thread that calls; None when the loop has to do it."""
+        answer = self._command_here(self._orders.perform(service, arguments, action))
+        return None if answer is None else _performed(service, answer)
+
+    async def _command(self, order: Order | Refused) -> Message | None:
+        self._processes.require()
+        return order if isinstance(order, Refused) else await self._commanding.ask(order)
+
+    def _command_here(self, order: Order | Refused) -> Message | None:
+        self._processes.require()
+        return order if isinstance(order, Refused) else self._commanding.ask_here(order)
+
+    # -- stop and resume
+
+    async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+        """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
+        stop = self._stopping(reason, lock)
+        try:
+            answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return await self._stopped(stop, answer)
+
+    def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+        """The same in the thread that calls: the order leaves in it, whatever the loop does."""
+        stop = self._stopping(reason, lock)
+        try:
+            answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
+        except (AskTimeout, Unreachable):
+            answer = None
+        return portal().call(self._stopped, stop, answer)
+
+    def _stopping(self, reason: Reason, lock: bool) -> Stop:
+        self._processes.require()
+        self._stops += 1
+        return Stop(reason, self._processes.holder, lock)
+
+    async def _stopped(self, stop: Stop, answer: Message | None) -> StopReport | Refused:
+        """``answer``: the gate's; None when there was none."""
+        if answer is None:
+            answer = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
+        self.rollouts.end("stop")
+        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+
+    async def resume(self, lift: bool = True) -> Resumed | Refused:
+        """Lift a lockout, or start again what has died; energise at the measured position. No motion.
+        ``lift=False`` only energises: for who is no operator."""
+        self._processes.require_open()
+        async with self._starting:
+            return await self._resume(lift)
+
+    async def _resume(self, lift: bool) -> Resumed | Refused:
+        stops = self._stops
+        known = self._processes.started
+        refused = await self._processes.revive(lift, self._writer.beat)
+        if refused is not None:
+            return refused
+        # As in ``_connect``: a wire that is new since the stop may be between two attempts.
+        await self._processes.wait_linked(RETRY_S if known else 0.0)
+        answer = await self._energise(stops, lift)
+        if isinstance(answer, Resumed):
+            async with self._writer.turn:
+                refusal = await self._writer.acquire()
+                if refusal is None:
+                    await self.rollouts.end_overtaken()
+            return refusal or answer
+        return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+
+    async def _energise(self, stops: int, lift: bool = True) -> Message | None:
+        """Have the gate arm, unless it was told to stop since (``stops``: how often it had been before)."""
+        if self._stops != stops:
+            return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
+        answer: Message | None = None
+        failure: Exception = NotConnected("the wire ended while it was arming; try again")
+        within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._watch_arming, nursery.cancel_scope)
+            try:
+                answer = await self._processes.gate.ask(Resume(self._processes.holder, lift), within_s)
+            except (AskTimeout, Unreachable) as error:
+                failure = error
+            nursery.cancel_scope.cancel()
+        if answer is None:
+            raise failure
+        return answer
+
+    async def _watch_arming(self, asked: trio.CancelScope) -> None:
+        """A gate that dies takes the question with it: its successor, which does not arm, gives it away."""
+        idle = 0
+        while idle < 2:
+            await trio.sleep(0.2)
+            status = await self.status()
+            idle = 0 if status is None or status.mode in (Mode.ARMING, Mode.STOPPING) else idle + 1
+        asked.cancel()
+
+    # -- reading
+
+    async def observe(self) -> Observation | Refused:
+        self._processes.require()
+        try:
+            return _observed(await self._processes.gate.ask(GetObservation(), self._processes.patience.ask_s))
+        except (AskTimeout, Unreachable) as failure:
+            return unreachable("observe", failure)
+
+    def observe_here(self) -> Observation | Refused:
+        """The same in the thread that calls."""
+        self._processes.require()
+        try:
+            return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
+        except (AskTimeout, Unreachable) as failure:
+            return unreachable("observe", failure)
+
+    async def status(self) -> Status | None:
+        """None when the wire does not answer."""
+        return await self._processes.status()
+
+    async def describe(self) -> TreeReport | None:
+        """Processes and actors of the tree; None when the root does not answer."""
+        return await self._processes.describe()
+
+
+def processes_of(node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> Processes:
+    """Those that a plan is about."""
+    if not plan.at:
+        return TreeProcesses(node, nursery, endpoint, plan, driver)
+    from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere
+
+    return RemoteProcesses(nursery, plan, driver)
+
+
+def _accepted(answer: Message | None) -> Accepted | Refused:
+    return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
+
+
+def _performed(service: str, answer: Message | None) -> Performed | Refused:
+    return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+
+
+def _observed(answer: Message | None) -> Observation | Refused:
+    return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "observe: no answer")

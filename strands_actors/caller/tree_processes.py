@@ -1,0 +1,228 @@
+"""The processes of one robot's tree, as their caller has them: the twin's, where there is one, and the root."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.loading import describe_driver
+from strands_actors.supervisors.messages import (
+    Describe,
+    Fence,
+    GetMesh,
+    Lease,
+    OnMesh,
+    Shutdown,
+    StopReport,
+    TreeReport,
+)
+from strands_actors.surfaces.drill.certificate import TWIN, clause
+
+from .descriptors import FOR_ROBOT, require
+from .plan import Plan
+from .processes import CONNECT_S, NotConnected, Processes
+from .run_directory import Name, Note, locks_dir
+from .strays import label_of
+from .twin_process import SIM, TwinProcessDown
+
+FENCE_S = 3.0
+
+
+class TreeProcesses(Processes):
+    """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was started."""
+
+    def __init__(self, node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> None:
+        """``endpoint``: where ``node`` listens."""
+        super().__init__(node, nursery, plan, driver)
+        self._endpoint = endpoint
+        self._name: Name | None = None
+        self._root_process: ChildProcess | None = None
+        self._scope: trio.CancelScope | None = None
+
+    @property
+    def started(self) -> bool:
+        return self._root_process is not None
+
+    @property
+    def alive(self) -> bool:
+        return self._root_process is not None and self._root_process.alive
+
+    # -- start and end
+
+    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
+        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start."""
+        require(FOR_ROBOT)
+        plan = self.plan
+        port = plan.port
+        if plan.twin_process is not None:
+            try:
+                await plan.twin_process.start()
+            except TwinProcessDown as down:
+                raise NotConnected(str(down)) from None
+            port = plan.twin_process.control if plan.transport == SIM else plan.twin_process.port
+        if self._name is None:
+            self._name = Name(plan.tool_name)
+            self.robot = self._name.name
+        name = self._name
+        roles = ("root", "wire", "policy", "mesh")
+        listen, wire_listen, policy_listen, mesh = (unix_endpoint(name.socket(role)) for role in roles)
+        args = {
+            "robot": self.robot,
+            "driver": describe_driver(plan.driver_class, plan.robot, port, plan.options) | self._drill(port),
+            "caller_pid": os.getpid(),
+            "caller": self.node.address,
+            "note": str(name.note),
+            "twin_pid": 0 if plan.twin_process is None else plan.twin_process.pid,
+            "locks": str(locks_dir()),
+            "lock_port": "" if plan.twin_process is not None else port,
+            "listen": listen,
+            "wire_listen": wire_listen,
+            "policy_listen": policy_listen,
+            "connect": [self._endpoint],
+            "mesh": {
+                "listen": [mesh, *plan.mesh.listens],
+                "connect": plan.mesh.connects,
+                "settings": plan.mesh.robot_settings(),
+            },
+        }
+        entry = "strands_actors.supervisors.root.process:main"
+        process = start(entry, args, [name.lock_fd], label_of(self.robot))
+        name.publish(
+            Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh], caller=self._endpoint)
+        )
+        # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
+        from strands_actors.supervisors.gate.gate import Gate
+        from strands_actors.supervisors.root.guardian import Guardian
+        from strands_actors.supervisors.root.process import Root
+        from strands_actors.supervisors.root.tasks import Tasks
+
+        node, at = self.node, addresses.of(self.robot)
+        self.gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
+        self.guardian: Ref = node.ref(at.guardian, Guardian)
+        self.root: Ref = node.ref(at.root, Root)
+        self.tasks: Ref = node.ref(at.tasks, Tasks)
+        self._scope = trio.CancelScope()
+        self._root_process = process  # last: other threads look here for whether there is somebody to ask
+        self.nursery.start_soon(self._attend, process, self._scope, beside)
+
+    def _drill(self, port: str) -> dict[str, Any]:
+        """For the gate: whether a stop drill is required, and was passed."""
+        plan = self.plan
+        if plan.drill_age_s is None:
+            return {}
+        at = TWIN if plan.transport == "twin" else port
+        return {"drill": clause(plan.driver_class, plan.robot, at, plan.options, plan.drill_age_s)}
+
+    async def _attend(
+        self, process: ChildProcess, scope: trio.CancelScope, beside: Callable[[], Awaitable[None]]
+    ) -> None:
+        with scope:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(process.link(self.node, channels.of_root(self.robot)).run)
+                nursery.start_soon(beside)
+                await process.wait()
+                nursery.cancel_scope.cancel()
+
+    async def end(self, lease: Lease | None) -> StopReport | None:
+        process = self._root_process
+        report: StopReport | None = None
+        if process is not None:
+            # A root that does not answer is fenced at once; the wire then makes itself safe.
+            if await self.describe() is not None:
+                with contextlib.suppress(AskTimeout, Unreachable):
+                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
+                    report = answer if isinstance(answer, StopReport) else None
+                if report is not None and not report.confirmed:
+                    self._part(process)
+                else:
+                    with trio.move_on_after(FENCE_S):
+                        await process.wait()
+            await self._discard()
+        if self._name is not None:
+            self._name.release()
+            self._name = None
+        return report
+
+    def _part(self, process: ChildProcess) -> None:
+        """A root whose robot is not confirmed safe stays, and tries, without us."""
+        process.part()
+        self._root_process = None
+
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
+        """By the root, which fences the wire and writes by its own path."""
+        try:
+            answer = await self.guardian.ask(Fence(reason, by, lock), FENCE_S)
+        except (AskTimeout, Unreachable) as failure:
+            # Neither the wire nor the root answers. Without its root the wire makes itself safe.
+            await self._fence()
+            why = f"neither wire nor root answers ({failure}); the root was ended"
+            named = ", ".join(self.driver.axes)
+            return Refused("unconfirmed", f"stop: {why}. not confirmed by {named}", "look at the robot")
+        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+
+    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
+        """Fence and stop."""
+        await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
+        return Refused("timeout", f"{verb}: {timeout}; the robot was stopped", "resume()")
+
+    async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
+        if await self._answers():
+            return None
+        if not lift:  # whether it was locked is no longer known
+            remedy = "an operator's resume() starts it again"
+            return Refused("not_connected", "resume: the tree does not answer", remedy)
+        if self.started:
+            await self._discard()
+        await self.start(beside)
+        return None
+
+    async def _fence(self) -> None:
+        """Kill the root, and wait for it. Without its root the wire makes itself safe."""
+        if self._root_process is not None:
+            await self._root_process.fence()
+
+    async def _discard(self) -> None:
+        """Fence the root and forget it: the next one is started anew."""
+        await self._fence()
+        if self._scope is not None:
+            self._scope.cancel()
+        self._root_process = None
+
+    # -- what they are
+
+    async def require_mesh(self) -> None:
+        try:
+            answer = await self.root.ask(GetMesh(), CONNECT_S)
+        except (AskTimeout, Unreachable) as failure:
+            raise NotConnected(f"the root does not say whether it is on the mesh: {failure}") from failure
+        if isinstance(answer, OnMesh) and answer.problem:
+            raise NotConnected(answer.problem)
+
+    async def describe(self) -> TreeReport | None:
+        if self._root_process is None:
+            return None
+        try:
+            answer = await self.root.ask(Describe(), self.patience.ask_s)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, TreeReport) else None
+
+    async def _answers(self) -> bool:
+        """Whether the root lives and still keeps a wire; once its restart budget is spent only a new tree helps."""
+        process = self._root_process
+        if process is None or not process.alive:
+            return False
+        report = await self.describe()
+        return report is not None and report.state != Mode.FAILED

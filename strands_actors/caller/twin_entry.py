@@ -1,0 +1,16 @@
+"""Entry of a twin's process when a robot is opened with ``transport="twin"`` or simulated."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+from strands_actors.supervisors.loading import load
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    serve = load(args["twin"])
+    control = {} if args["control"] is None else {"control": args["control"]}
+    serve(
+        args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **control
+    )

@@ -1,0 +1,98 @@
+"""A twin's process, as the caller starts it: behind a wire, at its simulation control, or both."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import tempfile
+from pathlib import Path
+
+import trio
+
+from strands_actors.kernel.processes.process import ChildProcess, start
+
+from .run_directory import MAX_SOCKET_PATH, run_dir
+
+SIM = "sim"
+"""The transport of a simulated robot: its twin's simulation control."""
+
+START_S = 12.0
+END_S = 1.0
+
+_numbers = itertools.count(1)
+
+
+class TwinProcessDown(Exception):
+    """There is no such process, and why."""
+
+
+class TwinProcess:
+    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one; ``has_control``:
+    whether it can be simulated, too."""
+
+    def __init__(self, twin: str, robot: str, has_control: bool = False) -> None:
+        self.robot = robot
+        self._twin = twin
+        self._has_control = has_control
+        self._process: ChildProcess | None = None
+        self._starting = trio.Lock()
+        self._closed = False
+        self.port = ""
+        """Where the robot's wire is, once it runs."""
+        self.control = ""
+        """Path of its simulation control, if it has one, once it runs."""
+
+    @property
+    def pid(self) -> int:
+        """0 when it does not run."""
+        return 0 if self._process is None else self._process.pid
+
+    async def start(self) -> None:
+        """Return when it serves. Harmless when it runs already. Raise ``TwinProcessDown``."""
+        async with self._starting:
+            if self._closed:
+                raise TwinProcessDown("the simulation was cleaned up. make a new one")
+            if self._process is None or not self._process.alive:
+                await self._start()
+
+    async def _start(self) -> None:
+        self.control = _socket_path() if self._has_control else ""
+        with tempfile.TemporaryDirectory(prefix="strands-actors-") as directory:
+            port_file = Path(directory) / "port"
+            args = {
+                "twin": self._twin,
+                "robot": self.robot,
+                "port_file": str(port_file),
+                "log": os.environ.get("STRANDS_ACTORS_TWIN_LOG"),
+                "control": self.control or None,
+            }
+            self._process = start("strands_actors.caller.twin_entry:main", args)
+            with trio.move_on_after(START_S):
+                while self._process.alive:
+                    if port_file.exists():
+                        self.port = port_file.read_text().strip()
+                        return
+                    await trio.sleep(0.005)
+        raise TwinProcessDown("the twin did not start")
+
+    async def close(self) -> None:
+        """End it, for good."""
+        self._closed = True
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill(15)
+            with trio.move_on_after(END_S):
+                await process.wait()
+            await process.fence()
+        if self.control:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(self.control)
+
+
+def _socket_path() -> str:
+    """Raise ``TwinProcessDown`` when it is too long for a socket."""
+    path = f"{run_dir()}/sim-{os.getpid()}-{next(_numbers)}.sock"
+    if len(path.encode()) > MAX_SOCKET_PATH:
+        raise TwinProcessDown(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
+    return path

@@ -1,0 +1,244 @@
+"""The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents and MCP share.
+
+They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any
+
+from strands_actors.contract.driver import Driver, Observation
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.policies.registry import choose_provider, robot_facts
+from strands_actors.supervisors.messages import Accepted, Performed, Resumed, Status, StopReport, TaskStatus
+
+from . import envelopes as answers
+from .envelopes import Answer
+from .plan import Plan
+from .processes import NotConnected
+from .tree import RobotTree
+
+Verb = Callable[..., Coroutine[Any, Any, Answer]]
+"""On a tree, with what else it takes; in the tree's loop."""
+VerbHere = Callable[..., Answer | None]
+"""The same in a thread of the program; None when nothing was done and the loop has to do it."""
+
+
+async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
+    """Run a verb. A tree that is gone or silent is an error envelope."""
+    try:
+        return await verb(tree, *args)
+    except (NotConnected, AskTimeout, Unreachable) as failure:
+        return answers.error(f"{name}: {failure}")
+
+
+def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
+    """The same for a verb in the thread that calls."""
+    try:
+        return here(tree, *args)
+    except NotConnected as failure:
+        return answers.error(f"{name}: {failure}")
+
+
+async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
+    return _commanded(tree, action, await tree.send_action(action))
+
+
+def send_action_here(tree: RobotTree, action: Mapping[str, Any]) -> Answer | None:
+    answer = tree.send_action_here(action)
+    return None if answer is None else _commanded(tree, action, answer)
+
+
+def _commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Refused) -> Answer:
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    return answers.success(tree.driver.commanded(action, answer.values))
+
+
+async def get_observation(tree: RobotTree) -> Answer:
+    return _observed(tree, await tree.observe())
+
+
+def get_observation_here(tree: RobotTree) -> Answer:
+    return _observed(tree, tree.observe_here())
+
+
+def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    return answers.success(tree.driver.as_json(answer.position))
+
+
+async def get_state(tree: RobotTree) -> Answer:
+    """Positions and velocities, and how old they are."""
+    return await _measured(tree, "state", lambda seen: {"velocities": answers.velocities(tree.driver, seen)})
+
+
+async def get_sensors(tree: RobotTree) -> Answer:
+    """Positions, sensors and faults, and how old they are."""
+    return await _measured(
+        tree, "sensors", lambda seen: {"sensors": answers.sensors(seen), "faults": dict(seen.faults)}
+    )
+
+
+async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
+    status = await tree.status()
+    if status is None or status.observation is None:
+        why = "the wire does not answer" if status is None else "nothing was read yet"
+        return answers.refused(Refused("no_observation", f"{name}: {why}", "try again in a moment"))
+    seen = status.observation
+    return answers.success(
+        {
+            "positions": answers.positions(tree.driver, seen),
+            "unit": tree.driver.unit,
+            "age_s": round(status.age_s, 4),
+            "state": status.mode,
+            **more(seen),
+        }
+    )
+
+
+async def release(tree: RobotTree) -> Answer:
+    """Give the lease up."""
+    refused = await tree.release()
+    return answers.success({"released": True}) if refused is None else answers.refused(refused)
+
+
+def require_service(handle: object, plan: Plan | None, name: str) -> None:
+    """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None while the handle
+    is not made yet."""
+    if plan is None or name not in plan.driver_class.SERVICES:
+        raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
+
+
+async def service(
+    tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+) -> Answer:
+    """One of the driver's own services."""
+    return _performed(await tree.perform(name, arguments, action))
+
+
+def service_here(
+    tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
+) -> Answer | None:
+    answer = tree.perform_here(name, arguments, action)
+    return None if answer is None else _performed(answer)
+
+
+def _performed(answer: Performed | Refused) -> Answer:
+    return answers.refused(answer) if isinstance(answer, Refused) else answers.success(answer.result)
+
+
+async def stop(tree: RobotTree) -> Answer:
+    return _stopped(await tree.stop())
+
+
+def stop_here(tree: RobotTree) -> Answer:
+    return _stopped(tree.stop_here())
+
+
+def _stopped(answer: StopReport | Refused) -> Answer:
+    return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
+
+
+async def get_status(tree: RobotTree) -> Answer:
+    return answers.success(describe(tree, await tree.status()))
+
+
+def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
+    problem = tree.problem or "the wire does not answer"
+    return answers.status(tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts)
+
+
+async def resume(tree: RobotTree, lift: bool = True) -> Answer:
+    answer = await tree.resume(lift)
+    if isinstance(answer, Refused):
+        return answers.refused(answer)
+    assert isinstance(answer, Resumed)
+    position = tree.driver.as_json(answer.observation.position)
+    return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
+
+
+async def get_task_status(tree: RobotTree) -> Answer:
+    return answers.success(answers.task(await tree.rollouts.task()))
+
+
+async def stop_task(tree: RobotTree) -> Answer:
+    return _begun(await tree.rollouts.stop_task())
+
+
+def _begun(status: TaskStatus | Refused) -> Answer:
+    if isinstance(status, Refused):
+        return answers.refused(status)
+    return answers.success(answers.task(status))
+
+
+# -- what begins a rollout: refused before a tree is asked, or a verb for it
+
+
+def run_policy(
+    policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
+) -> Verb | Answer:
+    """The arguments as ``Robot.run_policy`` has them."""
+    try:
+        _check_length(duration, n_steps, hz)
+        chosen = _choose_policy(policy, policy_object)
+    except (TypeError, ValueError) as failure:
+        return answers.error(f"run_policy: {failure}")
+
+    async def run(tree: RobotTree) -> Answer:
+        return _begun(await tree.rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz))
+
+    return run
+
+
+def start_task(
+    driver: Driver,
+    provider: str,
+    host: str,
+    port: int | None,
+    options: dict[str, Any],
+    instruction: str,
+    duration: float,
+    hz: float | None,
+) -> Verb | Answer:
+    """The arguments as ``Robot.start_task`` has them."""
+    try:
+        if why := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {why}")
+        _check_length(duration, None, hz)
+        where, chosen = choose_provider(provider, host, port, options)
+    except ValueError as failure:
+        return answers.error(f"start_task: {failure}")
+
+    async def run(tree: RobotTree) -> Answer:
+        given = {**robot_facts(where, tree.driver), **chosen}
+        return _begun(await tree.rollouts.start_task(where, given, instruction, duration, hz))
+
+    return run
+
+
+def _check_length(duration: object, n_steps: object, hz: object) -> None:
+    """Raise ``ValueError`` when a rollout of this length and rate cannot be."""
+    if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
+        raise ValueError(f"duration is {duration!r}. give seconds, finite and above 0")
+    if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
+        raise ValueError(f"n_steps is {n_steps!r}. give a whole number above 0")
+    if hz is not None and (isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1000):
+        raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most 1000")
+
+
+def _choose_policy(policy: Any, policy_object: Any) -> Any:
+    """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there is none."""
+    if policy is not None and policy_object is not None:
+        raise TypeError("policy and policy_object are both given. give one of them")
+    chosen = policy if policy is not None else policy_object
+    if chosen is None:
+        raise TypeError("policy is None. give an object with get_actions_sync, get_actions or step, or a callable")
+    from strands_actors.supervisors.policy import as_infer  # with asyncio: 10 ms, for who runs a policy
+
+    as_infer(chosen)
+    return chosen

@@ -1,0 +1,53 @@
+"""One caller's right to write to a robot: the lease, taken, kept alive and given up, and whose turn it is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+import trio
+
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Acquire, Beat, Lease, Release
+
+from .processes import Processes
+
+BEAT_S = 0.04
+STALE = ("stale_epoch", "no_lease", "lease")
+"""Refusals of a lease that was good once: an explicit new command may take it anew."""
+
+
+class Writer:
+    """All methods belong to the trio loop of the tree."""
+
+    def __init__(self, processes: Processes, liveness: Callable[[], tuple[bool, float]]) -> None:
+        """``liveness``: whether the caller's program lives, and how many seconds ago it last answered."""
+        self.lease: Lease | None = None
+        self.turn = trio.Lock()
+        """One command of this caller at a time: the gate keeps the newest of those that wait, and each may take
+        the lease anew."""
+        self._processes = processes
+        self._liveness = liveness
+
+    async def acquire(self) -> Refused | None:
+        """Take the lease, or take it again. None, or why not."""
+        processes = self._processes
+        answer = await processes.gate.ask(Acquire(processes.holder, pid=os.getpid()), processes.patience.ask_s)
+        if isinstance(answer, Lease):
+            self.lease = answer
+            return None
+        return answer if isinstance(answer, Refused) else Refused("lease", "no lease")
+
+    async def release(self) -> None:
+        """Give the lease up, if it is held."""
+        lease, self.lease = self.lease, None
+        if lease is not None:
+            await self._processes.gate.ask(Release(lease.id), self._processes.patience.ask_s)
+
+    async def beat(self) -> None:
+        """For ever: while the caller's program lives, so does the lease."""
+        while True:
+            await trio.sleep(BEAT_S)
+            alive, answered_ago_s = self._liveness()
+            if self.lease is not None and alive:
+                self._processes.gate.tell(Beat(self.lease.id, answered_ago_s))

@@ -1,0 +1,412 @@
+"""The driver contract: what the author of a driver writes.
+
+A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It is four things:
+
+``Driver``      pure: the robots it serves, axes and units, gates, table of fallbacks, timing. Built in the caller,
+                in the wire process and in the root process from the same plain options.
+``Wire``        the I/O, in the wire process only, used by one actor (the transport), one call at a time.
+``StopChannel``  how the root reaches the hardware when the wire process is gone.
+a twin          the robot's side of the wire (see ``drivers/common/twin/``).
+
+The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Protocol
+
+import msgspec
+import trio
+
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Message, Refused
+
+from .axis import Axis, Part, axes_of, first_target, parse_action
+from .sensors import Sensor
+from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+
+
+class Reason(enum.StrEnum):
+    """Why the robot is asked to be safe. A driver's table of fallbacks maps each to a safe state."""
+
+    EXPIRED = "expired"  # a streamed setpoint outlived its lifetime
+    LEASE = "lease"  # the caller stopped answering
+    POLICY = "policy"  # the policy died, froze or raised
+    STOP = "stop"
+    ESTOP = "estop"
+    CLEANUP = "cleanup"
+    CALLER = "caller"  # the caller's process ended
+    WIRE = "wire"  # the wire process died or stopped answering
+    ROOT = "root"  # the root process died or stopped answering
+    LINK = "link"  # the cable, the socket, the bus
+    FAULT = "fault"  # the restart budget is spent, an actor broke, or the robot may not be commanded any more
+
+
+HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
+"""Reasons after which a position robot stays energised (DESIGN: which reason does what)."""
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """The clocks of one wire. The lifetime (what the writer promised) and the keepalive (what the
+    firmware needs) are different numbers."""
+
+    control_hz: float
+    keepalive_s: float  # period of re-sending the last live setpoint
+    stream_ttl_s: float = 0.1  # lifetime of a streamed setpoint
+    oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
+    state_ttl_s: float = 0.3  # an observation older than this is no observation
+    arm_s: float = 2.0  # longest time that ``Wire.arm`` may take
+    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's constructor keeps
+    # the interpreter's lock. So long the root waits before it calls the process frozen.
+    silent_s: float = 0.0
+    tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
+    heartbeat_ttl_s: float = 0.1  # without a heartbeat for so long, the other process counts as frozen
+    realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a heartbeat: it is
+    # announced to the watchdog, and who takes longer counts as frozen. 0: they wait less than a heartbeat.
+    call_s: float = 0.0
+    open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
+    handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
+    safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
+
+
+class Service(msgspec.Struct, frozen=True):
+    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name to default."""
+
+    about: str
+    within_s: float  # longest time that ``Wire.perform`` may take
+    arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
+    counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
+    in_motion: bool = False  # may be asked for while a target stands
+
+
+class Observation(Message, frozen=True):
+    """One reading of the robot. Rows are in axis order; an axis never read is NaN with stamp 0."""
+
+    t_ns: int
+    position: tuple[float, ...]  # in the driver's units
+    stamp_ns: tuple[int, ...]  # when each position was read
+    velocity: tuple[float, ...] = ()  # units per second
+    sensors: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)  # by name, unit in the name
+    faults: dict[str, str] = msgspec.field(default_factory=dict)  # axis -> what its motor reports
+
+
+class MotorReport(Message, frozen=True):
+    """What became of one motor when the robot was made safe."""
+
+    axis: str
+    id: int
+    written: bool  # the frame left
+    acknowledged: bool  # the motor answered
+    safe: bool  # a register read back says so
+    detail: str = ""
+    target: float | None = None  # where it was told to hold, in the driver's units
+
+
+class Permit(Protocol):
+    """The transport's word that a setpoint may still go out."""
+
+    def check(self) -> None:
+        """Raise ``PermitDenied`` once the setpoint's deadline or epoch has passed."""
+        ...
+
+
+class PermitDenied(Exception):
+    """The setpoint may not be written any more. Not an error of the wire; caught by the transport."""
+
+
+class WireDown(Exception):
+    """The wire cannot be used: not there, closed, or not answering. The text says what and what to do."""
+
+
+class ProcessSpent(Exception):
+    """Only a new process can use this wire again: the SDK in this one hangs, or cannot be closed. Any call of a
+    ``Wire`` but ``make_safe`` may raise it. The root ends the process, makes the robot safe by its stop channel and
+    starts another; that is no failure of the tree. The text says why."""
+
+
+class Wire(ABC):
+    """All I/O of one robot's wire. Calls never overlap, but for ``serve`` and ``perform``.
+
+    A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's bound. A call
+    that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
+
+    interruptible: ClassVar[bool] = False
+    """Whether ``arm``, and ``make_safe`` on a safe state that holds, may be cancelled wherever they wait: a
+    stop then cuts them short. Not where an SDK goes on with what it was told."""
+
+    @abstractmethod
+    async def open(self) -> dict[str, Any]:
+        """Open, shake hands, identify. Return facts for ``status``. Moves nothing.
+        Raise ``WireDown``."""
+
+    @abstractmethod
+    async def arm(self, permit: Permit) -> Observation:
+        """Energise without a jump: goal := measured position first, then torque. ``permit.check()`` before
+        each motor is energised: a stop during bring-up wins. Return what was measured. Raise ``WireDown``;
+        what was energised before a failure the caller makes safe."""
+
+    @abstractmethod
+    async def read(self) -> Observation:
+        """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise ``WireDown``
+        only when the link itself is gone."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest sample for ``read``.
+
+        Started after ``open``; ``started`` once the first ``read`` may come. Cancelled before ``close``; may return
+        when there is nothing to keep up. It writes no setpoint that ``write`` was not given, and none after
+        ``make_safe``. Raise ``WireDown`` when the link is gone, ``ProcessSpent`` as elsewhere."""
+        task_status.started()
+
+    async def feed(self) -> None:  # noqa: B027  # most firmware has no watchdog to feed
+        """Feed the firmware's own watchdog, where it has one that setpoints alone do not feed. Called once per
+        control period, only when the gate and the transport have answered in this period. Raise ``WireDown``."""
+
+    @property
+    def prompt(self) -> bool:
+        """Whether ``read`` and ``write`` would return now without waiting: the wire takes what has arrived, and
+        sends datagrams. Then no task is woken for them."""
+        return False
+
+    @abstractmethod
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing before the bytes
+        leave, after any wait. Raise ``WireDown``."""
+
+    @abstractmethod
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """Bring every motor to ``safe_state``. The first safe frame leaves before the first wait; every motor is
+        tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or closed), or before
+        it was ever up. Write to all that can still be written: what is open first, then a port or connection
+        opened for this. The first safe frame leaves before anything is asked, and needs no answer; only where the
+        frame itself could move the robot it asks first. Leave nothing open that would keep another wire from
+        opening. Never raises; may be cancelled wherever it waits; is called again until all motors confirm.
+
+        Default: nothing of its own, and the stop channel (``Driver.stop_channel`` without descriptors) is used."""
+        return ()
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a stop cancels it.
+        ``permit.check()`` before each write. Raise ``WireDown``."""
+        raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
+
+    def handover(self) -> Sequence[int]:
+        """Descriptors the root's stop channel needs; valid until ``close``."""
+        return ()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the port. Writes nothing."""
+
+
+class StopChannel(ABC):
+    """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
+    the wire is started again; by the wire process itself when its link is lost. Making one must not raise. It may
+    be asked to make safe again and again, until every motor has confirmed: what it was given may be dead, so it
+    finds the robot anew each time."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """What has to be done before the path is needed, and kept up until it is: discovery, a session.
+        ``started`` once it could be used at once; the wire does not count as up before. Runs until it is
+        cancelled, before ``close``, or returns when there is nothing to keep up. Raise ``WireDown``."""
+        task_status.started()
+
+    @abstractmethod
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``Wire.make_safe``."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release what ``Driver.stop_channel`` was given."""
+
+
+class GateState(msgspec.Struct, frozen=True, gc=False):
+    """What a gate may look at. Pure data: a gate knows no clock and no I/O."""
+
+    now_ns: int
+    observation: Observation
+    target: tuple[float, ...]  # the last accepted target, or the measured position after arming
+    target_ns: int  # when that was accepted
+    stream: bool  # part of a stream of setpoints, whose period is known
+    period_s: float = 0.0  # the stream's period; 0 for a one-shot
+    live_until_ns: int = 0  # when the live setpoint ends; 0: none is live; -1: latched
+
+
+class Candidate(msgspec.Struct, frozen=True, gc=False):
+    """An action on its way through the gates."""
+
+    values: tuple[float, ...]  # the whole target, axis order; then what modifies it, where there is such
+    named: tuple[int, ...]  # indices of the axes the action names
+    until_ns: int = 0  # it ends then at the latest: it goes on with motion that was promised so long; 0: its own
+
+
+GateCheck = Callable[[Candidate, GateState], Refused | None]
+
+ConditionCheck = Callable[[Observation, int], Refused | None]
+"""Refuses when something is not true of the robot: from the newest observation and now_ns. Pure."""
+
+
+class Condition(msgspec.Struct, frozen=True):
+    """What must be true of the robot, whatever it is told, and what is done when it no longer is.
+
+    Each has a fallback of its own: a drone with a low battery lands, one whose link is weak hovers."""
+
+    check: ConditionCheck
+    reason: Reason = Reason.FAULT
+    safe_state: str = ""  # empty: what the driver's table has for ``reason``
+    always: bool = False  # looked at while the robot is energised, not only while a setpoint is live
+
+
+class Driver(ABC):
+    """One robot of one wire, as data and pure functions."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
+    ALIASES: ClassVar[Mapping[str, str]] = {}
+    """Other names to robots of ``SUPPORTED_ROBOTS``."""
+    PORT_KIND: ClassVar[Literal["serial", "address"]]
+    PORT_OPTIONAL: ClassVar[bool] = False
+    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
+    TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
+    TWIN: ClassVar[str]
+    """``module:function`` that serves the twin."""
+    OPTIONS: ClassVar[Mapping[str, str]] = {}
+    """Constructor keywords beyond ``port``, with what each means."""
+    SECRETS: ClassVar[frozenset[str]] = frozenset()
+    """Those of them that are in no recording, no certificate and no answer: passwords."""
+    USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
+    """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
+    reads_cameras: ClassVar[bool] = False
+    ROLLOUTS: ClassVar[str] = ""
+    """Why this robot runs no policies; empty: it does."""
+    TASKS: ClassVar[str] = ""
+    """Why this robot runs no policy in a process of its own; empty: it does."""
+    SIMULATION: ClassVar[str] = ""
+    """Why there is no simulation of this robot; empty: there is."""
+    WHOLE_ACTIONS: ClassVar[bool] = False
+    """Whether its gates want every axis named: an arm that is only moved as a whole."""
+    SERVICES: ClassVar[Mapping[str, Service]] = {}
+    """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
+    """What an agent, an MCP client or a command from the mesh may ask."""
+    SENSORS: ClassVar[tuple[Sensor, ...]] = ()
+    """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
+    GUARDED: ClassVar[tuple[str, ...]] = ()
+    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
+
+    robot: str
+    parts: tuple[Part, ...] = ()
+    """The axes as data. ``declare`` takes them; a driver of another kind sets ``axes`` and ``ids`` itself."""
+    axes: tuple[str, ...]
+    ids: tuple[int, ...]  # motor id per axis
+    table: tuple[Axis, ...] = ()
+    unit: str  # for people: "degrees (gripper: percent open)"
+    timing: Timing
+    fallbacks: Mapping[Reason, str]
+    firmware_watchdog: str  # what the firmware does alone when all of us are gone
+    bound_s: float = 0.05  # published: from a death to the safe frame
+    gates: tuple[GateCheck, ...]
+    conditions: tuple[Condition, ...] = ()
+    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses. Those
+    that are ``always`` looked at also end a hold."""
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Runs once, in the caller: check keywords, read files, return plain options for ``__init__``.
+        Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        return dict(options)
+
+    @abstractmethod
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
+
+    def declare(self, *parts: Part) -> None:
+        """Take the axes of the parts: names, ids, parsing and the first target follow from them."""
+        self.parts = parts
+        self.table = axes_of(parts)
+        self.axes = tuple(axis.key for axis in self.table)
+        self.ids = tuple(axis.id for axis in self.table)
+        self._index = {key: at for at, key in enumerate(self.axes)}
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return the whole target: position axes that are not named keep ``state.target``, velocity axes rest."""
+        parsed = parse_action(action, self.robot, self.table, self._index, state.target)
+        return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
+        jumps, and rest for velocity axes, so that nothing drives off."""
+        return first_target(self.table, observation.position) if self.parts else observation.position
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""
+        known = self.SERVICES.get(service)
+        if known is None:
+            names = ", ".join(self.SERVICES) or "none"
+            return Refused(
+                "unknown_service", f"{service}: {self.robot} has no such service", f"it has {names}", service, names
+            )
+        for name in arguments:
+            if name not in known.arguments:
+                names = ", ".join(known.arguments) or "none"
+                return Refused(
+                    "unknown_argument", f"{service}: no argument {name}", f"it takes {names}", name, names
+                )
+        for name, most in known.counts.items():
+            value = arguments.get(name, known.arguments[name])
+            if not _is_count(value, most):
+                why, limit = f"{service}: {name} is {value!r}", f"1..{most}"
+                return Refused("bad_argument", why, f"give a whole number, 1 to {most}", f"{value}", limit)
+        return None
+
+    def preload(self) -> None:  # noqa: B027  # most have nothing to load
+        """Import what ``open_wire`` and ``stop_channel`` need, if it is small. Called in the root and in the wire
+        process before they begin to beat: on a busy machine an import takes longer than they may be silent."""
+
+    def preload_wire(self) -> None:  # noqa: B027  # most load the same in both
+        """As ``preload``, of what the root is to be spared: called in the wire process alone."""
+
+    @abstractmethod
+    def open_wire(self, clock: Clock) -> Wire:
+        """The wire, not yet opened. Import SDKs here, not at module level."""
+
+    @abstractmethod
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
+        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """A row in axis order as the public keys."""
+        return dict(zip(self.axes, values, strict=True))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        """What ``send_action`` answers: an accepted action and the target it became."""
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the twin's model,
+        radians or metres. Default: the same."""
+        return ((0.0, 1.0),) * len(self.axes)
+
+    def travel(self) -> dict[str, tuple[float, float]]:
+        """Each axis' range as its calibration found it, in the driver's units, lower end first. Empty when there is
+        no calibration; default: there is none."""
+        return {}
+
+    def energised(self, safe_state: str) -> bool:
+        """Return whether the robot stays ready in this state, so that the next setpoint moves it again: motors keep
+        torque, or a base stands at velocity zero."""
+        return safe_state in ("hold", "zero")
+
+
+def _is_count(value: object, most: int) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return 1 <= value <= most and value == int(value)

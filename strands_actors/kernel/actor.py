@@ -1,0 +1,336 @@
+"""An actor: state that only its own ``receive`` touches, one message at a time.
+
+The annotation of ``receive`` *is* the protocol: the kernel reads the union from it, builds the decoder
+of the inbox, and answers anything else with a typed refusal, never with an exception in the actor::
+
+    class Gate(Actor):
+        def receive(self, message: Setpoint | Stop) -> Accepted | Refused | StopReport: ...
+
+A synchronous ``receive`` is the fast path; an asynchronous one may wait. An answer that is not known yet
+is given later: return ``self.context.defer()`` and ``send`` on what it holds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from .clock import Clock
+from .frames import Protocol, protocol_of
+from .inline_dispatch import BURST, LONGEST_NS
+from .mailbox import Mailbox, ReplyTo, Slot
+from .messages import Message, Refused
+from .ticker import Ticker
+
+if TYPE_CHECKING:
+    from .node import Node, Ref
+
+
+class Deferred:
+    """Returned by ``receive`` instead of an answer; answer with ``send`` when it is known."""
+
+    __slots__ = ("_context", "_reply", "number")
+
+    def __init__(self, reply: ReplyTo | None, context: Context | None = None, number: int = 0) -> None:
+        self._reply = reply
+        self._context = context
+        self.number = number
+        """Of its actor's, in the order they were made."""
+
+    def send(self, answer: Message | None) -> None:
+        context = self._context
+        if context is not None and (instrument := context.node.instrument) is not None:
+            instrument.settled(context.address, self.number, answer)
+        if self._reply is not None:
+            self._reply.send(answer)
+            self._reply = None
+
+
+class Actor:
+    """Subclass with a typed ``receive``; override ``started`` to set timers or look others up."""
+
+    context: Context
+
+    async def started(self) -> None:
+        """Runs before the first message of each incarnation."""
+
+    def receive(self, message: Any) -> Any:
+        raise NotImplementedError
+
+    def is_prompt(self, message: Any) -> bool:
+        """Of an actor whose ``receive`` is asynchronous: whether it would return now without waiting for anything.
+        Such a message can be handled in the turn of whoever sent it (``dispatch``)."""
+        return False
+
+
+class Context:
+    """What an actor may use of its surroundings; new for each incarnation."""
+
+    def __init__(self, cell: Cell, nursery: trio.Nursery) -> None:
+        self._cell = cell
+        self._nursery = nursery
+        self.node = cell.node
+        self.clock: Clock = cell.node.clock
+        self.address = cell.address
+        self.reply: ReplyTo | None = None
+        self.received_ns = self.clock.now_ns()
+        """When the present message was taken up; before the first one, when this incarnation began. A handler
+        that reads the time here and nowhere else is a function of its state, the message and this."""
+        self.deferrals = 0
+
+    @property
+    def asked(self) -> bool:
+        """Whether somebody waits for the answer to the present message."""
+        return self.reply is not None
+
+    @property
+    def me(self) -> Ref:
+        return self.node.ref(self.address, type(self._cell.actor), sender=self.address)
+
+    def ref(self, address: str, protocol: type[Actor] | None = None) -> Ref:
+        """A reference whose messages name this actor as the sender."""
+        return self.node.ref(address, protocol, sender=self.address)
+
+    def defer(self) -> Deferred:
+        """Keep the present message's reply for later."""
+        self.deferrals += 1
+        return Deferred(self.reply, self, self.deferrals)
+
+    def saw(self, value: object) -> None:
+        """For a recorder: what a handler has just read of the world beside its message, or written into it."""
+        if (instrument := self.node.instrument) is not None:
+            instrument.saw(self.address, value)
+
+    def note(self, message: Message) -> None:
+        """For a recorder: an event that no message tells."""
+        if (instrument := self.node.instrument) is not None:
+            instrument.noted(self.address, self.clock.now_ns(), message)
+
+    def watch(self, address: str) -> None:
+        """Receive ``Down`` when the actor at ``address`` ends or cannot be reached any more."""
+        self.node.watch(address, self.address)
+
+    @property
+    def urgent_waiting(self) -> bool:
+        return self._cell.mailbox.urgent_waiting
+
+    @contextlib.contextmanager
+    def until_urgent(self) -> Iterator[None]:
+        """Leave the block, wherever it waits, when an urgent message comes for this actor: a handler that waits for
+        a slow robot does not keep a stop waiting. What the block assigns may then be missing."""
+        mailbox = self._cell.mailbox
+        with trio.CancelScope() as scope:
+            mailbox.on_urgent = scope.cancel
+            try:
+                if mailbox.urgent_waiting:
+                    scope.cancel()
+                yield
+            finally:
+                mailbox.on_urgent = None
+
+    def every(self, period_s: float, make: Callable[[int], Message]) -> Ticker:
+        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is given back."""
+        put, dispatch, address = self._cell.mailbox.put, self.node.dispatch, self.address
+
+        def tick(now_ns: int) -> None:
+            with dispatch:
+                put(make(now_ns), None, address)
+
+        ticker = Ticker(self.clock, period_s)
+        self._nursery.start_soon(ticker.run, tick)
+        return ticker
+
+    def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
+        """A task that lives as long as this incarnation; its failure is the actor's."""
+        self._nursery.start_soon(task, *args)
+
+
+class Cell:
+    """An address, a mailbox, and the incarnations of one actor. The mailbox survives a restart."""
+
+    def __init__(self, node: Node, address: str, factory: Callable[[], Actor], role: str = "") -> None:
+        self.node = node
+        self.address = address
+        self.role = role or address.rsplit("/", 1)[-1]
+        self.factory = factory
+        self.actor: Actor = factory()
+        self.protocol: Protocol = protocol_of(type(self.actor))
+        can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
+        self.plain = self.protocol.accepts - self.protocol.carriers
+        """What goes into the mailbox as it is."""
+        self.commands = frozenset(kind for kind in self.plain if kind.lane == "command")
+        self.mailbox = Mailbox(offer=partial(node.dispatch.offer, self) if can_be_helped else None)
+        self._error: Exception | None = None
+        self.hosted = False
+        """By its node: the address is known there."""
+        self.incarnations = 0
+        self.state = "starting"
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """One incarnation: returns only by cancellation or by the actor's exception."""
+        if self.incarnations:
+            self.actor = self.factory()
+        self.incarnations += 1
+        self.state = "starting"
+        self._error = None
+        self.node.host(self)
+        reason = "stopped"
+        try:
+            async with trio.open_nursery() as nursery:
+                self.actor.context = Context(self, nursery)
+                await self.actor.started()
+                self.state = "running"
+                task_status.started()
+                await self._loop()
+        except Exception as error:
+            reason = describe(error)
+            raise
+        finally:
+            self.state = "stopped"
+            self.node.unhost(self, reason)
+
+    # -- handling: in its own task, or in a turn of somebody else's
+
+    async def _loop(self) -> None:
+        mailbox, dispatch = self.mailbox, self.node.dispatch
+        while True:
+            if self.protocol.is_async:
+                await self._work_slowly()
+            else:
+                with dispatch:
+                    self.work(self.node.clock.now_ns() + LONGEST_NS)
+            try:
+                await mailbox.wait()
+            finally:
+                if self._error is not None:
+                    raise self._error
+
+    def help(self, until_ns: int) -> bool:
+        if not self.mailbox.take_up():
+            return True  # it has been woken, or ends
+        try:
+            return self._work_promptly(until_ns) if self.protocol.is_async else self.work(until_ns)
+        except Exception as error:
+            self._error = error  # its own task raises it
+            self.wake()
+            return True
+
+    def wake(self) -> None:
+        self.mailbox.wake()
+
+    def work(self, until_ns: int) -> bool:
+        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor raises."""
+        urgent, queue = self.mailbox.urgent, self.mailbox.queue
+        now_ns, instrument = self.node.clock.now_ns, self.node.instrument
+        context, receive = self.actor.context, self.actor.receive
+        at_ns = now_ns()
+        for _ in range(BURST):
+            if urgent:  # as Mailbox.pop; a call less for each message
+                item: Any = urgent.popleft()
+            elif queue:
+                item = queue.popleft()
+            else:
+                return True
+            kind = type(item)  # isinstance() asks msgspec's metaclass, for 50 ns
+            if kind is tuple:
+                message, reply = item
+            elif kind is Slot:
+                message, reply = item.take()
+            else:
+                message, reply = item, None
+            context.received_ns = at_ns
+            context.reply = reply
+            if instrument is not None:
+                instrument.took(self.address, at_ns, message, reply is not None)
+            try:
+                answer = receive(message)
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            if instrument is not None or reply is not None:
+                self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                break
+        return not self.mailbox
+
+    def _work_promptly(self, until_ns: int) -> bool:
+        """As ``work``, of an asynchronous actor, as long as it is prompt."""
+        mailbox, now_ns, actor = self.mailbox, self.node.clock.now_ns, self.actor
+        at_ns = now_ns()
+        while (entry := mailbox.first()) is not None:
+            message, reply = entry
+            if at_ns > until_ns or not actor.is_prompt(message):
+                return False
+            mailbox.pop()
+            self._take_up(message, reply, at_ns)
+            try:
+                answer = _at_once(actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+        return True
+
+    async def _work_slowly(self) -> None:
+        pop, now_ns = self.mailbox.pop, self.node.clock.now_ns
+        at_ns = now_ns()
+        until_ns = at_ns + LONGEST_NS
+        for _ in range(BURST):
+            entry = pop()
+            if entry is None:
+                return
+            message, reply = entry
+            self._take_up(message, reply, at_ns)
+            try:
+                answer = await self.node.dispatch.of(self.actor.receive(message))
+            except Exception as error:
+                self._failed(reply, error)
+                raise
+            self._answered(reply, answer)
+            at_ns = now_ns()
+            if at_ns > until_ns:
+                return
+
+    def _take_up(self, message: Message, reply: ReplyTo | None, at_ns: int) -> None:
+        context, instrument = self.actor.context, self.node.instrument
+        context.received_ns = at_ns
+        context.reply = reply
+        if instrument is not None:
+            instrument.took(self.address, at_ns, message, reply is not None)
+
+    def _answered(self, reply: ReplyTo | None, answer: Any) -> None:
+        instrument = self.node.instrument
+        if instrument is not None:
+            if type(answer) is Deferred:
+                instrument.deferred(self.address, answer.number)
+            else:
+                instrument.answered(self.address, answer)
+        if reply is not None and type(answer) is not Deferred:
+            reply.send(answer)
+
+    def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
+        if reply is not None:
+            reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
+
+
+def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
+    """What it returns. Raise ``RuntimeError`` when it waits all the same."""
+    try:
+        handler.send(None)
+    except StopIteration as done:
+        return done.value
+    handler.close()
+    raise RuntimeError(f"{handler} waits, of a message that it called prompt")
+
+
+def describe(error: BaseException) -> str:
+    """One line for people; of a group, its first cause."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -1,0 +1,225 @@
+"""A link: the inherited socket between a parent process and its child.
+
+It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a frozen
+peer does not read is kept up to a bound, then dropped and counted. All of it belongs to the node's loop but
+``send_at_once``, which is of any thread.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import trio
+
+from strands_actors.kernel.node import Node
+
+from .permissions import Channel
+
+BACKLOG_BYTES = 256 * 1024
+_READ_BYTES = 16 * 1024  # of more the interpreter takes and gives back pages at each read
+HEAD = struct.Struct("<IB")
+"""Before each frame: its length, and how many descriptors come with it."""
+_MAX_FRAME = 1 << 20
+_MAX_DESCRIPTORS = 8
+_INT = struct.calcsize("i")
+_ANCILLARY_BYTES = socket.CMSG_LEN(_MAX_DESCRIPTORS * _INT)
+_CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
+
+
+def packet_of(data: bytes, descriptors: int = 0) -> bytes:
+    """A frame as it travels."""
+    return HEAD.pack(len(data), descriptors) + data
+
+
+class Link:
+    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone. ``channel``: what the
+    other end may say; None: everything."""
+
+    def __init__(
+        self,
+        node: Node,
+        sock: socket.socket,
+        on_closed: Callable[[], None] | None = None,
+        channel: Channel | None = None,
+    ) -> None:
+        self.channel = channel
+        self._node = node
+        self._socket = sock
+        self._on_closed = on_closed
+        self._backlog: deque[tuple[memoryview, tuple[int, ...]]] = deque()
+        self._backlog_bytes = 0
+        self._writable_wanted = trio.Event()
+        self._token: trio.lowlevel.TrioToken | None = None
+        self._sending = threading.Lock()
+        """Around what leaves, so that no frame begins within another."""
+        self.closed = False
+        self.dropped = 0
+        sock.setblocking(False)
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Serve until the other end is gone or the task is cancelled."""
+        self._token = trio.lowlevel.current_trio_token()
+        try:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._write_backlog)
+                self._node.attach(self)
+                task_status.started()
+                await self._read()
+                nursery.cancel_scope.cancel()
+        except* trio.ClosedResourceError:
+            pass  # closed by this end
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        if self.closed:
+            return
+        with self._sending:
+            self.closed = True
+            trio.lowlevel.notify_closing(self._socket)
+            self._socket.close()
+        while self._backlog:
+            _close_all(self._backlog.popleft()[1])
+        self._node.detach(self)
+        if self._on_closed is not None:
+            self._on_closed()
+
+    # -- the Way protocol
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        if self.closed:
+            return False
+        packet = packet_of(data, len(descriptors))
+        if len(packet) > BACKLOG_BYTES:
+            self.dropped += 1  # half of it would be sent and the rest not kept
+            return False
+        with self._sending:
+            if self._backlog:
+                self._keep(memoryview(packet), descriptors)
+                return True
+            try:
+                sent = self._send(packet, descriptors)
+            except BlockingIOError:
+                self._keep(memoryview(packet), descriptors)
+            except OSError:
+                return False  # the reader will see the end of file
+            else:
+                if sent < len(packet):
+                    self._keep(memoryview(packet)[sent:], ())
+        return True
+
+    def send_at_once(self, data: bytes) -> bool:
+        packet = packet_of(data)
+        with self._sending:
+            if self.closed or self._backlog or self._token is None:
+                return False
+            try:
+                sent = self._socket.send(packet)
+            except OSError:
+                return False
+            if sent < len(packet):  # Linux cuts nothing so short in two, others may
+                self._backlog.append((memoryview(packet)[sent:], ()))
+                self._backlog_bytes += len(packet) - sent
+                self._token.run_sync_soon(lambda: self._writable_wanted.set())
+        return True
+
+    def announce(self, address: str, hosted: bool) -> None:
+        self.send("", self._node.hosts_frame(address, hosted))
+
+    def watch(self, address: str) -> None:
+        """Nothing to do: ``detach`` reports every address behind a link that went down."""
+
+    def _send(self, data: bytes | memoryview, descriptors: tuple[int, ...]) -> int:
+        if descriptors:
+            return socket.send_fds(self._socket, [data], list(descriptors))
+        return self._socket.send(data)
+
+    def _keep(self, packet: memoryview, descriptors: tuple[int, ...]) -> None:
+        if self._backlog and self._backlog_bytes + len(packet) > BACKLOG_BYTES:
+            self.dropped += 1
+            return
+        # The caller may close its descriptors before they can be sent.
+        self._backlog.append((packet, tuple(os.dup(fd) for fd in descriptors)))
+        self._backlog_bytes += len(packet)
+        self._writable_wanted.set()
+
+    async def _write_backlog(self) -> None:
+        while True:
+            await self._writable_wanted.wait()
+            self._writable_wanted = trio.Event()
+            while self._backlog:
+                packet, descriptors = self._backlog[0]
+                try:
+                    sent = self._send(packet, descriptors)
+                except BlockingIOError:
+                    await trio.lowlevel.wait_writable(self._socket)
+                    continue
+                except OSError:
+                    return
+                _close_all(descriptors)
+                self._backlog_bytes -= sent
+                if sent < len(packet):
+                    self._backlog[0] = (packet[sent:], ())
+                else:
+                    self._backlog.popleft()
+
+    async def _read(self) -> None:
+        descriptors: deque[int] = deque()
+        try:
+            await self._read_frames(descriptors)
+        finally:
+            _close_all(descriptors)
+
+    async def _read_frames(self, descriptors: deque[int]) -> None:
+        room = bytearray(_READ_BYTES)
+        rooms, read = (room,), memoryview(room)
+        rest = b""  # of a frame that is not whole yet
+        while True:
+            await trio.lowlevel.wait_readable(self._socket)
+            try:
+                size, ancillary, _, _ = self._socket.recvmsg_into(rooms, _ANCILLARY_BYTES, _CLOEXEC)
+            except BlockingIOError:
+                continue
+            except ConnectionError:
+                return
+            if ancillary:
+                descriptors.extend(_descriptors(ancillary))
+            if not size:
+                return
+            data = rest + read[:size] if rest else read[:size]
+            with self._node.dispatch:
+                taken = self._take_frames(data, descriptors)
+            if taken is None:
+                return
+            rest = bytes(data[taken:])
+
+    def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
+        """All that are whole; how many bytes that was. None when the other end cannot be what it should be."""
+        start, length = 0, len(data)
+        while length - start >= HEAD.size:
+            size, count = HEAD.unpack_from(data, start)
+            if size > _MAX_FRAME:
+                return None
+            end = start + HEAD.size + size
+            if length < end:
+                break
+            given = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors)))) if count else ()
+            self._node.receive_frame(bytes(data[start + HEAD.size : end]), self, given)
+            start = end
+        return start
+
+
+def _descriptors(ancillary: Sequence[tuple[int, int, bytes]]) -> Iterator[int]:
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+            yield from memoryview(data[: len(data) // _INT * _INT]).cast("i")
+
+
+def _close_all(descriptors: Iterable[int]) -> None:
+    for fd in descriptors:
+        os.close(fd)

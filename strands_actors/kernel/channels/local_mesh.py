@@ -1,0 +1,104 @@
+"""A mesh in memory: the same frames, the same refusals, no I/O. For tests, and for trees under MockClock.
+
+Links between nodes can be cut and healed, as a network's can.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+import msgspec
+
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node, Unreachable
+
+from .permissions import Channel
+
+
+class LocalNetwork:
+    """Joins the ``LocalMesh`` of several nodes."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[str, LocalMesh] = {}
+        self._cut: set[str] = set()
+
+    def join(self) -> LocalMesh:
+        """A mesh for one node; pass it to ``Node`` and then call ``attach(node)``."""
+        return LocalMesh(self)
+
+    def cut(self, node: Node) -> None:
+        """Nothing from or to this node arrives any more; those who watch across the cut are told."""
+        self._cut.add(node.address)
+        for mesh in list(self._meshes.values()):
+            if mesh.node is not node:
+                mesh.peer_gone(node)
+                self._meshes[node.address].peer_gone(mesh.node)
+
+    def heal(self, node: Node) -> None:
+        self._cut.discard(node.address)
+
+    def add(self, mesh: LocalMesh) -> None:
+        self._meshes[mesh.node.address] = mesh
+
+    def remove(self, mesh: LocalMesh) -> None:
+        self._meshes.pop(mesh.node.address, None)
+        for other in list(self._meshes.values()):
+            other.peer_gone(mesh.node)
+
+    def deliver(self, source: Node, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
+        if source.address in self._cut:
+            return False
+        for address, mesh in self._meshes.items():
+            if address in self._cut:
+                continue
+            if to == address or to in mesh.node.cells:
+                mesh.node.receive_frame(data, mesh, tuple(os.dup(fd) for fd in descriptors))
+                return True
+        return False
+
+
+class LocalMesh:
+    def __init__(self, network: LocalNetwork) -> None:
+        self.channel: Channel | None = None
+        self._network = network
+        self._watched: set[str] = set()
+        self.node: Node
+
+    def attach(self, node: Node) -> None:
+        self.node = node
+        node.mesh = self
+        self._network.add(self)
+
+    def close(self) -> None:
+        self._network.remove(self)
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        return self._network.deliver(self.node, to, data, descriptors)
+
+    def ask(
+        self,
+        to: str,
+        sender: str,
+        message: Message,
+        decode: Callable[[msgspec.Raw], Message | None],
+        deadline_s: float,
+    ) -> Message | None:
+        raise Unreachable("in memory there are no threads")
+
+    def forget(self, to: str, why: str) -> None:
+        """Nothing to do: no thread asks."""
+
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
+    def announce(self, address: str, hosted: bool) -> None:
+        """Nothing to do: delivery looks the address up."""
+
+    def watch(self, address: str) -> None:
+        self._watched.add(address)
+
+    def peer_gone(self, peer: Node) -> None:
+        for address in [address for address in self._watched if address in peer.cells]:
+            self._watched.discard(address)
+            self.node.lost(address)

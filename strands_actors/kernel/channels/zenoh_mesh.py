@@ -1,0 +1,235 @@
+"""The mesh over zenoh: pub/sub inboxes with a correlation id (half the latency of query and reply).
+
+Every node listens on its own unix socket and connects to those it is told of. Nothing here is cached or replayed.
+
+Two traps shape this file. A subscriber with an ordinary Python callback owns a Python thread that keeps a
+crashed process hanging, its liveliness token alive: ``Callback(indirect=False)`` has no such thread. And a
+callback runs on zenoh's thread: it appends to a deque and writes an eventfd, or releases the thread that waits for
+this very answer, nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import trio
+import zenoh
+
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import PREFIX, Node
+from strands_actors.kernel.thread_asks import ThreadAsks
+
+from .permissions import Channel
+from .zenoh_session import Waker, closed, config, opened, unix_endpoint
+
+_WAKE_BATCH = 512
+_PUBLISHERS = 32
+"""Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
+
+EVERYBODY = f"{PREFIX}/**/alive"
+"""The tokens of all actors and nodes."""
+
+
+class ZenohMesh:
+    """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.channel: Channel | None = None
+        self._session = session
+        self._pid = os.getpid()
+        self._urgent: deque[bytes] = deque()
+        self._inbox: deque[bytes] = deque()
+        self._waker = Waker()
+        self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
+        self._subscribers: dict[str, Any] = {}
+        self._alive: set[str] = set()
+        """Actors and nodes that somebody hosts. By their tokens, not by who subscribes to their keys: anybody may
+        listen there."""
+        self._tokens: Any = None
+        self._watched: set[str] = set()
+        self._lost: deque[str] = deque()
+        self._threads: ThreadAsks | None = None
+        self._asked: dict[str, zenoh.Publisher] = {}
+        self.node: Node
+        opened(self)
+
+    @classmethod
+    async def open(
+        cls,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        settings: Mapping[str, Any] | None = None,
+    ) -> ZenohMesh:
+        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own, by path."""
+        stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
+        configured = config(listen, connect, {**stamped, **(settings or {})})
+        return cls(await trio.to_thread.run_sync(zenoh.open, configured))
+
+    def let_in(self, node: Node, address: str) -> None:
+        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is answered. The node
+        itself sends nothing this way."""
+        self.node = node
+        self.announce(address, True)
+
+    def attach(self, node: Node, tokens: str = EVERYBODY) -> None:
+        """``tokens``: of whom it may reach, where access rules do not let it see all."""
+        self.node = node
+        node.mesh = self
+        self._tokens = self._session.liveliness().declare_subscriber(
+            tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
+        )
+        self.announce(node.address, True)
+        for address in node.cells:
+            self.announce(address, True)
+
+    def serve_threads(self) -> None:
+        """From now on threads of this process may ``ask``."""
+        threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
+
+        def on_answer(sample: zenoh.Sample) -> None:  # on zenoh's thread
+            threads.take(sample.payload.to_bytes())
+
+        self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, on_answer),)
+
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Carry frames from zenoh's thread into the node's loop."""
+        urgent, inbox, lost = self._urgent, self._inbox, self._lost
+        task_status.started()
+        while True:
+            await self._waker.wait()
+            with self.node.dispatch:
+                for _ in range(min(len(urgent) + len(inbox), _WAKE_BATCH)):
+                    self.node.receive_frame(urgent.popleft() if urgent else inbox.popleft(), self)
+            while lost:
+                self.node.lost(lost.popleft())
+            if inbox:
+                self._waker.wake()
+
+    def close(self) -> None:
+        """Close the session. Blocks for a few milliseconds."""
+        closed(self)
+        if self._threads is not None:
+            self._threads.close("this process has left the mesh")
+        self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
+
+    # -- the Way protocol
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        if self._pid != os.getpid():
+            return False  # a fork has the session without its threads
+        try:
+            publisher = self._publisher(to, urgent)
+            if to not in self._alive and not _is_heard(to, publisher):
+                return False
+            publisher.put(data)
+        except zenoh.ZError:
+            return False  # no key at all (a peer names where its answer goes), or the session is closed
+        return True
+
+    def _publisher(self, to: str, urgent: bool) -> zenoh.Publisher:
+        known = self._publishers.get((to, urgent))
+        if known is not None:
+            return known
+        if "*" in to:
+            raise zenoh.ZError(f"{to} is not one address")
+        if len(self._publishers) >= _PUBLISHERS:
+            self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
+        publisher = self._publishers[to, urgent] = self._declare(to, urgent)
+        return publisher
+
+    def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
+        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a stop is among
+        them, and waits for no batch (express; of the others three times as many cross a second without)."""
+        return self._session.declare_publisher(
+            to,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=_URGENT if urgent else zenoh.Priority.INTERACTIVE_HIGH,
+            express=urgent,
+        )
+
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
+    def ask(
+        self,
+        to: str,
+        sender: str,
+        message: Message,
+        decode: Callable[[msgspec.Raw], Message | None],
+        deadline_s: float,
+    ) -> Message | None:
+        """From any thread, which waits: see ``Ref.ask_here``."""
+        if self._threads is None:
+            raise RuntimeError("serve_threads() was not called")
+        return self._threads.ask(self._put_question, to, sender, message, decode, deadline_s)
+
+    def forget(self, to: str, why: str) -> None:
+        """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told ``why``."""
+        publisher = self._asked.pop(to, None)
+        if publisher is not None:
+            publisher.undeclare()  # type: ignore[no-untyped-call]
+        if self._threads is not None:
+            self._threads.fail(to, why)
+
+    def _put_question(self, to: str, data: bytes) -> bool:
+        try:
+            if to not in self._alive:
+                return False
+            publisher = self._asked.get(to)
+            if publisher is None:  # two threads at once may make two: one of them is kept
+                publisher = self._asked[to] = self._declare(to, False)
+            publisher.put(data)
+        except zenoh.ZError:
+            return False
+        return True
+
+    def announce(self, address: str, hosted: bool) -> None:
+        if not hosted:
+            for declared in self._subscribers.pop(address, ()):
+                declared.undeclare()
+        elif address not in self._subscribers:
+            inbox = self._subscribe(address, self._on_sample)
+            token = self._session.liveliness().declare_token(f"{address}/alive")
+            self._subscribers[address] = (inbox, token)
+
+    def watch(self, address: str) -> None:
+        self._watched.add(address)
+
+    def _subscribe(self, key: str, callback: Callable[[zenoh.Sample], None]) -> Any:
+        return self._session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
+
+    # -- on zenoh's thread
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        (self._urgent if sample.priority == _URGENT else self._inbox).append(sample.payload.to_bytes())
+        self._waker.wake()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        address = str(sample.key_expr).removesuffix("/alive")
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._alive.add(address)
+            return
+        self._alive.discard(address)
+        if self._threads is not None:
+            self._threads.fail(address, f"{address} went away")
+        if address in self._watched:
+            self._lost.append(address)
+            self._waker.wake()
+
+
+_URGENT = zenoh.Priority.REAL_TIME
+
+
+def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
+    """An address for answers, which has no token: nobody else asks there."""
+    if not address.startswith(f"{PREFIX}/node/"):
+        return False
+    status: Any = publisher.matching_status  # the stubs say bool
+    return bool(status.matching)
+
+
+__all__ = ["PREFIX", "ZenohMesh", "config", "unix_endpoint"]

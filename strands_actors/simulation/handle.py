@@ -1,0 +1,92 @@
+"""What a simulation has beyond a robot's verbs: pictures, a window, a fresh start.
+
+    world = World(robot.twin process)
+    picture = await world.render(640, 480, None)
+
+Its process is the robot's twin. The simulated robot comes through its simulation control, without gates; a real
+driver comes through its wire (``transport="twin", sim=``). Both move the same joints: whatever is energised on
+the wire follows the wire, the rest follows the simulation.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import trio
+
+from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.supervisors.loading import load
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+_RENDER = "strands_actors.drivers.sim.world:render"
+_RESET = "strands_actors.drivers.sim.world:reset"
+_VIEWER = "strands_actors.drivers.sim.viewer:main"
+
+WINDOW_S = 20.0
+
+
+class SimulationError(RuntimeError):
+    """It cannot be done; the text says why."""
+
+
+class World:
+    """One simulation. Starts its process when it is needed; every method may raise ``SimulationError``."""
+
+    def __init__(self, twin_process: TwinProcess) -> None:
+        self._twin_process = twin_process
+        self._windows: list[ChildProcess] = []
+
+    async def render(self, width: int, height: int, camera: str | None) -> NDArray[numpy.uint8]:
+        """(height, width, 3), the first row on top."""
+        if not all(isinstance(size, int) and size > 0 for size in (width, height)):
+            raise SimulationError(f"render: a picture of {width!r} x {height!r}. give whole numbers above 0")
+        picture = await self._ask("render", _RENDER, width, height, camera or "")
+        import numpy
+
+        return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
+
+    async def reset(self) -> None:
+        """Every joint back to where it began, limp."""
+        await self._ask("reset", _RESET)
+
+    async def view(self) -> None:
+        """Open MuJoCo's viewer in a process of its own; return when its window is there."""
+        if sys.platform.startswith("linux") and not (
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        ):
+            raise SimulationError("view: there is no display (DISPLAY is not set). use render()")
+        await self._start("view")
+        window = start(_VIEWER, {"control": self._twin_process.control})
+        self._windows.append(window)
+        with trio.move_on_after(WINDOW_S):
+            await trio.lowlevel.wait_readable(window.socket)
+            if window.socket.recv(1):
+                return
+        await window.fence()
+        raise SimulationError("view: the viewer did not open; what it says is above")
+
+    async def close(self) -> None:
+        """End the simulation, and every window on it."""
+        for window in self._windows:
+            await window.fence()
+        self._windows.clear()
+        await self._twin_process.close()
+
+    async def _ask(self, verb: str, where: str, *args: Any) -> Any:
+        await self._start(verb)
+        try:
+            return await load(where)(self._twin_process.control, *args)
+        except RuntimeError as failure:
+            raise SimulationError(f"{verb}: {failure}") from None
+
+    async def _start(self, verb: str) -> None:
+        try:
+            await self._twin_process.start()
+        except TwinProcessDown as down:
+            raise SimulationError(f"{verb}: {down}") from None

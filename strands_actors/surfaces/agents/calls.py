@@ -1,0 +1,126 @@
+"""From what a driver declares to a tool's spec, and from what a model sent to a call or a refusal. Pure."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.kernel.messages import Refused
+
+Kind = Literal["read", "motion", "stop"]
+
+_SHOWN = 40
+"""Characters of a wrong input that a refusal shows."""
+
+_TYPES: Mapping[str, tuple[type, ...]] = {
+    "object": (Mapping,),
+    "number": (int, float),
+    "boolean": (bool,),
+    "string": (str,),
+}
+
+
+@dataclass(frozen=True)
+class Call:
+    """A declared verb with inputs of the declared types."""
+
+    verb: ToolVerb
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> Kind:
+        """What it comes to: torque that is taken away is a stop."""
+        match self.verb.does:
+            case "stop":
+                return "stop"
+            case "action":
+                return "motion"
+            case "torque":
+                return "motion" if self.inputs["enabled"] else "stop"
+        return "read"
+
+    @property
+    def action(self) -> dict[str, Any]:
+        """The command of a verb that does ``action``."""
+        command: dict[str, Any] = dict(self.verb.action)
+        for name, value in self.inputs.items():
+            command |= value if isinstance(value, Mapping) else {name: value}
+        return command
+
+
+def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
+    """As strands-agents and MCP want it; ``action`` names the verb."""
+    verbs = driver.TOOL_VERBS
+    properties: dict[str, Any] = {
+        "action": {
+            "type": "string",
+            "enum": [verb.name for verb in verbs],
+            "description": " ".join(f"{verb.name}: {verb.says}" for verb in verbs),
+        }
+    }
+    for verb in verbs:
+        for name, schema in verb.inputs.items():
+            properties[name] = _with_axes(schema, driver)
+    return {
+        "name": tool_name,
+        "description": (
+            f"The robot {driver.robot}: {', '.join(driver.axes)}, in {driver.unit}. "
+            "What it must not do it refuses, and says what it would accept."
+        ),
+        "inputSchema": {"json": {"type": "object", "properties": properties, "required": ["action"]}},
+    }
+
+
+def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
+    """An object is keyed by axis."""
+    if schema["type"] != "object":
+        return dict(schema)
+    return {
+        **schema,
+        "properties": {axis: {"type": "number"} for axis in driver.axes},
+        "additionalProperties": False,
+    }
+
+
+def read(driver: Driver, given: object) -> Call | Refused:
+    """What a model asks for. A null is an input that is not given; a stop minds no input."""
+    names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
+    if not isinstance(given, Mapping):
+        return Refused("bad_input", f"tool: the input is {_shown(given)}", f"give an object with action: {names}")
+    said = given.get("action")
+    wanted = said.strip().lower() if isinstance(said, str) else said
+    verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
+    if verb is None:
+        what = "no action is given" if said is None else f"{_shown(said)} is not a verb of {driver.robot}"
+        return Refused("unknown_verb", f"tool: {what}", f"use {names}", _shown(said), names)
+    if verb.does == "stop":
+        return Call(verb)
+    inputs = {name: value for name, value in given.items() if name != "action" and value is not None}
+    return _refuse_inputs(verb, inputs) or Call(verb, inputs)
+
+
+def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
+    takes = ", ".join(verb.inputs) or "no input"
+    for name, value in inputs.items():
+        if name not in verb.inputs:
+            close = difflib.get_close_matches(str(name), verb.inputs, n=1)
+            hint = f" ({close[0]!r}?)" if close else ""
+            what = f"{verb.name}: it takes no {_shown(name)}{hint}"
+            return Refused("unknown_input", what, f"it takes {takes}", _shown(name), takes)
+        kind = verb.inputs[name]["type"]
+        if not isinstance(value, _TYPES[kind]) or (isinstance(value, bool) and kind != "boolean"):
+            what = f"{verb.name}: {name} is {_shown(value)}"
+            return Refused("bad_input", what, f"give it as {kind}", _shown(value), kind)
+    for name in verb.required:
+        if name not in inputs:
+            what = f"{verb.name}: {name} is missing"
+            return Refused("bad_input", what, f"it takes {takes}", "", takes)
+    return None
+
+
+def _shown(value: object) -> str:
+    return repr(value)[:_SHOWN]

@@ -1,0 +1,73 @@
+"""A robot's tool over MCP, on standard input and output. One trio loop: the server and the robot's handle."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import AsyncIterator
+from typing import Any
+
+import trio
+from mcp import types
+from mcp.server import Server
+from mcp.server.context import ServerRequestContext
+from mcp.server.stdio import stdio_server
+
+from strands_actors import __version__
+from strands_actors.caller.async_robot import AsyncRobot
+from strands_actors.caller.envelopes import Answer
+
+ALLOW_MOTION = "start the server with --allow-motion"
+
+
+class Lines:
+    """Standard input, line by line. Who waits for a line can be cancelled: a thread that hangs in it is left."""
+
+    def __aiter__(self) -> AsyncIterator[str]:
+        return self
+
+    async def __anext__(self) -> str:
+        line: str = await trio.to_thread.run_sync(sys.stdin.readline, abandon_on_cancel=True)
+        if not line:
+            raise StopAsyncIteration
+        return line
+
+
+async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
+    """Until the client closes our standard input."""
+    motion = "" if allow_motion else ALLOW_MOTION
+
+    async def list_tools(context: ServerRequestContext[Any], params: Any) -> types.ListToolsResult:
+        spec = robot.tool_spec
+        tool = types.Tool(
+            name=spec["name"], description=spec["description"], input_schema=spec["inputSchema"]["json"]
+        )
+        return types.ListToolsResult(tools=[tool])
+
+    async def call_tool(
+        context: ServerRequestContext[Any], params: types.CallToolRequestParams
+    ) -> types.CallToolResult:
+        if params.name != robot.tool_name:
+            text = f"there is no tool {params.name!r}. the tool is {robot.tool_name}"
+            return types.CallToolResult(content=[types.TextContent(type="text", text=text)], is_error=True)
+        return _result(await robot.use_tool(params.arguments or {}, "mcp", motion))
+
+    server = Server(
+        "strands-actors",
+        version=__version__,
+        instructions=f"A robot. {'' if allow_motion else 'Motion is refused: the server was started without it.'}",
+        on_list_tools=list_tools,
+        on_call_tool=call_tool,
+    )
+    async with stdio_server(stdin=Lines()) as (incoming, outgoing):  # type: ignore[arg-type]
+        await server.run(incoming, outgoing, server.create_initialization_options())
+
+
+def _result(answer: Answer) -> types.CallToolResult:
+    """The envelope, twice: as text for models, structured for programs."""
+    blocks = [block["text"] if "text" in block else json.dumps(block["json"]) for block in answer["content"]]
+    return types.CallToolResult(
+        content=[types.TextContent(type="text", text=text) for text in blocks],
+        structured_content=dict(answer),
+        is_error=answer["status"] != "success",
+    )

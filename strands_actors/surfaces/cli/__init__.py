@@ -1,0 +1,327 @@
+"""The command ``strands-actors``. Each command imports what it needs when it runs, so that --help is quick."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .errors import Problem
+
+USAGE = 2
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="strands-actors",
+    help="Robots as supervised trees of actors.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
+
+
+def _running() -> list[str]:
+    """For the shell to complete."""
+    from strands_actors.caller.run_directory import notes
+
+    return [note.robot for note in notes()]
+
+
+def _known() -> list[str]:
+    from strands_actors.drivers import list_native_drivers
+
+    return list(list_native_drivers())
+
+
+Which = Annotated[
+    str | None,
+    typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.", autocompletion=_running),
+]
+Kind = Annotated[str, typer.Argument(metavar="ROBOT", help="As `list` names it.", autocompletion=_known)]
+What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
+Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
+All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]
+
+
+@app.command()
+def demo(
+    seconds: Annotated[float, typer.Option(min=6.0, help="Length, without the time processes need.")] = 12.0,
+    no_faults: Annotated[bool, typer.Option("--no-faults", help="Only run the policy.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")] = False,
+    out: Annotated[Path, typer.Option(help="Where the picture goes.")] = Path("demo.png"),
+) -> None:
+    """Kill a running arm, process by process, and measure."""
+    from .demo import run
+
+    raise typer.Exit(run(seconds, faults=not no_faults, as_json=json, out=out))
+
+
+@app.command("list")
+def list_(json: Json = False) -> None:
+    """The robots there are, and who drives them."""
+    from .robots import show_robots
+
+    show_robots(as_json=json)
+
+
+@app.command()
+def tree(json: Json = False) -> None:
+    """The robots that run now: their processes and actors."""
+    from .trees import show_trees
+
+    show_trees(as_json=json)
+
+
+@app.command()
+def top() -> None:
+    """The same, live; stop, e-stop and resume by a key."""
+    from .top import run as show
+
+    raise typer.Exit(show())
+
+
+@app.command()
+def doctor(json: Json = False) -> None:
+    """What this machine lacks to run robots, and the remedies."""
+    from .doctor import run as examine
+
+    raise typer.Exit(examine(as_json=json))
+
+
+@app.command()
+def stop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
+    """De-energise a robot."""
+    from .orders import stop as run
+
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
+
+
+@app.command()
+def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
+    """De-energise every robot, or one, and lock it until `resume`."""
+    from .orders import estop as run
+
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
+
+
+@app.command()
+def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
+    """Lift a lockout and energise; starts no motion."""
+    from .orders import resume as run
+
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
+
+
+@app.command()
+def echo(
+    what: What,
+    mesh: Mesh = None,
+    json: Json = False,
+    count: Annotated[int | None, typer.Option(min=1, help="End after so many samples.")] = None,
+) -> None:
+    """Show what a robot publishes."""
+    from .listen import echo as run
+
+    run(what, mesh, as_json=json, count=count)
+
+
+@app.command()
+def trace(
+    robot: Annotated[str, typer.Argument(help="As `tree` names it.")],
+    count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    json: Json = False,
+) -> None:
+    """Print what a robot's actors tell each other: who, whom, which message, how old. Of this user's own robots."""
+    from .trace import trace as run
+
+    run(robot, json, count, seconds)
+
+
+@app.command()
+def hz(
+    what: What,
+    mesh: Mesh = None,
+    json: Json = False,
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="Listen so long, then end.")] = None,
+) -> None:
+    """How often a robot publishes what."""
+    from .listen import hz as run
+
+    run(what, mesh, as_json=json, seconds=seconds)
+
+
+@app.command()
+def send(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
+    targets: Annotated[list[str], typer.Argument(metavar="JOINT=NUMBER...", help="In the robot's units.")],
+    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Then the robot holds.")] = 2.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Move a robot whose lease nobody holds."""
+    from .send import send as run
+
+    raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
+
+
+meshes = typer.Typer(name="mesh", help="Who is on the mesh, and who may be.", add_completion=False)
+app.add_typer(meshes)
+
+
+@meshes.command()
+def status(mesh: Mesh = None, json: Json = False) -> None:
+    """The robots on the mesh."""
+    from .mesh import status as run
+
+    run(mesh, as_json=json)
+
+
+@meshes.command()
+def keys(
+    directory: Annotated[Path, typer.Argument(help="Where they go.")],
+    host: Annotated[list[str] | None, typer.Option(help="Under which a robot is connected to.")] = None,
+    name: Annotated[list[str] | None, typer.Option(help="Of one more certificate.")] = None,
+    days: Annotated[int, typer.Option(min=1, help="For which they are valid.")] = 365,
+    json: Json = False,
+) -> None:
+    """Make a certificate authority, and certificates for robot, operator and viewer."""
+    from .mesh import keys as run
+
+    run(directory, host or [], name or [], days, as_json=json)
+
+
+@app.command()
+def record(
+    robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")],
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long; else until Ctrl-C.")] = None,
+    json: Json = False,
+) -> None:
+    """Record all that a running robot is told, decides and does."""
+    from .record import record as run
+
+    raise typer.Exit(run(robot, out, seconds, as_json=json))
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A file that `record` wrote.")],
+    json: Json = False,
+) -> None:
+    """Decide a recording anew, and compare every decision."""
+    from .record import replay as run
+
+    raise typer.Exit(run(recording, as_json=json))
+
+
+@app.command()
+def twin(
+    robot: Kind,
+    port_file: Annotated[Path, typer.Option(help="Is written with the twin's port (or address).")],
+    log: Annotated[Path | None, typer.Option(help="One JSON line for each frame on the wire.")] = None,
+    fault: Annotated[str | None, typer.Option(metavar="WORD[:servo]", help="A fault it begins with.")] = None,
+    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of its twin.")] = None,
+    parent_fd: Annotated[int | None, typer.Option(hidden=True, help="Ends with the twin's parent.")] = None,
+) -> None:
+    """Serve a robot's twin until interrupted."""
+    from .robots import serve_twin
+
+    serve_twin(robot, port_file, log, fault, parent_fd, option or [])
+
+
+@app.command()
+def mcp(
+    robot: Annotated[str, typer.Argument(help="As `list` names it.")],
+    port: Annotated[str | None, typer.Option(help="Where the robot is.")] = None,
+    transport: Annotated[str | None, typer.Option(help="`twin`: its twin, behind its real wire.")] = None,
+    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="Without, nothing is energised.")] = False,
+) -> None:
+    """Serve a robot as a tool over MCP, on standard input and output."""
+    from .mcp import serve_mcp
+
+    serve_mcp(robot, port, transport, allow_motion)
+
+
+@app.command()
+def drill(
+    robot: Kind,
+    port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Drill its twin.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Consent was given elsewhere.")] = False,
+    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="A keyword of Robot().")] = None,
+    json: Json = False,
+) -> None:
+    """Prove that the robot in front of you can be stopped; keeps a certificate."""
+    from .drill import run as drill_robot
+
+    raise typer.Exit(drill_robot(robot, port, twin, yes, option or [], as_json=json))
+
+
+@app.command()
+def matrix(
+    drivers: Annotated[str | None, typer.Option(help="Robots, with commas. Default: one of each driver.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Trials a cell.")] = 1,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the page there.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
+    resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
+    again: Annotated[
+        str | None, typer.Option(help="Cells that are repeated: wire-exit, so101/wire-spin ...")
+    ] = None,
+    why: Annotated[str, typer.Option(help="For the page: why these, and none of the others.")] = "",
+    json: Json = False,
+) -> None:
+    """Break everything there is to break on the twins, and measure."""
+    from .matrix import run as measure
+
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, again, why))
+
+
+def main() -> None:
+    """Entry of the console script."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; its exit code. What goes wrong is one line on stderr."""
+    try:
+        code = app(list(arguments) or ["--help"], prog_name="strands-actors", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
+    except BaseExceptionGroup as group:
+        return _ended(group)
+    except (Problem, OSError) as problem:
+        return _complain(str(problem))
+    except Exception as error:
+        usage = getattr(error, "format_message", None)  # typer's own, whichever version
+        if usage is None:
+            raise
+        return _complain(usage())
+    return code if isinstance(code, int) else 0
+
+
+def _ended(error: BaseException) -> int:
+    """What happened in a task comes in groups: by the first in it."""
+    first = error
+    while isinstance(first, BaseExceptionGroup):
+        first = first.exceptions[0]
+    match first:
+        case KeyboardInterrupt():
+            return INTERRUPTED
+        case BrokenPipeError():  # who read our output has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        case Problem() | OSError():
+            return _complain(str(first))
+    raise error
+
+
+def _complain(text: str) -> int:
+    print(f"strands-actors: {' '.join(text.split())}", file=sys.stderr)
+    return USAGE

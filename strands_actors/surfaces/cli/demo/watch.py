@@ -1,0 +1,163 @@
+"""Watches a robot while it runs: samples of its state, its tree, the wire. It only asks; it commands nothing."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import trio
+
+from strands_actors.caller.envelopes import Answer
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import Describe, GetStatus, ProcessInfo, Status, TreeReport
+from strands_actors.supervisors.root.process import Root
+
+from .wire import Wire
+
+SAMPLE_S = 0.02
+TREE_S = 0.2
+ASK_S = 0.25
+
+
+class Sample(NamedTuple):
+    """One value of every axis at one time."""
+
+    t_ns: int
+    values: tuple[float, ...]
+
+
+class Watch:
+    """Runs in the loop of the robot's handle, from ``start`` to ``stop``."""
+
+    def __init__(self, robot: RealRobot, log: Path) -> None:
+        self.wire = Wire(log)
+        self.positions: list[Sample] = []
+        self.targets: list[Sample] = []  # only while setpoints move the robot
+        self.status: Status | None = None  # None: the wire process does not answer
+        self.tree: TreeReport | None = None  # the last one the root gave
+        self.unit = ""
+        self.axes: tuple[str, ...] = ()
+        self._robot = robot
+        self._pids: dict[str, list[int]] = {}
+        self._ended = False
+
+    def start(self) -> None:
+        """Once the robot is connected."""
+        self.unit = status_of(self._robot)["unit"]
+        self.axes = tuple(self._robot.get_observation())
+        at, node = addresses.of(self._robot.name), portal().node
+        portal().submit(self._sample, node.ref(at.gate, Gate))
+        portal().submit(self._describe, node.ref(at.root, Root))
+
+    def stop(self) -> None:
+        self._ended = True
+        self.wire.poll()
+
+    def pid(self, role: str) -> int | None:
+        """Of the process that plays a role now."""
+        processes = self.tree.processes if self.tree is not None else ()
+        found = next((process.pid for process in processes if process.role == role), None)
+        return found if found is not None and state_of(found) == "running" else None
+
+    def left_over(self) -> list[int]:
+        """Processes of the tree, past and present, that have not ended."""
+        others = [pid for pids in self._pids.values() for pid in pids if pid != os.getpid()]
+        return [pid for pid in others if state_of(pid) != "ended"]
+
+    def restarts(self, role: str) -> int:
+        """How often the role got a new process, whoever started it."""
+        return max(0, len(self._pids.get(role, ())) - 1)
+
+    # -- in the loop
+
+    async def _sample(self, gate: Ref) -> None:
+        while not self._ended:
+            await trio.sleep(SAMPLE_S)
+            try:
+                answer = await gate.ask(GetStatus(), ASK_S)
+            except (AskTimeout, Unreachable):
+                answer = None
+            self.wire.poll()
+            self.status = answer if isinstance(answer, Status) else None
+            if self.status is not None:
+                self._keep(self.status)
+
+    def _keep(self, status: Status) -> None:
+        seen, setpoint = status.observation, self.wire.last("setpoint")
+        if seen is not None and (not self.positions or seen.t_ns > self.positions[-1].t_ns):
+            self.positions.append(Sample(seen.t_ns, seen.position))
+        if setpoint is None or not self.moving or not status.target:
+            return
+        if not self.targets or setpoint.t_ns > self.targets[-1].t_ns:
+            self.targets.append(Sample(setpoint.t_ns, status.target))
+
+    @property
+    def moving(self) -> bool:
+        """Setpoints are what the wire heard last."""
+        last = self.wire.last("setpoint", "safe", "enable")
+        return last is not None and last.kind == "setpoint"
+
+    async def _describe(self, root: Ref) -> None:
+        while not self._ended:
+            try:
+                answer = await root.ask(Describe(), ASK_S)
+            except (AskTimeout, Unreachable):
+                answer = None
+            if isinstance(answer, TreeReport):
+                self.tree = self._counted(answer)
+            await trio.sleep(TREE_S)
+
+    def _counted(self, report: TreeReport) -> TreeReport:
+        """With our own count of restarts: a new root knows nothing of those before it."""
+        processes = []
+        for process in report.processes:
+            pids = self._pids.setdefault(process.role, [])
+            if process.pid not in pids:
+                pids.append(process.pid)
+            processes.append(ProcessInfo(process.role, process.pid, self.restarts(process.role)))
+        return msgspec.structs.replace(report, processes=tuple(processes))
+
+
+def status_of(robot: RealRobot) -> dict[str, Any]:
+    answer = robot.get_status()
+    assert isinstance(answer, Answer)  # no event loop runs in this thread
+    json: dict[str, Any] = answer["content"][0]["json"]
+    return json
+
+
+def state_of(pid: int) -> str:
+    """``running``, ``frozen`` or ``ended``, as the operating system says."""
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            letter = file.read().rpartition(")")[2].split()[0]
+    except ProcessLookupError:
+        return "ended"
+    except FileNotFoundError:
+        return "running" if not os.path.exists("/proc/self/stat") and _exists(pid) else "ended"
+    return {"T": "frozen", "t": "frozen", "Z": "ended", "X": "ended"}.get(letter, "running")
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
+    """Whether it came true in time."""
+    deadline = time.monotonic() + at_most_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True

@@ -1,0 +1,316 @@
+"""``doctor``: what this machine lacks to run robots, each with its remedy in one line.
+
+``ok`` needs nothing, ``weak`` says what works less well or not at all beside the robots themselves, ``broken`` is
+something every robot needs: then the exit code is 1.
+"""
+
+from __future__ import annotations
+
+import grp
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from typing import Any
+
+from strands_actors.caller.run_directory import MAX_SOCKET_PATH, notes, run_dir
+
+OK, WEAK, BROKEN = "ok", "weak", "broken"
+PYTHONS = ((3, 11), (3, 13))
+"""Oldest and newest that this version is tested with."""
+GL_S = 20.0
+"""How long making a picture may take: a GL driver that hangs is as bad as none."""
+DISTRIBUTION = "strands-actors"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the answer."""
+
+    name: str
+    state: str
+    found: str
+    remedy: str = ""
+
+
+def run(as_json: bool) -> int:
+    """Print every check; 1 when something that every robot needs is broken."""
+    checks = list(examine())
+    healthy = all(check.state != BROKEN for check in checks)
+    if as_json:
+        print(json.dumps({"ok": healthy, "checks": [asdict(check) for check in checks]}))
+    else:
+        _show(checks)
+    return 0 if healthy else 1
+
+
+def examine() -> Iterator[Check]:
+    """Each part of the machine in turn. One that raises is itself a finding."""
+    parts: tuple[Callable[[], Iterator[Check]], ...] = (
+        check_python,
+        check_kernel,
+        check_scheduling,
+        check_directory,
+        check_zenoh,
+        check_serial,
+        check_gl,
+        check_drivers,
+        check_extras,
+        check_robots,
+    )
+    for part in parts:
+        name = part.__name__.removeprefix("check_")
+        try:
+            yield from part()
+        except Exception as error:  # whatever a machine can be missing
+            yield Check(
+                name, BROKEN, f"{type(error).__name__}: {error}", "report this: doctor has no remedy for it"
+            )
+
+
+def check_python() -> Iterator[Check]:
+    version, (oldest, newest) = sys.version_info[:2], PYTHONS
+    here = f"{sys.version.split()[0]} at {sys.executable}"
+    supported = f"{oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}"
+    if oldest <= version <= newest:
+        yield Check("python", OK, here)
+    else:
+        yield Check("python", BROKEN, here, f"use Python {supported}: python3.11 -m venv .venv")
+
+
+def check_kernel() -> Iterator[Check]:
+    from strands_actors.kernel.clock import has_timerfd
+
+    if has_timerfd():
+        yield Check("timerfd", OK, "ticks are 0.05 ms late")
+    else:
+        yield Check("timerfd", WEAK, "none: ticks are rounded to milliseconds", "run on Linux for exact timing")
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except (AttributeError, OSError) as error:
+        yield Check("pidfd", WEAK, f"none ({error}): a death is seen 5 ms later", "run on Linux 5.3 or newer")
+    else:
+        yield Check("pidfd", OK, "a death is seen at once")
+
+
+def check_scheduling() -> Iterator[Check]:
+    if not hasattr(os, "sched_setscheduler"):
+        yield Check("scheduling", WEAK, "no SCHED_FIFO on this system", "keep other load away from the robot")
+        return
+    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        user = os.environ.get("USER") or str(os.getuid())
+        yield Check(
+            "scheduling",
+            WEAK,
+            "SCHED_FIFO is not permitted: on a busy machine ticks come late",
+            f"echo '{user} - rtprio 20' | sudo tee /etc/security/limits.d/robots.conf, then log in again",
+        )
+        return
+    os.sched_setscheduler(0, before, parameters)
+    yield Check(
+        "scheduling", OK, "SCHED_FIFO is permitted: `chrt -f 5 python script.py` gives it to a robot's tree"
+    )
+
+
+def check_directory() -> Iterator[Check]:
+    try:
+        path = run_dir()
+        with tempfile.NamedTemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        yield Check("directory", BROKEN, str(error), "set STRANDS_ACTORS_RUN to a directory of your own, mode 700")
+        return
+    room = MAX_SOCKET_PATH - len(f"{path}/.root.sock".encode())
+    if room < 16:
+        yield Check(
+            "directory",
+            BROKEN,
+            f"{path}: a robot's name may have {max(room, 0)} letters only, sockets have short paths",
+            "set STRANDS_ACTORS_RUN to a shorter place",
+        )
+    else:
+        yield Check("directory", OK, f"{path}, yours alone")
+
+
+def check_zenoh() -> Iterator[Check]:
+    import zenoh
+
+    from strands_actors.kernel.channels.zenoh_mesh import config, unix_endpoint
+
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory:
+        try:
+            session: Any = zenoh.open(config([unix_endpoint(f"{directory}/doctor.sock")]))
+            session.close()
+        except Exception as error:  # zenoh raises its own kind, which has no better name
+            yield Check(
+                "zenoh", BROKEN, f"no session opens: {error}", "pip install --force-reinstall eclipse-zenoh"
+            )
+            return
+    yield Check("zenoh", OK, f"{metadata.version('eclipse-zenoh')}, a session opens; loopback only")
+
+
+def check_serial() -> Iterator[Check]:
+    from serial.tools import list_ports
+
+    known = (port for port in list_ports.comports() if port.hwid != "n/a")  # not the sockets nothing is behind
+    ports = sorted(known, key=lambda port: str(port.device))
+    usable = []
+    for port in ports:
+        if os.access(port.device, os.R_OK | os.W_OK):
+            usable.append(f"{port.device} ({port.description})" if port.description else str(port.device))
+            continue
+        group = _group_of(port.device)
+        yield Check(
+            "serial",
+            WEAK,
+            f"{port.device} belongs to group {group}, you may not open it",
+            f"sudo usermod -aG {group} $USER, then log in again",
+        )
+    if usable:
+        yield Check("serial", OK, ", ".join(usable))
+    elif not ports:
+        yield Check("serial", OK, "no serial device is plugged in")
+
+
+def _group_of(path: str) -> str:
+    gid = os.stat(path).st_gid
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+_PICTURE = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+data = mujoco.MjData(model)
+with mujoco.Renderer(model, 32, 32) as renderer:
+    mujoco.mj_forward(model, data)
+    renderer.update_scene(data)
+    assert renderer.render().any()
+"""
+
+
+def check_gl() -> Iterator[Check]:
+    """In processes of their own: a GL library that is loaded once cannot be exchanged, and may crash."""
+    wanted = os.environ.get("MUJOCO_GL")
+    why = []
+    for backend in (wanted,) if wanted else ("egl", "osmesa"):
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", _PICTURE],
+                env={**os.environ, "MUJOCO_GL": backend},
+                capture_output=True,
+                text=True,
+                timeout=GL_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            why.append(f"{backend}: no picture within {GL_S:g} s")
+            continue
+        if done.returncode == 0:
+            yield Check("gl", OK, f"pictures with MUJOCO_GL={backend}")
+            return
+        why.append(f"{backend}: {(done.stderr.strip().splitlines() or [f'code {done.returncode}'])[-1]}")
+    yield Check(
+        "gl",
+        WEAK,
+        f"render() makes no picture ({'; '.join(why)})",
+        "sudo apt install libegl1 libgl1-mesa-dri  (or libosmesa6 and MUJOCO_GL=osmesa)",
+    )
+
+
+def check_drivers() -> Iterator[Check]:
+    import warnings
+
+    from strands_actors import drivers
+
+    with warnings.catch_warnings(record=True):  # what they say is said below
+        warnings.simplefilter("always")
+        robots = drivers.list_native_drivers()
+    for name, why in sorted(drivers.broken_drivers().items()):
+        ours = name in drivers.WIRES
+        yield Check(
+            "driver",
+            BROKEN if ours else WEAK,
+            f"{name} cannot be used: {why}",
+            f"pip install --force-reinstall {DISTRIBUTION}" if ours else f"update or remove the package of {name}",
+        )
+    yield Check("drivers", OK, f"{len(robots)} robots, {len(set(robots.values()))} drivers")
+
+
+def check_extras() -> Iterator[Check]:
+    """What ``pip install 'strands-actors[...]'`` would add, and what of the rest is missing."""
+    try:
+        requirements = metadata.requires(DISTRIBUTION) or []
+    except metadata.PackageNotFoundError:
+        yield Check("packages", WEAK, f"{DISTRIBUTION} runs without being installed", "pip install -e .")
+        return
+    for extra, missing in missing_requirements(requirements).items():
+        name = f"extra {extra}" if extra else "packages"
+        what = f"'{DISTRIBUTION}[{extra}]'" if extra else f"--force-reinstall {DISTRIBUTION}"
+        if not missing:
+            yield Check(name, OK, "installed")
+        elif extra:
+            yield Check(name, WEAK, f"not installed: {', '.join(missing)}", f"pip install {what}")
+        else:
+            yield Check(name, BROKEN, f"missing: {', '.join(missing)}", f"pip install {what}")
+
+
+def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
+    """Per extra ("" is none) the distributions that are not installed here. ``test`` is left out."""
+    found: dict[str, list[str]] = {"": []}
+    for requirement in requirements:
+        spec, _, marker = requirement.partition(";")
+        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", marker)
+        name = re.match(r"[A-Za-z0-9._-]+", spec.strip())
+        if name is None or (extra and extra[1] == "test") or not _is_for_this_python(marker):
+            continue
+        missing = found.setdefault(extra[1] if extra else "", [])
+        try:
+            metadata.version(name[0])
+        except metadata.PackageNotFoundError:
+            missing.append(name[0])
+    return found
+
+
+def _is_for_this_python(marker: str) -> bool:
+    here = sys.version_info[:2]
+    for operator, major, minor in re.findall(r"python_version\s*(<=|>=|<|>)\s*['\"](\d+)\.(\d+)['\"]", marker):
+        limit = (int(major), int(minor))
+        holds = {"<": here < limit, "<=": here <= limit, ">": here > limit, ">=": here >= limit}[operator]
+        if not holds:
+            return False
+    return True
+
+
+def check_robots() -> Iterator[Check]:
+    try:
+        running = [f"{note.robot} (root {note.pid})" for note in notes()]
+    except PermissionError:  # told above
+        return
+    yield Check("robots", OK, f"running: {', '.join(running)}" if running else "none of yours is running")
+
+
+def _show(checks: list[Check]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    styles = {OK: "green", WEAK: "yellow", BROKEN: "bold red"}
+    console = Console()
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        line = Text.assemble((f"{check.state:<7}", styles[check.state]), f"{check.name:<{width}}  {check.found}")
+        console.print(line, soft_wrap=True)
+        if check.remedy:
+            console.print(Text(f"{'':<7}{'':<{width}}  remedy: {check.remedy}", "dim"), soft_wrap=True)
+    count = sum(check.state == BROKEN for check in checks)
+    console.print(f"{count} broken" if count else "everything a robot needs is here", style="bold")

@@ -1,0 +1,138 @@
+"""``echo`` and ``hz``: what robots publish."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.kernel.channels.pubsub import Received, Stamp
+from strands_actors.supervisors.mesh.schemas import TELEMETRY, key
+from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
+
+from .errors import Problem
+from .orders import configuration
+
+WINDOW_S = 1.0
+
+
+def echo(what: str, mesh: Path | None, as_json: bool, count: int | None) -> None:
+    trio.run(_echo, what, mesh, as_json, count)
+
+
+def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+    trio.run(_hz, what, mesh, as_json, seconds)
+
+
+async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None) -> None:
+    show = print_json if as_json else print_line
+    left = count
+    done = trio.Event()
+
+    def on_sample(received: Received) -> None:
+        nonlocal left
+        if done.is_set():
+            return
+        show(received)
+        if left is not None:
+            left -= 1
+            if left <= 0:
+                done.set()
+
+    async with open_mesh(configuration(mesh)) as client:
+        await _subscribe(client, what, on_sample)
+        await done.wait()
+
+
+async def _hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+    times: dict[str, list[float]] = {}
+
+    def on_sample(received: Received) -> None:
+        times.setdefault(received.key, []).append(time.monotonic())
+
+    async with open_mesh(configuration(mesh)) as client:
+        await _subscribe(client, what, on_sample)
+        began = time.monotonic()
+        while True:
+            await trio.sleep(seconds or WINDOW_S)
+            rates = [rate(name, stamps, time.monotonic() - began) for name, stamps in sorted(times.items())]
+            if as_json:
+                print(json.dumps({"topics": rates}), flush=True)
+            else:
+                print("\n".join(map(_line, rates)) or "nothing was published", flush=True)
+            if seconds is not None:
+                return
+
+
+def rate(name: str, stamps: list[float], seconds: float) -> dict[str, Any]:
+    """Of one topic: by the time between its samples; of a single one by the time it was listened to."""
+    gaps = [after - before for before, after in itertools.pairwise(stamps)]
+    return {
+        "key": name,
+        "hz": round(len(gaps) / sum(gaps), 2) if gaps and sum(gaps) else round(len(stamps) / seconds, 2),
+        "samples": len(stamps),
+        "longest_s": round(max(gaps), 4) if gaps else None,
+    }
+
+
+def _line(rate: dict[str, Any]) -> str:
+    longest = "" if rate["longest_s"] is None else f"  longest gap {1e3 * rate['longest_s']:.0f} ms"
+    return f"{rate['key']:<40} {rate['hz']:7.2f} Hz  {rate['samples']} samples{longest}"
+
+
+async def _subscribe(client: MeshClient, what: str, on_sample: Callable[[Received], None]) -> None:
+    """``what``: a robot, or a key with its wildcards."""
+    if "/" in what:
+        keys = [what]
+    else:
+        await client.settle()
+        if not client.is_there(what):
+            names = ", ".join(client.robots) or "none"
+            raise Problem(f"no robot {what!r} is on the mesh. there are {names}; a key has a slash in it")
+        keys = [key(what, topic) for topic in TELEMETRY]
+    for each in keys:
+        client.subscribe(each, on_sample)
+
+
+def print_line(received: Received) -> None:
+    print(f"{received.key}  {_text(received.payload)}", flush=True)
+
+
+def print_json(received: Received) -> None:
+    stamp = _stamp(received.attachment)
+    try:
+        value: object = msgspec.json.decode(received.payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        value = None
+    sample = {
+        "key": received.key,
+        "encoding": received.encoding,
+        "seq": None if stamp is None else stamp.seq,
+        "time_ns": None if stamp is None else stamp.time_ns,
+        "value": value,
+        "bytes": len(received.payload),
+    }
+    print(msgspec.json.encode(sample).decode(), flush=True)
+
+
+def _text(payload: bytes) -> str:
+    try:
+        text = payload.decode()
+    except UnicodeDecodeError:
+        text = ""
+    return text if text.isprintable() and text else f"<{len(payload)} bytes>"
+
+
+def _stamp(attachment: bytes | None) -> Stamp | None:
+    if attachment is None:
+        return None
+    try:
+        return msgspec.json.decode(attachment, type=Stamp)
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return None

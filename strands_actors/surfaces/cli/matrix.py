@@ -1,0 +1,113 @@
+"""``matrix``: break what there is to break, on every robot with a twin, and write down what the wires show."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import trio
+
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import get_native_driver_class, list_native_drivers
+from strands_actors.testing import trials as testing_trials
+from strands_actors.testing.bench import driver_of
+from strands_actors.testing.faults import Cell, Faults, Victims, cells_of
+from strands_actors.testing.jobs import Plan, measure_all
+from strands_actors.testing.matrix import Row, as_json, conditions, page, rows_of, summary, verdict
+from strands_actors.testing.trials import Trial, Trials
+
+from .errors import Problem
+
+CLEAR = "\r\x1b[K"
+
+
+def run(
+    drivers: str | None,
+    repeats: int,
+    out: Path | None,
+    json: bool,
+    jobs: int = 1,
+    resume: Path | None = None,
+    again: str | None = None,
+    why: str = "",
+) -> int:
+    """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other rows with it: they
+    are written, and then it is a problem."""
+    robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
+    repeated = _repeated(again, why, resume, robots)
+    try:
+        trials = Trials(resume, jobs, repeated, why)
+    except testing_trials.Problem as problem:
+        raise Problem(f"matrix: {problem}") from None
+    problems = trio.run(measure_all, Plan(robots, repeats, trials), jobs, _Progress(trials, repeats).heard)
+    rows, taken = list(rows_of(robots, trials)), conditions(trials)
+    if out is not None:
+        out.write_text(page(rows, taken))
+    if json:
+        print(as_json(rows, taken))
+    elif out is None:
+        print(page(rows, taken))
+    if problems:
+        raise Problem(f"matrix: {problems[0]}" + (f" (and {len(problems) - 1} more)" if problems[1:] else ""))
+    return 0 if all(row.safe for row in rows) else 1
+
+
+class _Progress:
+    """A line for each cell that has its trials."""
+
+    def __init__(self, trials: Trials, repeats: int) -> None:
+        self._trials = trials
+        self._repeats = repeats
+
+    def heard(self, trial: Trial) -> None:
+        self._trials.add(trial)
+        robot, victim, fault = trial.cell
+        cell = Cell(Victims(victim), Faults(fault))
+        row = summary(robot, cell, self._trials.of(robot, cell))
+        if not trial.outcome.safe or row.trials == self._repeats:
+            _tell(row)
+        elif sys.stderr.isatty():
+            print(f"{CLEAR}  {len(self._trials.all)}: {robot}, {cell}", end="", file=sys.stderr, flush=True)
+
+
+def one_of_each() -> list[str]:
+    """The first robot of each driver that has a twin."""
+    found: dict[str, str] = {}
+    for robot, driver in list_native_drivers().items():
+        driver_class = get_native_driver_class(robot)
+        if driver_class is not None and issubclass(driver_class, Driver) and driver_class.TWIN:
+            found.setdefault(driver, driver_class.SUPPORTED_ROBOTS[0])
+    return sorted(found.values())
+
+
+def _chosen(text: str) -> list[str]:
+    known = list_native_drivers()
+    robots = [name.strip() for name in text.split(",") if name.strip()]
+    for robot in robots:
+        if robot not in known:
+            raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(known)}")
+    return robots
+
+
+def _repeated(again: str | None, why: str, resume: Path | None, robots: Iterable[str]) -> list[str]:
+    cells = [name.strip() for name in (again or "").split(",") if name.strip()]
+    if (cells or why) and not (cells and why and resume):
+        raise Problem("matrix: --again, --why and --resume go together: some trials of that file count no more")
+    known = {f"{cell}" for robot in robots for cell in cells_of(driver_of(robot)) if not cell.why_not}
+    for name in cells:
+        robot, _, cell = name.rpartition("/")
+        if cell not in known or (robot and robot not in robots):
+            raise Problem(f"matrix: no cell {name!r}. there are {', '.join(sorted(known))}, and ROBOT/CELL of each")
+    return cells
+
+
+def _tell(row: Row) -> None:
+    line = (
+        f"{row.robot:<14} {row.victim:<7} {row.fault:<13} {row.safe_state:<6} median {row.median_ms:7.1f} ms  "
+        f"worst {row.worst_ms:7.1f} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  "
+        f"disturbed {row.disturbed}  {verdict(row) if row.safe else verdict(row).upper()}"
+    )
+    print(f"{CLEAR if sys.stderr.isatty() else ''}{line}", file=sys.stderr, flush=True)
+    for story in row.stories[-1:]:
+        print(f"    the wire: {story}", file=sys.stderr, flush=True)

@@ -1,0 +1,59 @@
+"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its standard input."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+
+import trio
+
+from strands_actors.caller.async_robot import AsyncRobot, open_tree
+from strands_actors.caller.background import open_background
+from strands_actors.caller.plan import Plan, plan
+from strands_actors.surfaces.agents.approval import Approval, ask_on_terminal
+
+from .errors import Problem
+
+
+def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
+    if importlib.util.find_spec("mcp") is None:
+        raise Problem("mcp: the package mcp is missing. pip install 'strands-actors[mcp]'")
+    given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
+    try:
+        wanted = plan(robot, "real" if given else "sim", **given)
+    except (ValueError, TypeError) as refusal:
+        raise Problem(f"mcp: {refusal}") from refusal
+    interrupted, problem = False, ""
+    try:
+        interrupted = trio.run(_until_interrupted, wanted, allow_motion)
+    except* BrokenPipeError:
+        pass  # the client is gone, and the robot safe
+    except* ConnectionError as failures:
+        problem = str(failures.exceptions[0])
+    if interrupted:
+        raise KeyboardInterrupt
+    if problem:
+        raise Problem(f"mcp: {problem}")
+
+
+async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
+    """Whether it was. The signal is received as an event: as an exception it could be raised between two lines of
+    the server's set-up or clearing away, which would then be left half done."""
+    with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
+
+        async def interrupt() -> None:
+            await anext(aiter(signals))
+            serving.cancel()
+
+        async with open_background() as nursery:
+            nursery.start_soon(interrupt)
+            await _serve(wanted, allow_motion)
+    return serving.cancelled_caught
+
+
+async def _serve(wanted: Plan, allow_motion: bool) -> None:
+    from strands_actors.surfaces.agents.mcp_server import serve
+
+    approval = Approval(wanted.driver_class.GUARDED, ask_on_terminal)
+    async with open_tree(wanted, arm=allow_motion) as tree:
+        await serve(AsyncRobot(tree, approval), allow_motion)

@@ -1,0 +1,102 @@
+"""``mesh keys`` and ``mesh status``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh.schemas import Status, key
+from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
+
+from .errors import Problem
+from .orders import configuration
+
+PRESENCE_S = 0.7
+"""Presence comes twice a second."""
+
+
+def keys(directory: Path, hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool) -> None:
+    try:
+        from strands_actors.surfaces.mesh.keys import NAMES, make
+    except ModuleNotFoundError as error:
+        raise Problem(f"{error.name} is not installed: pip install 'strands-actors[mesh]'") from error
+    files = make(directory, (*NAMES, *(name for name in names if name not in NAMES)), hosts, days)
+    if as_json:
+        print(json.dumps({"files": [str(file) for file in files]}))
+        return
+    print("\n".join(str(file) for file in files))
+
+
+def status(mesh: Path | None, as_json: bool) -> None:
+    robots = trio.run(_status, mesh)
+    if as_json:
+        print(json.dumps({"robots": robots}))
+        return
+    if not robots:
+        print("no robot is on the mesh")
+    for robot in robots:
+        print("  ".join(_words(robot)))
+
+
+def _words(robot: dict[str, Any]) -> list[str]:
+    words = [f"{robot['robot']:<16}", f"{robot['state']:<11}"]
+    if robot["reachable"]:
+        words += [
+            f"{robot['hw']} on {robot['host']}",
+            f"epoch {robot['epoch']}",
+            f"answers in {robot['rtt_ms']} ms",
+        ]
+    if robot.get("lease"):
+        words.append(f"moved by {robot['lease']}")
+    if robot.get("locked_by"):
+        words.append(f"e-stopped by {robot['locked_by']}")
+    return words
+
+
+async def _status(mesh: Path | None) -> list[dict[str, Any]]:
+    presence: dict[str, dict[str, Any]] = {}
+    seen = trio.Event()
+    found: dict[str, dict[str, Any]] = {}
+
+    def on_presence(received: Received) -> None:
+        told = msgspec.json.decode(received.payload)
+        if isinstance(told, dict):
+            presence[received.key.split("/")[1]] = told
+        if set(client.robots) <= set(presence):
+            seen.set()
+
+    async with open_mesh(configuration(mesh)) as client:
+        client.subscribe(key("*", "presence"), on_presence)
+        await client.settle()
+        with trio.move_on_after(PRESENCE_S):
+            await seen.wait()
+        async with trio.open_nursery() as nursery:
+            for robot in client.robots:
+                nursery.start_soon(_ask, client, robot, presence.get(robot, {}), found)
+    return [found[robot] for robot in sorted(found)]
+
+
+async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
+    await client.request(robot, Status())  # a robot that has not been asked for a while looks less often
+    asked = trio.current_time()
+    status = await client.request(robot, Status())
+    took_ms = round(1e3 * (trio.current_time() - asked), 1)
+    reachable = not isinstance(status, Refused)
+    found[robot] = {
+        "robot": robot,
+        "reachable": reachable,
+        "state": told.get("state", "unreachable"),
+        "hw": told.get("hw", ""),
+        "host": told.get("hostname", ""),
+        "epoch": told.get("epoch", 0),
+        "rtt_ms": took_ms if reachable else None,
+    }
+    if not isinstance(status, Refused):
+        found[robot] |= {name: status[name] for name in ("state", "epoch", "lease", "locked_by")}

@@ -1,0 +1,179 @@
+"""``stop``, ``estop`` and ``resume`` over the mesh: of this user's robots, and of those that ``--mesh`` names.
+
+A robot of this user that does not answer there is asked again by the way its actors speak to each other, which also
+ends a process that has frozen. Nothing that could be stopped is an error, not a success: who presses e-stop and
+reaches nobody must be told.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Awaitable, Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.caller import directory
+from strands_actors.caller.run_directory import notes
+from strands_actors.caller.strays import strays
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.mesh.client import STOP_S, MeshClient, open_mesh
+from strands_actors.surfaces.mesh.config import MeshConfig
+from strands_actors.surfaces.mesh.outcome import Outcome
+
+from . import operate
+from .errors import Problem
+
+NOT_CONFIRMED = 1
+
+
+def stop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
+    return trio.run(_run, robot, every, mesh, as_json, _stop)
+
+
+def estop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
+    """Without a robot: every one."""
+    return trio.run(_run, robot, every or robot is None, mesh, as_json, _estop)
+
+
+def resume(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
+    return trio.run(_run, robot, every, mesh, as_json, _resume)
+
+
+def configuration(mesh: Path | None) -> MeshConfig:
+    """Of ``--mesh``, or else the environment's."""
+    try:
+        config = MeshConfig.from_environment() if mesh is None else MeshConfig.load(mesh)
+        config.check()
+    except ValueError as error:
+        raise Problem(str(error)) from error
+    return config
+
+
+class Told(msgspec.Struct, frozen=True):
+    """``line``: for people."""
+
+    robot: str
+    done: bool
+    line: str
+    facts: dict[str, Any]
+
+
+async def _run(
+    robot: str | None,
+    every: bool,
+    mesh: Path | None,
+    as_json: bool,
+    verb: Callable[[MeshClient, list[str] | None], Awaitable[list[Told]]],
+) -> int:
+    if (robot is None) != every:
+        raise Problem("name a robot, or --all")
+    async with open_mesh(configuration(mesh)) as client:
+        if verb is not _estop:  # that one waits for nobody
+            await client.settle()
+        told = await verb(client, None if every else [str(robot)])
+        there = ", ".join(client.robots)
+    if not told:
+        missing = "no robot" if every else f"no robot {robot!r}"
+        raise Problem(f"{missing} is on the mesh of this user{f'. there are {there}' if there else ''}")
+    if as_json:
+        print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in told]}))
+    else:
+        for each in told:
+            print(f"{each.robot}: {each.line}", file=sys.stdout if each.done else sys.stderr, flush=True)
+    return 0 if all(each.done for each in told) else NOT_CONFIRMED
+
+
+async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
+    async def one(robot: str) -> Told:
+        return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
+
+    return await _each(client, robots, one, [stray.robot for stray in strays()])
+
+
+async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
+    only = "*" if robots is None else robots[0]
+    outcomes = await client.estop(operate.by(), robot=only)
+    if any(outcome.outcome != "safe" for outcome in outcomes):
+        outcomes = await client.estop(operate.by(), STOP_S, only)
+    return [await _insist(outcome, operate.VERBS["e-stop"]) for outcome in outcomes]
+
+
+async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
+    async def one(robot: str) -> Told:
+        if robot not in client.robots:
+            return _lift(robot)
+        answer = await client.resume(robot, operate.by())
+        if isinstance(answer, Refused):
+            return Told(robot, False, answer.text, {"code": answer.code, "detail": answer.text})
+        return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
+
+    try:
+        locked = operate.locked()
+    except OSError as error:  # those that run can be resumed all the same
+        unread = Told("the locks of e-stops", False, f"they cannot be read: {error}", {"detail": str(error)})
+        return [*await _each(client, robots, one), unread]
+    return await _each(client, robots, one, locked)
+
+
+def _lift(robot: str) -> Told:
+    """The lock of a robot of which no tree runs."""
+    done, line = operate.lift(robot)
+    return Told(robot, done, line, {"lifted": done, "detail": line})
+
+
+async def _each(
+    client: MeshClient,
+    robots: list[str] | None,
+    verb: Callable[[str], Awaitable[Told]],
+    others: Iterable[str] = (),
+) -> list[Told]:
+    """All at once: none waits for another. ``others``: of which no tree runs."""
+    told: list[Told] = []
+
+    async def run(robot: str) -> None:
+        told.append(await verb(robot))
+
+    async with trio.open_nursery() as nursery:
+        for robot in {*client.robots, *others}:
+            if robots is None or robot in robots:
+                nursery.start_soon(run, robot)
+    return sorted(told, key=lambda each: each.robot)
+
+
+async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
+    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree that nobody can ask
+    is ended."""
+    if outcome.outcome != "unreachable":
+        return _tell(outcome)
+    lost = [stray for stray in strays() if stray.robot == outcome.robot]
+    if lost:
+        done, line = await operate.end(lost, lock=verb is operate.VERBS["e-stop"])
+        return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
+    try:
+        note = next((note for note in notes() if note.robot == outcome.robot), None)
+    except OSError:  # the directory cannot be used: among the outcomes
+        note = None
+    if note is None:
+        return _tell(outcome)
+    async with directory.join() as joined:
+        done, line = await verb(joined, note)
+    return Told(outcome.robot, done, line, {"outcome": "safe" if done else "unreachable", "detail": line})
+
+
+def _tell(outcome: Outcome) -> Told:
+    facts = msgspec.to_builtins(outcome)
+    del facts["robot"]
+    if outcome.outcome != "safe":
+        line = f"NOT CONFIRMED: {outcome.detail or outcome.outcome}. cut its power if it still moves"
+    elif not outcome.motors:
+        line = f"{outcome.safe_state}, it was already"
+    else:
+        by = " by the root's own path" if outcome.path == "second" else ""
+        line = f"{outcome.safe_state}, {len(outcome.motors)} motors confirmed in {outcome.took_ms:.1f} ms{by}"
+    if outcome.locked and outcome.outcome == "safe":
+        line += operate.locked_until(outcome.robot, outcome.note)
+    return Told(outcome.robot, outcome.outcome == "safe", line, facts)

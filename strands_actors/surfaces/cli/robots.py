@@ -1,0 +1,62 @@
+"""``list`` and ``twin``: the robots there are drivers for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import (
+    canonical_name,
+    get_native_driver_class,
+    list_driver_coverage,
+    list_native_drivers,
+)
+from strands_actors.supervisors.loading import load
+
+from .errors import Problem
+
+
+def show_robots(as_json: bool) -> None:
+    drivers = list_native_drivers()
+    rows = [
+        {"robot": robot, "driver": drivers.get(robot), "coverage": list(coverage)}
+        for robot, coverage in list_driver_coverage().items()
+    ]
+    if as_json:
+        print(json.dumps({"robots": rows}))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for title in ("robot", "driver", "driven by"):
+        table.add_column(title)
+    for row in rows:
+        style = "" if row["driver"] else "dim"
+        table.add_row(str(row["robot"]), str(row["driver"] or "-"), ", ".join(row["coverage"] or "-"), style=style)
+    Console().print(table)
+
+
+def serve_twin(
+    robot: str, port_file: Path, log: Path | None, fault: str | None, parent_fd: int | None, options: list[str]
+) -> None:
+    driver_class = get_native_driver_class(robot)
+    if driver_class is None or not issubclass(driver_class, Driver):
+        raise Problem(f"twin: no driver for {robot!r}. there are {', '.join(list_native_drivers())}")
+    if wrong := [text for text in options if "=" not in text]:
+        raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")
+    serve = load(driver_class.TWIN)
+    given = {"options": dict(text.split("=", 1) for text in options)} if options else {}
+    try:
+        serve(
+            canonical_name(robot),
+            port_file=str(port_file),
+            log=None if log is None else str(log),
+            fault=fault,
+            parent_fd=parent_fd,
+            **given,
+        )
+    except ValueError as refusal:
+        raise Problem(f"twin: {refusal}") from refusal

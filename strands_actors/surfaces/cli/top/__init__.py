@@ -1,0 +1,19 @@
+"""``top``: the robots that run now, live; stop, e-stop and resume by a key."""
+
+from __future__ import annotations
+
+import sys
+
+from strands_actors.surfaces.cli.errors import Problem
+
+
+def run() -> int:
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise Problem("top: this is no terminal. `strands-actors tree` prints the same once")
+    from .app import Top
+    from .leaving import ends_with_its_terminal
+
+    app = Top()
+    with ends_with_its_terminal(app.leave):
+        app.run()
+    return app.return_code or 0

@@ -1,0 +1,131 @@
+"""What ``top`` shows: every robot of this user, asked a few times a second, in a trio loop of its own thread.
+
+It asks and it passes on what the user wants; it holds no lease, and its end changes no robot.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import trio
+
+from strands_actors.caller import directory
+from strands_actors.caller.directory import Directory
+from strands_actors.caller.run_directory import Note, notes
+from strands_actors.supervisors.messages import Status, TreeReport
+from strands_actors.surfaces.cli.demo.watch import state_of
+from strands_actors.surfaces.cli.operate import VERBS
+
+PERIOD_S = 0.4
+
+
+class Seen(NamedTuple):
+    """One look at one robot."""
+
+    at_s: float  # time.monotonic()
+    note: Note
+    tree: TreeReport
+    status: Status | None  # None: the wire process does not answer
+    processes: dict[int, str]  # pid -> running, frozen or ended, as the system says
+
+
+Show = Callable[[list[Seen]], None]
+Told = Callable[[str, bool], None]
+"""(a line for people, whether it was done)"""
+
+
+class Feed:
+    """``show`` and ``told`` are called from the feed's thread."""
+
+    def __init__(self, show: Show, told: Told) -> None:
+        self._show = show
+        self._told = told
+        self._began = threading.Event()
+        self._thread = threading.Thread(target=trio.run, args=(self._main,), name="top-feed", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+        self._began.wait()
+
+    def close(self) -> None:
+        """End the loop and wait for it, and for the verbs that are under way."""
+        self._token.run_sync_soon(self._scope.cancel)
+        self._thread.join()
+
+    def ask(self, verb: str, robot: str) -> None:
+        """Carry out a verb of ``operate.VERBS``; the answer goes to ``told``."""
+        self._token.run_sync_soon(self._start, verb, robot)
+
+    # -- in the loop
+
+    async def _main(self) -> None:
+        self._token = trio.lowlevel.current_trio_token()
+        self._joined: Directory | None = None
+        async with trio.open_nursery() as self._verbs:
+            with trio.CancelScope() as self._scope:
+                self._began.set()
+                while True:
+                    await self._watch()
+
+    async def _watch(self) -> None:
+        """Until a robot comes or goes: then the mesh is joined anew."""
+        async with directory.join() as joined, trio.open_nursery() as self._asked:
+            self._joined = joined
+            try:
+                while _same(joined.notes, list(notes())):
+                    self._show(await _look(joined))
+                    await trio.sleep(PERIOD_S)
+            finally:
+                self._joined = None
+
+    def _start(self, verb: str, robot: str) -> None:
+        joined = self._joined
+        if joined is None:  # just between two: this one joins by itself
+            self._verbs.start_soon(self._join_and_carry_out, verb, robot)
+        else:
+            self._asked.start_soon(self._carry_out, joined, verb, robot)
+
+    async def _join_and_carry_out(self, verb: str, robot: str) -> None:
+        async with directory.join() as joined:
+            await self._carry_out(joined, verb, robot)
+
+    async def _carry_out(self, joined: Directory, verb: str, robot: str) -> None:
+        with trio.CancelScope(shield=True):  # a stop that was asked for is not given up
+            note = next((note for note in joined.notes if note.robot == robot), None)
+            if note is None:
+                self._told(f"{verb} {robot}: it is not running any more", False)
+                return
+            done, line = await VERBS[verb](joined, note)
+            self._told(f"{verb} {robot}: {line}", done)
+
+
+async def _look(joined: Directory) -> list[Seen]:
+    found: dict[str, Seen] = {}
+
+    async def look(note: Note) -> None:
+        trees: list[TreeReport] = []
+        statuses: list[Status | None] = []
+
+        async def ask_root() -> None:
+            trees.append(await joined.tree(note))
+
+        async def ask_gate() -> None:
+            statuses.append(await joined.status(note))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(ask_root)
+            nursery.start_soon(ask_gate)
+        states = {process.pid: state_of(process.pid) for process in trees[0].processes}
+        found[note.robot] = Seen(time.monotonic(), note, trees[0], statuses[0], states)
+
+    async with trio.open_nursery() as nursery:
+        for note in joined.notes:
+            nursery.start_soon(look, note)
+    return [found[robot] for robot in sorted(found)]
+
+
+def _same(some: Sequence[Note], others: Sequence[Note]) -> bool:
+    return [(note.robot, note.pid) for note in some] == [(note.robot, note.pid) for note in others]

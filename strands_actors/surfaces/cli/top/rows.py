@@ -1,0 +1,175 @@
+"""What each robot's line and page say: pure functions of what was seen."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from rich.table import Table
+from rich.text import Text
+
+from strands_actors.supervisors.messages import StopReport
+from strands_actors.surfaces.cli.trees import styled
+
+from .feed import Seen
+
+WINDOW_S = 2.0
+"""Rates are means over this: shorter and they flicker."""
+LATE_S, GONE_S = 0.3, 1.0
+"""An observation older than this is marked; than that, there is none."""
+
+Columns = tuple[tuple[str, int], ...]
+"""Titles and widths."""
+
+COLUMNS: Columns = (
+    ("robot", 17),
+    ("state", 12),
+    ("epoch", 5),
+    ("lease", 0),
+    ("writes/s", 8),
+    ("reads/s", 8),
+    ("age", 8),
+    ("restarts", 8),
+    ("refused", 7),
+)
+LEASE = (12, 40)
+"""The lease takes what the others leave: at least and at most so much."""
+SPARED = ("lease", "refused", "restarts", "epoch")
+"""What a narrow screen goes without, in this order."""
+PADDING = 2
+"""Of every cell, both sides together."""
+RIGHT = frozenset({"epoch", "writes/s", "reads/s", "age", "restarts", "refused"})
+NOTHING = Text("–", "dim")
+
+
+def columns_for(width: int) -> Columns:
+    """Those that fit into so many cells."""
+    titles = [title for title, _ in COLUMNS]
+    for spared in ("", *SPARED):
+        titles = [title for title in titles if title != spared]
+        fixed = sum(size + PADDING for title, size in COLUMNS if title in titles)
+        left = width - fixed
+        if left >= (LEASE[0] if "lease" in titles else 0):
+            break
+    return tuple(
+        (title, min(left, LEASE[1]) if title == "lease" else size) for title, size in COLUMNS if title in titles
+    )
+
+
+class Rates:
+    """Writes and reads per second of one robot, from the counters its gate shows."""
+
+    def __init__(self) -> None:
+        self._counts: deque[tuple[float, int, int]] = deque()
+
+    def add(self, seen: Seen) -> None:
+        status = seen.status
+        if status is None:
+            self._counts.clear()
+            return
+        if self._counts and (status.writes < self._counts[-1][1] or status.reads < self._counts[-1][2]):
+            self._counts.clear()  # a new wire process counts from zero
+        self._counts.append((seen.at_s, status.writes, status.reads))
+        while seen.at_s - self._counts[0][0] > WINDOW_S:
+            self._counts.popleft()
+
+    @property
+    def per_s(self) -> tuple[float, float] | None:
+        """(writes, reads); None until there are two looks."""
+        if len(self._counts) < 2:
+            return None
+        (began_s, *before), (ended_s, *after) = self._counts[0], self._counts[-1]
+        writes, reads = ((now - then) / (ended_s - began_s) for then, now in zip(before, after, strict=True))
+        return writes, reads
+
+
+def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
+    """One cell a column."""
+    status = seen.status
+    per_s = rates.per_s
+    restarts = sum(process.restarts for process in seen.tree.processes)
+    cells = {
+        "robot": Text(seen.note.robot, "bold"),
+        "state": state(seen),
+        "epoch": Text(str(seen.tree.epoch)) if seen.tree.epoch else NOTHING,
+        "lease": Text(holder(status.holder)) if status and status.holder else NOTHING,
+        "writes/s": NOTHING if per_s is None else Text(f"{per_s[0]:.0f}"),
+        "reads/s": NOTHING if per_s is None else Text(f"{per_s[1]:.0f}"),
+        "age": NOTHING if status is None else age(status.age_s),
+        "restarts": Text(str(restarts), "yellow" if restarts else "dim"),
+        "refused": NOTHING if status is None else Text(str(status.refusals), "" if status.refusals else "dim"),
+    }
+    return [_set(cells[title], title, width) for title, width in columns]
+
+
+def state(seen: Seen) -> Text:
+    """The failsafe mode; the gate's word is newer than the root's."""
+    if seen.status is None:
+        return styled(seen.tree.state)
+    if seen.status.locked_by:
+        return Text("e-stopped", "bold magenta")
+    return styled(seen.status.mode)
+
+
+def holder(name: str) -> str:
+    """``arm in process 12`` as ``arm (12)``."""
+    return f"{name.replace(' in process ', ' (')})" if " in process " in name else name
+
+
+def age(age_s: float) -> Text:
+    if age_s < 0:
+        return Text("none", "red")
+    shown = f"{age_s * 1e3:.0f} ms" if age_s < 1.0 else f"{age_s:.1f} s" if age_s < 100 else f"{age_s / 60:.0f} min"
+    return Text(shown, "red" if age_s > GONE_S else "yellow" if age_s > LATE_S else "")
+
+
+def facts(seen: Seen) -> Table:
+    """The page beside the tree: why it is as it is."""
+    status = seen.status
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+
+    def line(title: str, value: str | Text) -> None:
+        table.add_row(title, value if isinstance(value, Text) else Text(value))
+
+    line("robot", seen.note.kind)
+    if status is None:
+        line("state", Text.assemble(styled(seen.tree.state), ": its wire process does not answer"))
+        return table
+    line("state", state(seen))
+    if status.locked_by:
+        line("locked by", Text(f"{status.locked_by}. r lifts it", "magenta"))
+    line("because", status.cause or NOTHING)
+    if status.connect_error:
+        line("link", Text(status.connect_error, "red"))
+    line("lease", status.holder or NOTHING)
+    line("last stop", _stop(status.last_stop))
+    line("refused", f"{status.refusals}, last: {status.last_refusal}" if status.last_refusal else NOTHING)
+    faults = {} if status.observation is None else status.observation.faults
+    if faults:
+        line("faults", Text("; ".join(f"{axis}: {what}" for axis, what in faults.items()), "yellow"))
+    line("counted", f"{status.writes} writes, {status.reads} reads")
+    return table
+
+
+def _stop(report: StopReport | None) -> Text:
+    if report is None:
+        return NOTHING
+    if not report.confirmed:
+        return Text(f"NOT CONFIRMED by {', '.join(report.unconfirmed) or 'the robot'}", "bold red")
+    count = len(report.motors)
+    return Text(
+        f"{report.safe_state}, {count} motor{'' if count == 1 else 's'} confirmed in {report.took_ms:.1f} ms"
+    )
+
+
+def _set(cell: Text, title: str, width: int) -> Text:
+    """Cut and aligned: a column never changes its width."""
+    cell = cell.copy()
+    cell.truncate(width, overflow="ellipsis")
+    cell.align("right" if title in RIGHT else "left", width)
+    return cell
+
+
+def heading(title: str, width: int) -> Text:
+    return _set(Text(title, "dim"), title, width)

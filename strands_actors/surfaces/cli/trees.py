@@ -1,0 +1,109 @@
+"""``tree``: the robots that run now, as JSON or drawn."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import msgspec
+import trio
+
+from strands_actors.caller import directory
+from strands_actors.caller.run_directory import Note
+from strands_actors.supervisors.messages import TreeReport
+
+if TYPE_CHECKING:
+    from rich.text import Text
+    from rich.tree import Tree
+
+STATE_STYLES = {
+    "armed": "bold green",
+    "holding": "bold yellow",
+    "arming": "yellow",
+    "disarmed": "bold cyan",
+    "running": "green",
+    "frozen": "bold red",
+    "ended": "bold red",
+    "unreachable": "bold red",
+    "no wire process": "bold red",
+    "failed": "bold red",
+    "unconfirmed": "bold red",
+    "ending": "bold red",
+}
+
+
+def show_trees(as_json: bool) -> None:
+    reports = trio.run(_ask_all)
+    if as_json:
+        print(json.dumps({"robots": [as_plain(report) for report in reports]}))
+        return
+    from rich.console import Console
+
+    console = Console()
+    if not reports:
+        console.print("no robot of this user is running")
+    for report in reports:
+        console.print(draw(report))
+
+
+async def _ask_all() -> list[TreeReport]:
+    found: dict[str, TreeReport] = {}
+    async with directory.join() as joined, trio.open_nursery() as nursery:
+
+        async def ask(note: Note) -> None:
+            found[note.robot] = await joined.tree(note)
+
+        for note in joined.notes:
+            nursery.start_soon(ask, note)
+    return [found[robot] for robot in sorted(found)]
+
+
+def as_plain(report: TreeReport) -> dict[str, object]:
+    return {
+        "robot": report.robot,
+        "state": str(report.state),
+        "epoch": report.epoch,
+        "processes": [msgspec.structs.asdict(process) for process in report.processes],
+        "actors": [msgspec.structs.asdict(actor) for actor in report.actors],
+    }
+
+
+def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspection: bool = True) -> Tree:
+    """``states``: what a process does, by pid, where it is not simply running."""
+    from rich.text import Text
+    from rich.tree import Tree
+
+    head = Text.assemble(
+        (report.robot, "bold"), "  ", styled(report.state), f"  epoch {report.epoch}" if report.epoch else ""
+    )
+    tree = Tree(head, guide_style="dim")
+    actors = [actor for actor in report.actors if introspection or actor.role not in ("introspection", "tap")]
+    width = max((len(_path(actor.address)) for actor in actors), default=0)
+    for process in report.processes:
+        state = (states or {}).get(process.pid, "running")
+        label = Text.assemble((f"{process.role:<7} ", "bold"), f"pid {process.pid}")
+        if state != "running":
+            label.append("  ").append_text(styled(state))
+        if process.restarts:
+            label.append(f"  restarts {process.restarts}", "yellow")
+        branch = tree.add(label)
+        for actor in actors:
+            if actor.pid == process.pid:
+                leaf = Text.assemble(
+                    f"{_path(actor.address):<{width}} ", styled(actor.state if state == "running" else state)
+                )
+                if actor.restarts:
+                    leaf.append(f"  restarts {actor.restarts}", "yellow")
+                branch.add(leaf)
+    return tree
+
+
+def styled(state: str) -> Text:
+    from rich.text import Text
+
+    return Text(str(state), STATE_STYLES.get(state.strip(), ""))
+
+
+def _path(address: str) -> str:
+    return address.partition("/actor/")[2]

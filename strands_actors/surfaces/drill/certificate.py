@@ -1,0 +1,151 @@
+"""Certificates of drills: what they say, where they lie, and whether one allows motion now.
+
+A certificate belongs to a configuration: the driver and its options, the port, the timing and the table of
+fallbacks, and the code that keeps the promise. Change any of it, a single line of a supervisor even, and it
+matches no more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import re
+import time
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from strands_actors import kernel as runtime
+from strands_actors import supervisors
+from strands_actors.caller.run_directory import data_dir
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.clock import NS
+
+TWIN = "twin"
+"""Stands for the port of a twin, which has another one each time."""
+
+_UNITS_S = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+
+
+class Figure(msgspec.Struct, frozen=True):
+    """One step of a drill. Times in milliseconds; None: not measured here."""
+
+    step: str
+    passed: bool
+    safe_state: str
+    safe_ms: float | None  # from the fault to the first safe frame, by the twin's wire log
+    confirmed_ms: float | None  # from the fault until every motor was read back
+    bound_ms: float  # of the safe frame
+    setpoints_after: int | None  # by the twin's wire log
+    detail: str
+    proves: tuple[str, ...] = ()
+
+
+class Certificate(msgspec.Struct, frozen=True):
+    """A drill that was passed. ``config``: what it was passed with, as a hash; ``date``: ISO 8601, UTC."""
+
+    robot: str
+    driver: str
+    port: str
+    config: str
+    date: str
+    versions: dict[str, str]
+    figures: list[Figure]
+
+
+def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:
+    """The configuration as a hash. ``port``: as given to ``Robot``, ``TWIN`` for any twin."""
+    driver = driver_class(robot, "" if port == TWIN else port, options)
+    left_out = {"tool_name", *driver_class.SECRETS}  # a hash of a password could be searched for it
+    said = {
+        "driver": f"{driver_class.__module__}:{driver_class.__qualname__}",
+        "robot": robot,
+        "port": port,
+        "options": {key: value for key, value in options.items() if key not in left_out},
+        "timing": msgspec.to_builtins(driver.timing),
+        "fallbacks": {str(reason): driver.fallbacks[reason] for reason in Reason},
+        "bound_s": driver.bound_s,
+        "code": _digest_of_code(driver_class),
+    }
+    return hashlib.sha256(msgspec.json.encode(said, order="sorted")).hexdigest()[:16]
+
+
+def _digest_of_code(driver_class: type[Driver]) -> str:
+    """Of the kernel, the supervisors, the driver's own folder and what it shares with others."""
+    digest = hashlib.sha256()
+    for path in sorted(_code(driver_class)):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _code(driver_class: type[Driver]) -> Iterator[Path]:
+    package, _, _ = driver_class.__module__.rpartition(".")
+    own = importlib.import_module(package or driver_class.__module__).__file__
+    for file in (runtime.__file__, supervisors.__file__, own):
+        if file is not None and file.endswith("__init__.py"):
+            yield from Path(file).parent.rglob("*.py")
+            yield from (Path(file).parent.parent / "common").rglob("*.py")
+        elif file is not None:
+            yield Path(file)
+
+
+# -- kept
+
+
+def path_of(robot: str, config: str) -> Path:
+    return data_dir() / "drills" / f"{robot}-{config}.json"
+
+
+def keep(certificate: Certificate) -> Path:
+    """Write it down; where. Raise ``OSError``."""
+    path = path_of(certificate.robot, certificate.config)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".tmp")
+    draft.write_bytes(msgspec.json.format(msgspec.json.encode(certificate), indent=2) + b"\n")
+    draft.replace(path)
+    return path
+
+
+def revoke(robot: str, config: str) -> None:
+    """A drill that fails takes back what an earlier one has shown."""
+    path_of(robot, config).unlink(missing_ok=True)
+
+
+def find(robot: str, config: str) -> Certificate | None:
+    """The certificate of a configuration. One that cannot be read counts as none."""
+    try:
+        return msgspec.json.decode(path_of(robot, config).read_bytes(), type=Certificate)
+    except (FileNotFoundError, msgspec.DecodeError):
+        return None
+
+
+# -- required
+
+
+def parse_age_s(text: str) -> float:
+    """``"30d"`` in seconds; m, h, d, w. Raise ``ValueError``."""
+    match = re.fullmatch(r"(\d+)\s*([mhdw])", str(text).strip())
+    if match is None or int(match[1]) == 0:
+        raise ValueError(f"require_drill is {text!r}. give an age such as '12h', '30d' or '8w'")
+    return float(int(match[1]) * _UNITS_S[match[2]])
+
+
+def clause(
+    driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any], max_age_s: float
+) -> dict[str, Any]:
+    """What the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns, 0: not at all), and
+    what to answer otherwise."""
+    config = config_of(driver_class, robot, port, options)
+    how = f"strands-actors drill {robot} {'--twin' if port == TWIN else f'--port {port}'}"
+    certificate = find(robot, config)
+    if certificate is None:
+        reason, until_ns = "no drill was passed with this robot, configuration and code", 0
+    else:
+        ends = datetime.fromisoformat(certificate.date) + timedelta(seconds=max_age_s)
+        left_s = (ends - datetime.now(UTC)).total_seconds()
+        reason = f"the drill of {certificate.date[:10]} is older than {max_age_s / 86400:g} days"
+        until_ns = time.monotonic_ns() + round(left_s * NS) if left_s > 0 else 0
+    return {"until_ns": until_ns, "reason": f"move: {reason}", "remedy": f"run `{how}`, then connect again"}

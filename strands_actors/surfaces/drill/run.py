@@ -1,0 +1,129 @@
+"""A whole drill: connect, look that the robot is at rest, five steps, a certificate."""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+import tempfile
+from collections.abc import Awaitable, Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import trio
+
+from strands_actors import __version__
+from strands_actors.caller.async_robot import open_tree
+from strands_actors.caller.plan import Plan, plan
+from strands_actors.caller.processes import NotConnected
+from strands_actors.caller.tree import RobotTree
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.testing.twin import Twin
+
+from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
+from .steps import Drill, Failed
+
+REST_S = 0.5
+REST_WITHIN_S = 15.0
+"""One that was just let go sinks, and lies still then."""
+REST = {"degrees": 1.0}
+"""How far an axis at rest may move within ``REST_S``, in units whose name begins so; otherwise ``REST_ELSE``."""
+REST_ELSE = 0.02
+
+
+class Outcome(NamedTuple):
+    """``path``: where the certificate is; None when the drill was not passed."""
+
+    figures: list[Figure]
+    certificate: Certificate | None
+    path: Path | None
+
+    @property
+    def passed(self) -> bool:
+        return self.certificate is not None
+
+
+async def run_drill(
+    robot: str,
+    port: str | None,
+    options: dict[str, Any],
+    tell: Callable[[str], Awaitable[None]],
+    done: Callable[[Figure], None] = lambda _: None,
+) -> Outcome:
+    """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails takes the
+    certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or ``Failed`` when there is
+    nothing to drill."""
+    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
+    with _behind(robot, port) as (twin, address):
+        wanted = plan(robot, "real", port=address, **options)
+        config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
+        figures: list[Figure] = []
+        async with open_tree(wanted) as tree:
+            await _must_rest(tree, tell)
+            for step in Drill(tree, twin, tell).steps.values():
+                figures.append(await _try(step, tree.driver))
+                done(figures[-1])
+    if not all(figure.passed for figure in figures):
+        revoke(wanted.robot, config)
+        return Outcome(figures, None, None)
+    certificate = _certificate(wanted, TWIN if twin else address, config, figures)
+    return Outcome(figures, certificate, keep(certificate))
+
+
+@contextlib.contextmanager
+def _behind(robot: str, port: str | None) -> Iterator[tuple[Twin | None, str]]:
+    if port is not None:
+        yield None, port
+        return
+    with tempfile.TemporaryDirectory(prefix="sa-") as directory, Twin(robot, Path(directory)) as twin:
+        yield twin, twin.port
+
+
+async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
+    """A step that cannot be taken is one that is not passed."""
+    name = step.__name__.replace("_", " ")
+    try:
+        return await step()
+    except* (Failed, NotConnected, AskTimeout, Unreachable) as failures:
+        why = "; ".join(str(failure) for failure in failures.exceptions)
+    return Figure(name, False, driver.fallbacks[Reason.STOP], None, None, driver.bound_s * 1e3, None, why)
+
+
+async def _must_rest(tree: RobotTree, tell: Callable[[str], Awaitable[None]]) -> None:
+    why = await _what_moves(tree)
+    if why:
+        await tell(f"{why}. Waiting until it rests.")
+    with trio.move_on_after(REST_WITHIN_S):
+        while why:
+            why = await _what_moves(tree)
+    if why:
+        raise Failed(f"{why}. bring the robot to rest first")
+
+
+async def _what_moves(tree: RobotTree) -> str:
+    before = await tree.observe()
+    await trio.sleep(REST_S)
+    after = await tree.observe()
+    for seen in (before, after):
+        if isinstance(seen, Refused):
+            raise Failed(seen.text)
+    assert not isinstance(before, Refused) and not isinstance(after, Refused)
+    unit = tree.driver.unit
+    limit = next((far for name, far in REST.items() if unit.startswith(name)), REST_ELSE)
+    for axis, was, now in zip(tree.driver.axes, before.position, after.position, strict=True):
+        if abs(now - was) > limit:
+            return f"{axis} moves: from {was:.2f} to {now:.2f} ({unit})"
+    return ""
+
+
+def _certificate(wanted: Plan, port: str, config: str, figures: list[Figure]) -> Certificate:
+    versions = {
+        "strands-actors": __version__,
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()}",
+    }
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    driver = f"{wanted.driver_class.__module__}:{wanted.driver_class.__qualname__}"
+    return Certificate(wanted.robot, driver, port, config, date, versions, figures)

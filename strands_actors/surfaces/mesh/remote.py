@@ -1,0 +1,140 @@
+"""A robot of another process or host, commanded over the mesh.
+
+    async with open_mesh(config) as mesh, control(mesh, "so101") as arm:
+        await arm.send_action({"shoulder_pan": 10.0})
+
+It holds the lease as long as the block runs and its loop turns. A link that is cut ends it: the robot holds when
+the last setpoint expires (one that is latched: a second later), and takes no command from the mesh before a
+``resume``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.caller.background import open_background
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.schemas import Command
+
+from .client import MeshClient, Reading
+from .outcome import Outcome
+
+BEAT_S = 0.2
+COMMAND_S = 0.25
+"""A command that has not reached the robot by then never will."""
+RELEASE_S = 0.3
+
+
+class RemoteRobot:
+    """Made by ``control``."""
+
+    def __init__(self, mesh: MeshClient, robot: str) -> None:
+        self.robot = robot
+        self.axes: tuple[str, ...] = ()
+        self.unit = ""
+        self._mesh = mesh
+        self._lease = self._epoch = 0
+        self.oneshot_ttl_s: float | None = None
+
+    async def acquire(self) -> Refused | None:
+        """Take the lease; None, or why not."""
+        answer = await self._dated(
+            lambda clock, deadline_ns: mesh_json.Acquire(clock=clock, deadline_ns=deadline_ns), COMMAND_S
+        )
+        if isinstance(answer, Refused):
+            return answer
+        self._lease, self._epoch = int(answer["lease"]), int(answer["epoch"])
+        self.axes, self.unit = tuple(answer["axes"]), str(answer["unit"])
+        self.oneshot_ttl_s = answer["oneshot_ttl_s"]
+        return None
+
+    async def send_action(
+        self, targets: Mapping[str, float], ttl_s: float | None = None, period_s: float = 0.0
+    ) -> dict[str, Any] | Refused:
+        """Joints by name, in the driver's units. ``ttl_s``: how long the target lives, as part of a stream of one
+        every ``period_s``; without, as long as the lease does (where the driver lets a target live so long)."""
+        ttl_s = self.oneshot_ttl_s if ttl_s is None else ttl_s
+
+        def make(clock: str, deadline_ns: int) -> Command:
+            return mesh_json.Move(
+                clock=clock,
+                deadline_ns=deadline_ns,
+                targets=dict(targets),
+                lease=self._lease,
+                epoch=self._epoch,
+                period_s=period_s,
+                latched=ttl_s is None,
+            )
+
+        return await self._dated(make, COMMAND_S if ttl_s is None else ttl_s)
+
+    async def observe(self) -> dict[str, Any] | Refused:
+        """``joints`` by name, ``unit``, ``age_s``."""
+        return await self._mesh.request(self.robot, mesh_json.Observe())
+
+    async def status(self) -> dict[str, Any] | Refused:
+        return await self._mesh.request(self.robot, mesh_json.Status())
+
+    async def stop(self, by: str = "") -> Outcome:
+        """Make it safe; what became of it."""
+        return await self._mesh.stop(self.robot, by)
+
+    async def resume(self, by: str = "") -> Refused | None:
+        """Energise at the measured position and take the lease. Starts no motion. None, or why not."""
+        answer = await self._mesh.resume(self.robot, by)
+        return answer if isinstance(answer, Refused) else await self.acquire()
+
+    async def release(self) -> None:
+        """Give the lease up: a target that lives is held."""
+        if self._lease:
+            lease, self._lease = self._lease, 0
+            await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
+
+    async def beat(self) -> None:
+        """As long as this runs, the lease lives."""
+        while True:
+            await trio.sleep(BEAT_S)
+            if self._lease:
+                clock = await self._mesh.clock(self.robot)
+                if isinstance(clock, Reading):
+                    deadline_ns = self._deadline(clock, COMMAND_S)
+                    beat = mesh_json.Beat(clock=clock.name, deadline_ns=deadline_ns, lease=self._lease)
+                    await self._mesh.tell(self.robot, beat)
+
+    async def _dated(self, make: Callable[[str, int], Command], ttl_s: float) -> dict[str, Any] | Refused:
+        answer: dict[str, Any] | Refused = Refused("clock", "the robot's clock is not known")
+        for _ in range(2):
+            clock = await self._mesh.clock(self.robot)
+            if isinstance(clock, Refused):
+                return clock
+            answer = await self._mesh.request(self.robot, make(clock.name, self._deadline(clock, ttl_s)))
+            if not isinstance(answer, Refused) or answer.code != "clock":
+                break
+            self._mesh.forget_clock(self.robot)  # it was started anew
+        return answer
+
+    def _deadline(self, clock: Reading, ttl_s: float) -> int:
+        return clock.deadline(self._mesh.now_ns() + round(ttl_s * NS))
+
+
+@contextlib.asynccontextmanager
+async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIterator[RemoteRobot]:
+    """The lease of ``robot``, inside the block. ``resume``: energise it first. Raise ``PermissionError`` with the
+    robot's refusal."""
+    remote = RemoteRobot(mesh, robot)
+    refused = await (remote.resume() if resume else remote.acquire())
+    if refused is not None:
+        raise PermissionError(refused.text)
+    async with open_background() as nursery:
+        nursery.start_soon(remote.beat)
+        try:
+            yield remote
+        finally:
+            with trio.CancelScope(shield=True):
+                await remote.release()

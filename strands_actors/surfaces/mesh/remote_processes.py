@@ -1,0 +1,173 @@
+"""The processes of a robot on another host, as its caller has them: somebody else's, reached over the mesh.
+
+Nothing is started there and nothing ended; what ends here is this caller's part. Whether the robot has stopped is
+what the robot says: who hears nothing says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import secrets
+import socket
+from collections.abc import Awaitable, Callable
+
+import trio
+import zenoh
+
+from strands_actors.caller.plan import Plan
+from strands_actors.caller.processes import NotConnected, Patience, Processes
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.channels.zenoh_session import short
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.mesh.gateway_messages import Synced
+from strands_actors.supervisors.messages import Describe, Lease, Release, Stop, StopReport, TreeReport
+
+from .gateway_ref import GatewayRef
+
+REACH_S = 5.0
+"""How long a robot may take to appear."""
+SYNC_S = (0.1, 0.1, 0.1, 0.2, 0.5, 1.0, 2.0)
+"""Between readings of its clock: several soon, of which the tightest counts; then one every two seconds."""
+
+
+class RemoteProcesses(Processes):
+    patience = Patience(ask_s=1.5, status_s=1.0, stop_s=3.0, command_s=1.0)
+    elsewhere = True
+    gate: GatewayRef
+
+    def __init__(self, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
+        host = re.sub(r"[^A-Za-z0-9_-]", "-", socket.gethostname())[:32] or "host"
+        name = f"caller.{host}.{os.getpid()}.{secrets.token_hex(4)}"
+        super().__init__(Node(name, MonotonicClock()), nursery, plan, driver)
+        self.holder = f"{self.holder} on {host}"
+        self._scope: trio.CancelScope | None = None
+
+    @property
+    def started(self) -> bool:
+        return self._scope is not None
+
+    @property
+    def alive(self) -> bool:
+        return self.started
+
+    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
+        mesh = self.plan.mesh
+        try:
+            session = await ZenohMesh.open(connect=mesh.connects, settings=mesh.settings())
+        except zenoh.ZError as error:
+            raise NotConnected(f"{self.plan.at}: {short(error)}") from error
+        session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")
+        session.serve_threads()
+        self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
+        self._scope = trio.CancelScope()
+        self.nursery.start_soon(self._serve, session, self._scope, beside)
+        try:
+            await self._reach()
+        except BaseException:
+            self._leave()
+            raise
+
+    async def _serve(
+        self, session: ZenohMesh, scope: trio.CancelScope, beside: Callable[[], Awaitable[None]]
+    ) -> None:
+        try:
+            with scope:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(self.node.run)
+                    await nursery.start(session.run)
+                    nursery.start_soon(beside)
+                    nursery.start_soon(self._keep_clock)
+        finally:
+            with trio.CancelScope(shield=True):
+                await trio.to_thread.run_sync(session.close)
+
+    async def _reach(self) -> None:
+        """Wait until the robot has told its clock. Raise ``NotConnected``."""
+        failure = "nobody there is called so, or this certificate is no operator's"
+        with trio.move_on_after(REACH_S):
+            while True:
+                try:
+                    answer = await self.gate.sync(self.patience.ask_s)
+                except Unreachable:
+                    await trio.sleep(0.05)
+                    continue
+                except AskTimeout as timeout:
+                    failure = str(timeout)
+                    continue
+                if isinstance(answer, Synced):
+                    self._check(answer)
+                    return
+                failure = answer.text if isinstance(answer, Refused) else "its answer cannot be read"
+                await trio.sleep(0.05)
+        raise NotConnected(f"{self.robot} at {self.plan.at} does not answer: {failure}")
+
+    def _check(self, told: Synced) -> None:
+        if told.kind != self.driver.robot or told.axes != tuple(self.driver.axes):
+            raise NotConnected(f"{self.robot} at {self.plan.at} is a {told.kind}, not a {self.driver.robot}")
+
+    async def _keep_clock(self) -> None:
+        waits = iter(SYNC_S)
+        while True:
+            await trio.sleep(next(waits, SYNC_S[-1]))
+            with contextlib.suppress(AskTimeout, Unreachable):
+                await self.gate.sync(self.patience.ask_s)
+
+    def _leave(self) -> None:
+        if self._scope is not None:
+            self._scope.cancel()
+            self._scope = None
+
+    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
+        """What we have commanded is made safe; what others command goes on."""
+        if not self.started:
+            return None
+        report: StopReport | Refused | None = None
+        if lease is not None:
+            try:
+                # No cleanup: that would end the tree, which is not ours.
+                answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
+            except (AskTimeout, Unreachable) as failure:
+                answer = self._not_heard("cleanup", failure)
+            report = answer if isinstance(answer, StopReport | Refused) else None
+            with contextlib.suppress(AskTimeout, Unreachable):
+                await self.gate.ask(Release(lease.id), self.patience.ask_s)
+        self._leave()
+        return report
+
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> Refused:
+        return self._not_heard("stop", None)
+
+    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
+        """It is dated: it is not done late. Whether it was done in time is not known."""
+        why = f"{verb}: {timeout}. it may have been done, and will not be done later"
+        return Refused("timeout", why, "look at get_status()")
+
+    def _not_heard(self, verb: str, failure: Exception | None) -> Refused:
+        why = f"{verb}: {self.robot} at {self.plan.at} does not answer{f' ({failure})' if failure else ''}"
+        known = "whether it has stopped is not known here. without us it holds when its setpoint or lease expires"
+        return Refused("unreachable", f"{why}: {known}", "look at the robot")
+
+    async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
+        if not self.started:
+            await self.start(beside)
+        elif await self.status() is None:
+            return Refused("unreachable", f"resume: {self.robot} at {self.plan.at} does not answer", "try again")
+        return None
+
+    async def describe(self) -> TreeReport | None:
+        if not self.started:
+            return None
+        try:
+            answer = await self.gate.ask(Describe(), self.patience.ask_s)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, TreeReport) else None
+
+    async def require_mesh(self) -> None:
+        """Nothing to do: it has been reached by it."""

@@ -1,0 +1,58 @@
+"""Which driver decided, and which code: a replay by other code may decide otherwise, and must say so."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from pathlib import Path
+
+from strands_actors.contract import driver as contract
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.supervisors import messages
+from strands_actors.supervisors.gate import failsafe, gate
+from strands_actors.supervisors.loading import describe_driver
+from strands_actors.supervisors.wire import watchdog
+
+from .errors import RecordingError
+from .file import Info
+
+SUFFIXES = (".py", ".toml")
+
+
+def driver_class_of(description: dict[str, object]) -> type[Driver]:
+    """The registered class of the robot. One that only the file names is not loaded: a file is no authority for
+    what code to run. Raise ``RecordingError``."""
+    robot = str(description.get("robot"))
+    found = get_native_driver_class(robot)
+    if found is None or not issubclass(found, Driver):
+        raise RecordingError(f"there is no driver for {robot} here. install the package that has it")
+    where = describe_driver(found, robot, "", {})["class"]
+    if where != description.get("class"):
+        raise RecordingError(f"{robot} was driven by {description.get('class')}, here it is {where}")
+    return found
+
+
+def build_driver(info: Info) -> Driver:
+    description = info.attached.driver
+    driver_class = driver_class_of(description)
+    return driver_class(info.kind, str(description["port"]), dict(description["options"]))
+
+
+def fingerprint(driver_class: type[Driver]) -> str:
+    """Of the gate, the watchdog and the driver with its tables: twelve hexadecimal digits."""
+    digest = hashlib.sha256()
+    for path in _sources(driver_class):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def _sources(driver_class: type[Driver]) -> list[Path]:
+    deciding = [Path(str(module.__file__)) for module in (contract, failsafe, gate, messages, watchdog)]
+    home = Path(str(sys.modules[driver_class.__module__].__file__)).parent
+    folders = [home]
+    if (common := home.parent / "common") and driver_class.__module__.startswith("strands_actors.drivers."):
+        folders.append(common)
+    for folder in folders:
+        deciding += sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES)
+    return deciding

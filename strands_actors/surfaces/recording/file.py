@@ -1,0 +1,180 @@
+"""A recording on disk: MCAP, with JSON rows and their schemas, and the journal a replay reads."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+import zstandard
+from mcap.exceptions import McapError
+from mcap.records import Channel as McapChannel
+from mcap.records import Message, Metadata
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from strands_actors import __version__
+from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry
+
+from .errors import RecordingError
+from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema
+from .views import Row, View
+
+METADATA = "strands-actors"
+CHUNK_BYTES = 64 * 1024
+"""About a second: what a recorder that is killed has not written yet."""
+END = b"\x89MCAP0\r\n"
+
+encode_json = msgspec.json.Encoder().encode
+decode_entries = msgspec.msgpack.Decoder(list[Entry]).decode
+
+
+class Info(msgspec.Struct, frozen=True):
+    """What the file says of itself. ``code``: fingerprint of the code that decided; ``wall_ns``: what to add to a
+    time of the robot's clock for a date."""
+
+    format: int
+    version: str
+    robot: str
+    code: str
+    wall_ns: int
+    attached: Attached
+
+    @property
+    def kind(self) -> str:
+        return str(self.attached.driver["robot"])
+
+
+class Recording(msgspec.Struct):
+    """What a replay needs, in the order of the file: the wire's journal, and where it is broken off."""
+
+    info: Info
+    parts: list[Journal | Gap]
+
+
+class RecordingFile:
+    """Writes one. Raise ``OSError``; a file that is there already is not overwritten."""
+
+    def __init__(self, path: Path, info: Info) -> None:
+        self.path = path
+        self.counts: Counter[str] = Counter()
+        self._robot = info.robot
+        self._wall_ns = info.wall_ns
+        self._stream: IO[bytes] = path.open("xb")
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
+        self._writer.start(profile="", library=f"strands-actors {info.version}")
+        self._writer.add_metadata(METADATA, {"info": msgspec.json.encode(info).decode()})
+        self._channels = {name: self._channel(name, row) for name, row in CHANNELS.items()}
+        self._views = {name: View(name, info.attached.axes, info.wall_ns) for name in ("wire", "root")}
+        self.flush()
+
+    def _channel(self, name: str, row: type[msgspec.Struct]) -> int:
+        full_name = SCHEMA_NAMES.get(name, f"strands_actors.{row.__name__}")
+        schema_id = self._writer.register_schema(full_name, "jsonschema", json.dumps(schema(row)).encode())
+        return self._writer.register_channel(f"/{self._robot}/{name}", "json", schema_id)
+
+    def add(self, source: str, batch: Batch) -> None:
+        data = msgspec.msgpack.encode(batch.entries)
+        if batch.entries:
+            journal = Journal(source, batch.session, batch.number, data)
+            self._write("journal", time.monotonic_ns(), journal)
+        self._rows(self._views[source].rows(decode_entries(data)))
+
+    def lost(self, source: str, why: str) -> None:
+        """Nothing came any more from there."""
+        self._rows(self._views[source].lost(time.monotonic_ns(), why))
+
+    def flush(self) -> None:
+        self._stream.flush()
+
+    def close(self) -> None:
+        try:
+            for view in self._views.values():
+                self._rows(view.end())
+            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it open
+        finally:
+            self._stream.close()
+
+    def _rows(self, rows: Iterator[Row]) -> None:
+        for channel, at_ns, row in rows:
+            self._write(channel, at_ns, row)
+
+    def _write(self, channel: str, at_ns: int, row: msgspec.Struct) -> None:
+        self.counts[channel] += 1
+        log_time = at_ns + self._wall_ns
+        self._writer.add_message(self._channels[channel], log_time, encode_json(row), log_time)
+
+
+def new_info(robot: str, code: str, attached: Attached) -> Info:
+    return Info(FORMAT, __version__, robot, code, time.time_ns() - time.monotonic_ns(), attached)
+
+
+def read(path: Path) -> Recording:
+    """Raise ``RecordingError`` for a file that is damaged, or none of ours; ``OSError`` when it cannot be read."""
+    with path.open("rb") as stream:
+        try:
+            return _read(path, stream)
+        except RecordingError:
+            raise
+        except _DAMAGE as damage:
+            raise RecordingError(
+                f"{path} is damaged: {' '.join(str(damage).split()) or type(damage).__name__}"
+            ) from damage
+
+
+_DAMAGE: tuple[type[Exception], ...] = (
+    McapError, msgspec.MsgspecError, struct.error, zstandard.ZstdError, ValueError, KeyError, IndexError,
+    RuntimeError, EOFError, MemoryError, OverflowError,
+)  # fmt: skip
+"""What the reader, the decompressors and the decoders raise for bytes that make no sense."""
+
+
+def _read(path: Path, stream: IO[bytes]) -> Recording:
+    if stream.read(len(END)) != END:
+        raise RecordingError(f"{path} is no MCAP file")
+    stream.seek(0, 2)
+    size = stream.tell()
+    stream.seek(max(0, size - len(END)))
+    if size < 2 * len(END) or stream.read() != END:
+        raise RecordingError(f"{path} is truncated: its end is missing. did the recorder finish?")
+    stream.seek(0)
+    info: Info | None = None
+    topics: dict[int, str] = {}
+    parts: list[Journal | Gap] = []
+    for record in StreamReader(stream, validate_crcs=True).records:
+        if isinstance(record, Metadata) and record.name == METADATA:
+            info = _info(path, record.metadata)
+        elif isinstance(record, McapChannel):
+            topics[record.id] = record.topic.rpartition("/")[2]
+        elif isinstance(record, Message):
+            topic = topics[record.channel_id]
+            if topic == "journal":
+                journal = msgspec.json.decode(record.data, type=Journal)
+                if journal.source == "wire":
+                    parts.append(journal)
+            elif topic == "gap":
+                gap = msgspec.json.decode(record.data, type=Gap)
+                if gap.source == "wire" and gap.missing < 0:  # the others stand in the journal
+                    parts.append(gap)
+    if info is None:
+        raise RecordingError(f"{path} is no recording of strands-actors")
+    return Recording(info, parts)
+
+
+def _info(path: Path, metadata: dict[str, str]) -> Info:
+    plain: Any = msgspec.json.decode(metadata["info"])
+    if plain.get("format") != FORMAT:
+        written = plain.get("version")
+        raise RecordingError(
+            f"{path} has format {plain.get('format')}, written by strands-actors {written}; this one reads {FORMAT}"
+        )
+    return msgspec.json.decode(metadata["info"], type=Info)
+
+
+def entries_of(journal: Journal) -> Sequence[Entry]:
+    return decode_entries(journal.entries)

@@ -1,0 +1,42 @@
+"""An encoded message in words: its name, and its fields by name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from strands_actors.kernel.frames import Down
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.supervisors import messages
+from strands_actors.supervisors.wire import watchdog
+
+LONGEST = 400
+
+
+def _kinds() -> dict[str, type[Message]]:
+    found: dict[str, type[Message]] = {"Down": Down, "Refused": Refused}
+    for module in (messages, watchdog):
+        for name, value in vars(module).items():
+            if isinstance(value, type) and issubclass(value, Message) and value is not Message:
+                found[name] = value
+    return found
+
+
+KINDS = _kinds()
+
+
+def in_words(body: bytes) -> str:
+    text = _show(msgspec.msgpack.decode(body))
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
+def _show(value: Any) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], str) and value[0] in KINDS:
+        fields = KINDS[value[0]].__struct_fields__
+        return f"{value[0]}({', '.join(f'{name}={_show(v)}' for name, v in zip(fields, value[1:], strict=False))})"
+    if isinstance(value, list):
+        return f"[{', '.join(_show(v) for v in value)}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {_show(v)}' for key, v in value.items())}}}"
+    return repr(value)

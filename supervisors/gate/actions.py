@@ -1,0 +1,45 @@
+"""What a writer sends is made plain before it travels: numbers of any library, keys of any type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from strands_actors.kernel.messages import Refused
+
+SHOWN = 100
+"""Characters of a key or value that are sent on, for the refusal to show."""
+
+
+def plain(action: Mapping[str, Any]) -> dict[str, Any]:
+    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
+    refused by name."""
+    return {str(key)[:SHOWN]: _plain_value(value) for key, value in action.items()}
+
+
+def refuse_shape(action: object) -> Refused | None:
+    if isinstance(action, Mapping):
+        return None
+    kind = type(action).__name__
+    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(name)[:SHOWN]: _number_or_text(part) for name, part in value.items()}
+    return _number_or_text(value)
+
+
+def _number_or_text(value: Any) -> float | bool | str | None:
+    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to the driver."""
+    if value is None or isinstance(value, str):
+        return value and value[:SHOWN]
+    item = getattr(value, "item", None)
+    try:
+        value = item() if callable(item) else value
+        return value if isinstance(value, bool) else float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError, RuntimeError):
+        return repr(value)[:SHOWN]

@@ -1,0 +1,569 @@
+"""The gate decides. Every writer, local or on the mesh, comes through here.
+
+It holds the failsafe state, the one lease, and the last observation. It reads no clock: what it decides follows
+from its memory, the message, and when that was taken up. It never waits: a stop is answered when the transport
+reports, and setpoints, status and further stops are handled meanwhile.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from strands_actors.contract.axis import AxisMode
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, GateState, Observation, Reason
+from strands_actors.kernel.actor import Actor, Deferred
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import Ref
+from strands_actors.supervisors.messages import (
+    BROUGHT,
+    Accepted,
+    Acquire,
+    Alive,
+    Arm,
+    ArmDone,
+    Beat,
+    CarriedOut,
+    CarryOut,
+    GetObservation,
+    GetStatus,
+    Lease,
+    LinkLost,
+    LinkUp,
+    LockKept,
+    MakeSafe,
+    Observed,
+    Perform,
+    Performed,
+    Probe,
+    Release,
+    Resume,
+    Resumed,
+    SafeDone,
+    Setpoint,
+    StateIs,
+    Status,
+    Stop,
+    Stopped,
+    StopReport,
+    Write,
+)
+
+from . import failsafe
+from .failsafe import Action, Event, Mode
+from .lease import LEASE_TTL_NS, Leases, refuse_by_deadline
+from .memory import GateMemory
+
+_STOP_AGAIN_NS = round(0.5 * NS)
+"""At least so long after a stop that could not be confirmed."""
+
+
+class Gate(Actor):
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
+    what led there."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        transport: str,
+        watchdog: str,
+        guardian: str,
+        start: failsafe.State,
+        cause: str = "",
+        locked_since: str = "",
+    ) -> None:
+        self._driver = driver
+        self._addresses = transport, watchdog, guardian
+        self._state = start
+        self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
+        self._observation: Observation | None = None
+        self._target: tuple[float, ...] = ()
+        self._target_ns = 0
+        self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
+        self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
+        self._lock = LockKept(0, locked_since)  # the newest that was kept
+        self._resumes: list[Deferred] = []
+        self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
+        self._service = 0
+        self._cause = cause
+        self._connect_error = "not connected yet"
+        self._facts: dict[str, object] = {}
+        self._last_stop: StopReport | None = None
+        self._last_stop_ns = 0
+        self._writes = self._reads = self._refusals = 0
+        self._last_refusal = ""
+
+    async def started(self) -> None:
+        transport, watchdog, guardian = self._addresses
+        self._transport: Ref = self.context.ref(transport)
+        self._watchdog: Ref = self.context.ref(watchdog)
+        self._guardian: Ref = self.context.ref(guardian)
+        self._tell_state()
+
+    def receive(
+        self,
+        message: Setpoint
+        | Stop
+        | Resume
+        | Acquire
+        | Beat
+        | Release
+        | Stopped
+        | GetObservation
+        | GetStatus
+        | Perform
+        | Probe
+        | Observed
+        | SafeDone
+        | LockKept
+        | ArmDone
+        | CarriedOut
+        | LinkUp
+        | LinkLost,
+    ) -> Accepted | Refused | StopReport | Resumed | Lease | Observation | Status | Performed | Deferred | None:
+        match message:
+            case Setpoint():
+                return self._setpoint(message)
+            case Probe():
+                if self._live_until_ns:
+                    self._look(message.now_ns)
+                elif self._state.mode in failsafe.WRITABLE:
+                    self._look_at_conditions(message.now_ns, live=False)
+                self._tell_alive(message.number)
+            case Observed():
+                self._observed(message)
+            case Stop():
+                return self._stop(message)
+            case Resume():
+                return self._resume(message)
+            case Beat():
+                self._leases.beat(message, self.context.received_ns)
+            case Stopped():
+                self._writer_stopped(message.pid)
+            case Acquire():
+                return self._acquire(message)
+            case Release():
+                return self._release(message)
+            case GetObservation():
+                return self._observation or Refused("no_observation", "observe: nothing was read yet")
+            case GetStatus():
+                return self._status()
+            case Perform():
+                return self._perform(message)
+            case CarriedOut():
+                self._carried_out(message)
+            case SafeDone():
+                self._safe_done(message.report)
+            case LockKept():
+                self._lock = message
+                self._answer_stops()
+            case ArmDone():
+                self._arm_done(message)
+            case LinkUp():
+                self._link_up(message)
+            case LinkLost():
+                self._link_lost(message.why)
+        return None
+
+    # -- setpoints
+
+    def _setpoint(self, message: Setpoint) -> Accepted | Refused:
+        held = self._leases.find(message.lease, message.channel)
+        kept = None if held is None else held.refused
+        answer = kept or self._admit(message)
+        if isinstance(answer, Refused):
+            if held is not None and not self.context.asked:
+                held.refused = answer
+            self._refusals += 1
+            self._last_refusal = answer.text
+        elif 0 < message.period_s <= self._driver.timing.tick_s:
+            self._look(self.context.received_ns, admitted=True)
+            self._tell_alive(BROUGHT)
+        return answer
+
+    def _admit(self, message: Setpoint) -> Accepted | Refused:
+        now_ns = self.context.received_ns
+        refusal = (
+            self._refuse_by_mode()
+            or self._refuse_by_lease("move", message)
+            or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
+            or self._refuse_latched(message)
+        )
+        if refusal is not None:
+            return refusal
+        observation = self._observation
+        if observation is None:
+            return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
+        if self._services:
+            return Refused("busy", "move: one of the robot's own services is under way", "wait until it is done")
+        refusal = self._refuse_by_condition(observation, now_ns)
+        if refusal is not None:
+            return refusal
+        state = GateState(
+            now_ns,
+            observation,
+            self._target,
+            self._target_ns,
+            message.period_s > 0,
+            message.period_s,
+            self._live_until_ns,
+        )
+        candidate = self._driver.parse(message.action, state)
+        if isinstance(candidate, Refused):
+            return candidate
+        for gate in self._driver.gates:
+            refusal = gate(candidate, state)
+            if refusal is not None:
+                return refusal
+        self._advance(Event.SETPOINT)
+        self._target, self._target_ns = candidate.values, now_ns
+        until_ns = 0 if message.latched else message.deadline_ns
+        if candidate.until_ns:
+            until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
+        self._live_until_ns = until_ns or -1
+        if self._leases.held is not None:
+            self._leases.held.beat(now_ns + LEASE_TTL_NS)
+        deadline_ns = min(message.deadline_ns, until_ns or message.deadline_ns)
+        self._transport.tell(Write(message.epoch, deadline_ns, candidate.values, until_ns))
+        return Accepted(self._state.epoch, candidate.values)
+
+    def _refuse_by_mode(self) -> Refused | None:
+        mode = self._state.mode
+        if self._state.locked_by:
+            return Refused(
+                "locked_out", f"move: e-stopped by {self._state.locked_by}", "resume() lifts the lockout"
+            )
+        if mode in failsafe.WRITABLE:
+            return None
+        if mode in failsafe.OVER:
+            return self._refuse_at_the_end("move")
+        if mode not in failsafe.LINKED:
+            why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
+            return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
+        if mode is Mode.ARMING:
+            return Refused("arming", "move: the robot is being energised", "try again when it is armed")
+        cause = f" ({self._cause})" if self._cause else ""
+        return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_latched(self, message: Setpoint) -> Refused | None:
+        """Refuse a command without an end to a robot that would go on moving by it: a base, a drone, legs."""
+        longest_s = self._driver.timing.oneshot_ttl_s
+        if not message.latched or longest_s is None:
+            return None
+        why = f"move: {self._driver.robot} takes no command without an end"
+        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
+
+    def _refuse_at_the_end(self, what: str) -> Refused:
+        return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
+
+    def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
+        refusal = self._leases.refuse(what, message.lease, message.channel)
+        if refusal is None and message.epoch != self._state.epoch:
+            return Refused(
+                "stale_epoch",
+                f"{what}: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
+                "acquire the lease again and start from the measured position",
+                str(message.epoch),
+                str(self._state.epoch),
+            )
+        return refusal
+
+    def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
+        for condition in self._driver.conditions:
+            refusal = condition.check(observation, now_ns)
+            if refusal is not None:
+                return refusal
+        return None
+
+    # -- the driver's own services
+
+    def _perform(self, message: Perform) -> Refused | Deferred:
+        service = message.service
+        refusal = self._driver.check_service(service, message.arguments)
+        if refusal is not None:
+            return refusal
+        state = self._state
+        if state.locked_by:
+            return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode in failsafe.OVER:
+            return self._refuse_at_the_end(service)
+        if state.mode not in failsafe.LINKED:
+            return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
+        if state.mode in (Mode.ARMING, Mode.STOPPING):
+            return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
+        refusal = self._refuse_by_lease(service, message)
+        if refusal is not None:
+            return refusal
+        moves = self._live_until_ns != 0 or message.first is not None
+        if moves and not self._driver.SERVICES[service].in_motion:
+            return Refused(
+                "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
+            )
+        if message.first is not None:
+            answer = self._setpoint(message.first)
+            if isinstance(answer, Refused):
+                return answer
+        self._service += 1
+        self._services[self._service] = deferred = self.context.defer()
+        self._transport.tell(CarryOut(state.epoch, self._service, service, message.arguments))
+        return deferred
+
+    def _carried_out(self, message: CarriedOut) -> None:
+        deferred = self._services.pop(message.number, None)
+        if deferred is not None:
+            deferred.send(message.refusal or Performed(message.result))
+
+    # -- the lease
+
+    def _acquire(self, message: Acquire) -> Lease | Refused:
+        answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
+        return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
+
+    def _release(self, message: Release) -> Deferred | None:
+        """Answered when what wrote under another lease has been held."""
+        held = self._leases.release(message.lease, message.channel)
+        if held is None:
+            return None
+        deferred = self.context.defer()
+        if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
+            self._stops.append((self._state.epoch, deferred, False))
+            return deferred
+        return None
+
+    def _writer_stopped(self, pid: int) -> None:
+        """What its silence would become is known already."""
+        held = self._leases.held
+        if held is None or not self._live_until_ns:
+            return
+        if held.owner.pid == pid:
+            self._trip(Reason.LEASE, f"the process of {held.owner.holder} is stopped")
+        elif held.pid == pid:
+            self._trip(Reason.EXPIRED, f"the process of {held.holder} is stopped")
+
+    # -- time
+
+    def _look(self, now_ns: int, admitted: bool = False) -> None:
+        """At what may have ended what is live. ``admitted``: the robot's conditions have just been looked at."""
+        live_until = self._live_until_ns
+        if live_until > 0 and now_ns >= live_until:
+            self._trip(Reason.EXPIRED, "the setpoint expired")
+        elif silent := self._leases.lapsed(now_ns, live_until < 0):
+            self._trip(Reason.LEASE, f"{silent} stopped answering")
+        elif not admitted:
+            self._look_at_conditions(now_ns, live=True)
+
+    def _look_at_conditions(self, now_ns: int, live: bool) -> None:
+        """End what is live, or with the conditions that are always looked at a hold, when one is not true."""
+        if self._observation is None:
+            return
+        for condition in self._driver.conditions:
+            if live or condition.always:
+                refusal = condition.check(self._observation, now_ns)
+                if refusal is not None:
+                    cause = refusal.reason.removeprefix("move: ")
+                    self._trip(condition.reason, cause, safe_state=condition.safe_state)
+                    return
+
+    def _tell_alive(self, number: int) -> None:
+        live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
+        self._watchdog.tell(Alive(number, self._state.epoch, live))
+
+    # -- stop, resume
+
+    def _stop(self, message: Stop) -> StopReport | Deferred | None:
+        deferred = self.context.defer()
+        by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
+        lock = (message.by or "an operator") if message.lock else ""
+        self._leases.stop()
+        if self._trip(message.reason, by, lock):
+            self._stops.append((self._state.epoch, deferred, message.lock))
+            return deferred
+        # Nothing to do: already holding, or nothing energised to hold.
+        safe_state = self._driver.fallbacks[message.reason]
+        return StopReport(message.reason, safe_state, self._state.epoch, True, ())
+
+    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
+        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
+        safe_state = safe_state or self._driver.fallbacks[reason]
+        if reason in failsafe.ENDING_REASONS:
+            event = Event.END
+        elif reason in HOLDING_REASONS and self._driver.energised(safe_state):
+            event = Event.HOLD
+        else:
+            event = Event.STOP
+        return self._step(event, safe_state, reason, cause, lock)
+
+    def _step(self, event: Event, safe_state: str, reason: Reason, cause: str, lock: str = "") -> bool:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        makes_safe = action is Action.MAKE_SAFE
+        if makes_safe:
+            self._cause = cause
+            self._live_until_ns = 0
+            self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
+            for resume in self._resumes:
+                resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+            self._resumes.clear()
+        if self._state != before:
+            self._tell_state()
+        return makes_safe
+
+    def _observed(self, message: Observed) -> None:
+        self._observation = message.observation
+        self._writes, self._reads = message.writes, message.reads
+        if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
+            self._stop_again(self._last_stop, message.observation)
+
+    def _stop_again(self, report: StopReport, observation: Observation) -> None:
+        """A motor that could not be confirmed safe is made so as soon as it is heard again."""
+        stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
+        heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
+            self._trip(report.reason, self._cause)
+
+    def _safe_done(self, report: StopReport) -> None:
+        self._last_stop = report
+        self._last_stop_ns = self.context.received_ns
+        self._answer_stops()
+        if report.epoch == self._state.epoch:
+            self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
+            if self._state.mode is Mode.HOLDING and self._observation is not None:
+                self._aim_where_held(report, self._observation)
+
+    def _answer_stops(self) -> None:
+        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk."""
+        report, waiting = self._last_stop, self._stops
+        if report is None:
+            return
+        self._stops = []
+        for epoch, stop, locks in waiting:
+            if epoch > report.epoch or (locks and epoch > self._lock.epoch):
+                self._stops.append((epoch, stop, locks))
+            elif locks and self._lock.problem:
+                stop.send(msgspec.structs.replace(report, note=self._lock.problem))
+            else:
+                stop.send(report)
+
+    def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
+        mode = self._state.mode
+        if mode in failsafe.WRITABLE and self._observation is not None:
+            return Resumed(self._state.epoch, self._observation)
+        if self._state.locked_by and not message.lift:
+            why = f"resume: e-stopped by {self._state.locked_by}"
+            return Refused("locked_out", why, "an operator's resume() lifts the lockout")
+        action = self._advance(Event.RESUME)
+        if action is not Action.ARM:
+            if mode in failsafe.OVER:
+                return self._refuse_at_the_end("resume")
+            if mode not in failsafe.LINKED:
+                return Refused("not_connected", f"resume: not connected: {self._connect_error}")
+            return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
+        deferred = self.context.defer()
+        self._resumes.append(deferred)
+        self._transport.tell(Arm(self._state.epoch))
+        return deferred
+
+    def _arm_done(self, message: ArmDone) -> None:
+        if message.epoch != self._state.epoch or self._state.mode is not Mode.ARMING:
+            return  # a stop during bring-up has won
+        if message.observation is None:
+            cause = f"arming failed: {message.error}"
+            self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
+            return
+        self._cause = ""
+        self._advance(Event.ARM_DONE)
+        self._aim_at_measured(message.observation)
+        for resume in self._resumes:
+            resume.send(Resumed(self._state.epoch, message.observation))
+        self._resumes.clear()
+
+    def _aim_at_measured(self, observation: Observation) -> None:
+        """The present position is the first target: no jump."""
+        self._observation = observation
+        self._target = self._driver.first_target(observation)
+        self._target_ns = self.context.received_ns
+        self._live_until_ns = 0
+
+    def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
+        """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
+        its last target, one that was is not sent elsewhere by an older reading."""
+        before = self._target
+        self._aim_at_measured(observation)
+        aimed = list(self._target)
+        motors = {motor.axis: motor for motor in report.motors}
+        for at, axis in enumerate(self._driver.axes):
+            motor = motors.get(axis)
+            if motor is not None and motor.target is not None:
+                aimed[at] = motor.target
+            elif motor is not None and not motor.safe and not self._rests(at):
+                aimed[at] = before[at]
+        self._target = tuple(aimed)
+
+    def _rests(self, at: int) -> bool:
+        """Whether the axis is a velocity's: its first target is rest, wherever it is."""
+        table = self._driver.table
+        return bool(table) and table[at].mode is AxisMode.VELOCITY
+
+    # -- the link
+
+    def _link_up(self, message: LinkUp) -> None:
+        self._facts = dict(message.facts)
+        self._connect_error = ""
+        self._observation = message.observation
+        self._step(
+            Event.LINK_UP, self._driver.fallbacks[Reason.LINK], Reason.LINK, self._cause or "the link was lost"
+        )
+
+    def _link_lost(self, why: str) -> None:
+        self._connect_error = why
+        if self._state.mode in failsafe.LINKED:
+            self._cause = f"the link was lost: {why}"
+        self._live_until_ns = 0
+        self._advance(Event.LINK_LOST)
+        for resume in self._resumes:
+            resume.send(Refused("not_connected", f"resume: {why}"))
+        self._resumes.clear()
+
+    def _advance(self, event: Event, lock: str = "") -> Action:
+        before = self._state
+        self._state, action = failsafe.step(before, event, lock)
+        if self._state != before:
+            self._tell_state()
+        return action
+
+    def _tell_state(self) -> None:
+        state = self._state
+        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._cause))
+
+    def _status(self) -> Status:
+        observation = self._observation
+        age_s = -1.0 if observation is None else (self.context.received_ns - observation.t_ns) / NS
+        return Status(
+            self._state.mode,
+            self._state.epoch,
+            self._state.mode in failsafe.LINKED,
+            self._connect_error,
+            self._state.locked_by,
+            self._cause,
+            self._leases.held.holder if self._leases.held else "",
+            observation,
+            age_s,
+            self._target,
+            self._writes,
+            self._reads,
+            self._refusals,
+            self._last_refusal,
+            self._last_stop,
+            self._facts,
+            self._lock.since if self._state.locked_by else "",
+        )
+
+    # -- for a recorder
+
+    def memory(self) -> GateMemory:
+        return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})
+
+    def recall(self, memory: GateMemory) -> None:
+        """Go on from there."""
+        for name in GateMemory.__struct_fields__:
+            setattr(self, f"_{name}", getattr(memory, name))

@@ -1,0 +1,126 @@
+"""The right to write, and how long what was written with it may stand."""
+
+from __future__ import annotations
+
+import msgspec
+
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
+
+LEASE_TTL_NS = round(LEASE_TTL_S * NS)
+_MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
+
+
+class Held(msgspec.Struct):
+    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it writes for."""
+
+    id: int
+    holder: str
+    expires_ns: int  # unless its process is heard of
+    latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
+    pid: int  # of its process; 0: of another host
+    channel: str  # over which it was acquired, and over which alone it counts
+    under: Held | None = None
+    refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
+
+    @property
+    def owner(self) -> Held:
+        return self.under or self
+
+    def beat(self, until_ns: int, answered_ago_s: float = 0.0) -> None:
+        self.expires_ns = until_ns
+        if answered_ago_s >= 0.0:
+            self.latches_until_ns = max(self.latches_until_ns, until_ns - round(answered_ago_s * NS))
+
+
+class Leases(msgspec.Struct):
+    """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it was last stopped:
+    a rollout of before begins no more."""
+
+    given: int
+    held: Held | None = None
+    ended: int = 0
+
+    def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
+        """The number of a new lease. Who has a channel with a name (a policy process) gets one under its caller's
+        only. ``holding``: nothing of the present writer stands any more. Who has lent its lease to a rollout may
+        then have it back, though that rollout (cut off, perhaps) has not returned it."""
+        if message.channel and not message.over:
+            why = f"acquire: {message.channel} may write under its caller's lease alone"
+            return Refused("channel", why, "name that lease")
+        if 0 < message.over <= self.ended:
+            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
+        held = self.held
+        under: Held | None = None
+        if held is not None and held.owner.expires_ns > now_ns:
+            if held.id == message.over and not held.channel:
+                under = held.owner
+            elif not _is_its_own(held if held.under is None or not holding else held.under, message):
+                why = f"acquire: {held.holder} holds the lease"
+                return Refused("lease", why, "wait until it is released, or stop it")
+        elif message.over:
+            return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
+        self.given += 1
+        until_ns = now_ns + LEASE_TTL_NS
+        self.held = Held(self.given, message.holder, until_ns, until_ns, message.pid, message.channel, under)
+        return self.given
+
+    def beat(self, message: Beat, now_ns: int) -> None:
+        held = self.held
+        while held is not None:
+            if (held.id, held.channel) == (message.lease, message.channel):
+                held.beat(now_ns + LEASE_TTL_NS, message.answered_ago_s)
+            held = held.under
+
+    def find(self, lease: int, channel: str) -> Held | None:
+        """The lease that is held, if it is this one, and was acquired over that channel."""
+        held = self.held
+        return held if held is not None and (held.id, held.channel) == (lease, channel) else None
+
+    def release(self, lease: int, channel: str) -> Held | None:
+        """The one that was given back; None: it was not held."""
+        held = self.find(lease, channel)
+        if held is not None:
+            self.held = held.under
+        return held
+
+    def stop(self) -> None:
+        """A stop ends the rollout; a dead policy could not release its lease."""
+        self.ended = self.given
+        if self.held is not None:
+            self.held = self.held.owner
+
+    def lapsed(self, now_ns: int, latched: bool) -> str:
+        """Who no longer beats for what stands; empty: somebody does."""
+        held = self.held
+        if held is None:
+            return "the writer"
+        over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
+        return held.holder if over else ""
+
+    def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
+        held = self.held
+        if held is None:
+            return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
+        if self.find(lease, channel) is None:
+            return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
+        return None
+
+
+def _is_its_own(held: Held, message: Acquire) -> bool:
+    return held.under is None and (held.holder, held.channel) == (message.holder, message.channel)
+
+
+def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:
+    """None when that time has neither passed nor is far away. ``prefix``: of the reason, what was asked for."""
+    late_ns = now_ns - deadline_ns
+    if late_ns >= 0:
+        return Refused("expired", f"{prefix}the command is {late_ns / 1e6:.1f} ms past its deadline")
+    if -late_ns > _MAX_LIFETIME_NS:
+        return Refused(
+            "too_distant",
+            f"{prefix}the deadline is {-late_ns / NS:.1f} s away",
+            f"ask for at most {MAX_LIFETIME_S:g} s",
+        )
+    return None

@@ -1,0 +1,40 @@
+"""What a gate remembers, for who records it and for who plays it again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.driver import Observation
+from strands_actors.kernel.actor import Deferred
+from strands_actors.supervisors.messages import LockKept, StopReport
+
+from . import failsafe
+from .lease import Leases
+
+
+class GateMemory(msgspec.Struct, frozen=True):
+    """All that a gate's decisions depend on, beside the message and when it was taken up: its attributes of these
+    names."""
+
+    state: failsafe.State
+    leases: Leases
+    observation: Observation | None
+    target: tuple[float, ...]
+    target_ns: int
+    live_until_ns: int
+    stops: list[tuple[int, Deferred, bool]]
+    lock: LockKept
+    resumes: list[Deferred]
+    cause: str
+    connect_error: str
+    facts: dict[str, Any]
+    last_stop: StopReport | None
+    last_stop_ns: int
+    services: dict[int, Deferred]
+    service: int
+    writes: int
+    reads: int
+    refusals: int
+    last_refusal: str

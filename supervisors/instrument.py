@@ -1,0 +1,332 @@
+"""What a recorder gets to see: all that the actors of a process take up, answer and tell, in order.
+
+While nobody records, the node has no instrument and the actors pay an ``if``. A recorder attaches over the
+mesh; then a journal notes what happens, and a task beside the actors ships it in numbered batches, of which
+only a few may be on the way: a recorder that is slow, frozen or dead fills the journal, which is bounded, and
+nothing else. What did not fit is counted. After such a gap, as at the beginning, the journal goes on from the
+whole memory of the actors, so that a replay can start there.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.kernel.actor import Actor, Deferred, describe
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.frames import TELL
+from strands_actors.kernel.messages import Message, Refused
+
+FORMAT = 1
+"""Of the journal. A recorder that knows another one is refused."""
+
+PERIOD_S = 0.02
+"""How long an entry waits at most before it is shipped; a stop and what follows from it is shipped at once."""
+CAPACITY = 8192
+"""Entries that wait for a recorder: some ten seconds of an arm at 50 Hz."""
+BATCH_BYTES = 16 * 1024
+ENTRY_BYTES = 48 * 1024
+"""A longer one does not fit into a frame, and is a gap."""
+WINDOW = 4
+"""Batches on the way that the recorder has not acknowledged. What a frozen one leaves unread is no more than a
+socket holds, so that sending never waits for it."""
+STILL_THERE_S = 0.25
+"""A batch is sent at least so often, empty if need be."""
+SILENT_S = 2.0
+"""A recorder that has acknowledged nothing for so long is given up."""
+
+
+class Kind(enum.IntEnum):
+    TOOK = 0  # a message was taken up
+    ANSWERED = 1
+    DEFERRED = 2  # the answer comes later, under ``number``
+    SETTLED = 3  # the answer of ``number``
+    SENT = 4  # a tell, to the actor ``to``
+    SAW = 5  # what the handler read of the world beside its message
+    REFUSED = 6  # by the kernel: a message of the type ``to`` that the actor never read
+    NOTED = 7  # an event that no message tells
+    MEMORY = 8  # all that the actor's decisions depend on, and (``number``) how many answers it has deferred
+    GAP = 9  # ``number`` entries are missing
+
+
+class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One line of a journal. ``at_ns``: CLOCK_MONOTONIC, of what has a time of its own; what an actor makes of a
+    message follows it without one."""
+
+    kind: Kind
+    actor: str
+    at_ns: int
+    number: int
+    to: str
+    body: msgspec.Raw
+
+
+class Attach(Message, frozen=True):
+    """Send me batches, in place of those of my last session. ``to``: the recorder's address."""
+
+    to: str
+    session: int
+    by: str
+    format: int = FORMAT
+
+
+class Attached(Message, frozen=True):
+    driver: dict[str, Any]  # as it travels between processes: class, robot, port, options
+    axes: tuple[str, ...]
+    unit: str
+
+
+class Batch(Message, frozen=True):
+    """``entries``: each an encoded ``Entry``. Empty when there is nothing to tell but that we live."""
+
+    session: int
+    number: int
+    entries: tuple[msgspec.Raw, ...]
+
+
+class Acknowledge(Message, frozen=True):
+    """All batches up to this one have been read."""
+
+    lane = "latest"
+
+    session: int
+    number: int
+
+
+class Detach(Message, frozen=True):
+    """Answered when the rest has been sent and acknowledged."""
+
+    session: int
+
+
+class Detached(Message, frozen=True):
+    pass
+
+
+def _plain(value: object) -> int:
+    if isinstance(value, Deferred):
+        return value.number
+    raise TypeError(f"{type(value).__name__} has no place in a journal")
+
+
+encode = msgspec.msgpack.Encoder(enc_hook=_plain).encode
+
+_Line = tuple[Kind, str, int, int, str, object]
+
+
+class Journal:
+    """A ``Instrument`` that keeps what the named actors do. ``dull``: messages not worth a line. ``remember``
+    gives the memories to go on from, as (actor, deferrals, memory)."""
+
+    def __init__(
+        self,
+        names: Mapping[str, str],
+        dull: frozenset[type],
+        remember: Callable[[], Iterable[tuple[str, int, object]]],
+    ) -> None:
+        self._names = names
+        self._dull = dull
+        self._remember = remember
+        self._lines: deque[_Line] = deque()
+        self._missing = 0
+        self.hurry = trio.Event()
+        """Set by what a recorder should hear of at once."""
+
+    @property
+    def empty(self) -> bool:
+        return not self._lines and not self._missing
+
+    def _add(self, kind: Kind, address: str, at_ns: int, number: int, to: str, body: object) -> None:
+        name = self._names.get(address)
+        if name is None or type(body) in self._dull:
+            return
+        if self._missing or len(self._lines) >= CAPACITY:
+            self._missing += 1
+        else:
+            self._lines.append((kind, name, at_ns, number, to, body))
+
+    # -- the Instrument protocol
+
+    def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
+        self._add(Kind.TOOK, address, at_ns, int(asked), "", message)
+        if message.lane == "urgent":
+            self.hurry.set()
+
+    def answered(self, address: str, answer: Message | None) -> None:
+        if answer is not None:
+            self._add(Kind.ANSWERED, address, 0, 0, "", answer)
+
+    def deferred(self, address: str, number: int) -> None:
+        self._add(Kind.DEFERRED, address, 0, number, "", None)
+
+    def settled(self, address: str, number: int, answer: Message | None) -> None:
+        self._add(Kind.SETTLED, address, 0, number, "", answer)
+
+    def sent(self, sender: str, to: str, message: Message) -> None:
+        self._add(Kind.SENT, sender, 0, 0, name_of(to), message)
+
+    def saw(self, address: str, value: object) -> None:
+        self._add(Kind.SAW, address, 0, 0, "", value)
+
+    def refused(self, to: str, what: str, refusal: Refused) -> None:
+        self._add(Kind.REFUSED, to, 0, 0, what, refusal)
+
+    def noted(self, address: str, at_ns: int, message: Message) -> None:
+        self._add(Kind.NOTED, address, at_ns, 0, "", message)
+        self.hurry.set()
+
+    # -- for who ships it
+
+    def begin(self, now_ns: int) -> None:
+        """Go on from the actors' memories as they are now: encoded at once, since they change."""
+        for actor, deferrals, memory in self._remember():
+            body = encode(memory)
+            if len(body) <= ENTRY_BYTES // 2:  # without one a replay compares nothing up to the next
+                self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
+
+    def take(self, now_ns: int) -> tuple[msgspec.Raw, ...]:
+        """The next encoded entries, as many as one batch may carry; none when there are none."""
+        taken: list[msgspec.Raw] = []
+        size = 0
+        while size < BATCH_BYTES:
+            if not self._lines:
+                if not self._missing:
+                    break
+                self._lines.append((Kind.GAP, "", now_ns, self._missing, "", None))
+                self._missing = 0
+                self.begin(now_ns)
+            line = encode(self._lines[0])
+            if len(line) > ENTRY_BYTES:
+                self._missing += len(self._lines)
+                self._lines.clear()
+                continue
+            if taken and size + len(line) > BATCH_BYTES:
+                break
+            self._lines.popleft()
+            taken.append(msgspec.Raw(line))
+            size += len(line)
+        return tuple(taken)
+
+
+class _Session:
+    """One recorder, and how far it has come."""
+
+    def __init__(self, attach: Attach, journal: Journal, now_ns: int) -> None:
+        self.id = attach.session
+        self.to = attach.to
+        self.by = attach.by
+        self.journal = journal
+        self.heard_ns = now_ns
+        self.sent = 0
+        self.sent_ns = 0
+        self.acknowledged = 0
+        self.unsent: Batch | None = None  # nobody hosted the recorder's address just then
+        self.leaving: Deferred | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.journal.empty and self.unsent is None and self.acknowledged == self.sent
+
+
+class InstrumentKeeper(Actor):
+    """One in each process that can be recorded; one recorder at a time. ``names``: whom it listens to, by address.
+    ``attached``: what it tells a recorder of the robot. ``remember``: see ``Journal``."""
+
+    def __init__(
+        self,
+        names: Mapping[str, str],
+        attached: Attached,
+        remember: Callable[[], Iterable[tuple[str, int, object]]] = tuple,
+        dull: frozenset[type] = frozenset(),
+    ) -> None:
+        self._names = names
+        self._attached = attached
+        self._remember = remember
+        self._dull = dull
+        self._session: _Session | None = None
+
+    def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | Deferred | None:
+        match message:
+            case Attach():
+                return self._attach(message)
+            case Acknowledge():
+                session = self._session
+                if session is not None and session.id == message.session:
+                    session.heard_ns = self.context.received_ns
+                    session.acknowledged = message.number
+                return None
+            case Detach():
+                return self._detach(message)
+
+    def _attach(self, message: Attach) -> Attached | Refused:
+        if message.format != FORMAT:
+            return Refused("format", f"record: format {message.format}, this robot has {FORMAT}", "use its version")
+        if self._session is not None and self._session.to != message.to:
+            by = self._session.by
+            return Refused("recorded", f"record: {by} records this robot already", "end that one first")
+        now_ns = self.context.received_ns
+        journal = Journal(self._names, self._dull, self._remember)
+        journal.begin(now_ns)
+        self._session = session = _Session(message, journal, now_ns)
+        self.context.node.instrument = journal
+        self.context.start_soon(self._ship, session)
+        return self._attached
+
+    def _detach(self, message: Detach) -> Detached | Deferred:
+        session = self._session
+        if session is None or session.id != message.session:
+            return Detached()
+        self._unplug(session)
+        session.leaving = self.context.defer()
+        session.journal.hurry.set()
+        return session.leaving
+
+    def _unplug(self, session: _Session) -> None:
+        if self.context.node.instrument is session.journal:
+            self.context.node.instrument = None
+
+    async def _ship(self, session: _Session) -> None:
+        """Beside the actors. A failure in here ends the recording, never the process: the recorder sees that
+        nothing comes any more, and says so in its file."""
+        journal = session.journal
+        try:
+            while self._session is session and not (session.leaving is not None and session.done):
+                with trio.move_on_after(PERIOD_S):
+                    await journal.hurry.wait()
+                journal.hurry = trio.Event()
+                now_ns = self.context.clock.now_ns()
+                if now_ns - session.heard_ns > SILENT_S * NS:
+                    break
+                self._send_some(session, now_ns)
+        except Exception as error:
+            self.context.node.dead(session.to, session, f"recording ended: {describe(error)}")
+        finally:
+            self._unplug(session)
+            if self._session is session:
+                self._session = None
+            if session.leaving is not None:
+                session.leaving.send(Detached())
+
+    def _send_some(self, session: _Session, now_ns: int) -> None:
+        while session.sent - session.acknowledged < WINDOW:
+            batch, session.unsent = session.unsent, None
+            if batch is None:
+                entries = session.journal.take(now_ns)
+                if not entries and now_ns - session.sent_ns < STILL_THERE_S * NS:
+                    return
+                batch = Batch(session.id, session.sent + 1, entries)
+            if not self.context.node.send_frame(session.to, TELL, 0, self.context.address, batch):
+                session.unsent = batch
+                return
+            session.sent += 1
+            session.sent_ns = now_ns
+
+
+def name_of(address: str) -> str:
+    """How a journal calls an actor: ``gate`` for ``strands/so101/actor/gate``."""
+    return address.rpartition("/actor/")[2]

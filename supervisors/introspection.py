@@ -1,0 +1,57 @@
+"""Each process answers which actors it hosts, and (when faults are allowed) breaks itself on request."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.messages import Message, Refused
+
+from .messages import ActorInfo, Describe, Introspection
+
+ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
+
+
+class Break(Message, frozen=True):
+    """For tests and drills: end this process the named way. ``how``: exception, exit or spin."""
+
+    lane = "urgent"
+
+    how: str
+
+
+class Broken(BaseException):
+    """What a process was asked to end by. No supervisor contains it, as it would any other exception."""
+
+
+def fall(how: str) -> None:
+    """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else does nothing."""
+    if how == "exception":
+        raise RuntimeError("a fault was asked for")
+    if how == "exit":
+        sys.exit(3)
+    while how == "spin":
+        pass
+
+
+class Introspector(Actor):
+    def receive(self, message: Describe | Break) -> Introspection | Refused | None:
+        if isinstance(message, Break):
+            return self._break(message.how)
+        node, pid = self.context.node, os.getpid()
+        return Introspection(
+            pid,
+            tuple(
+                ActorInfo(cell.address, cell.role, pid, cell.state, max(0, cell.incarnations - 1))
+                for cell in node.cells.values()
+            ),
+        )
+
+    def _break(self, how: str) -> Refused | None:
+        if os.environ.get(ALLOW_FAULTS) != "1":
+            return Refused("not_allowed", "break: faults are not allowed", f"set {ALLOW_FAULTS}=1")
+        if how == "exception":
+            raise Broken("a fault was asked for")
+        fall(how)
+        return Refused("unknown_fault", f"break: {how} is no fault", "exception, exit or spin")

@@ -1,0 +1,60 @@
+"""What a robot tells on the mesh: answers to whom asked, and events for all."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import msgspec
+
+from strands_actors.kernel.channels.pubsub import PubSub
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import StopReport
+
+from .schemas import EVENT_KEY, Refusal, Response, encode, response_key, schema
+
+_RESPONSE = schema("response")
+_EVENT = schema("event")
+
+
+class Answers:
+    """``refused`` counts the refusals, answered or not."""
+
+    def __init__(self, pubsub: PubSub, robot: str) -> None:
+        self._pubsub = pubsub
+        self._robot = robot
+        self._events = pubsub.topic(EVENT_KEY, _EVENT)
+        self.refused = 0
+
+    def success(self, sender: str, turn: str, result: dict[str, Any], final: bool = True) -> None:
+        self._put(sender, turn, Response("response", self._robot, turn, time.time(), result, final=final))
+
+    def refuse(self, sender: str, turn: str, refused: Refused) -> None:
+        self.refused += 1
+        if sender:
+            refusal = Refusal(**msgspec.structs.asdict(refused))
+            response = Response("error", self._robot, turn, time.time(), error=refused.text, refused=refusal)
+            self._put(sender, turn, response)
+
+    def _put(self, sender: str, turn: str, response: Response) -> None:
+        self._pubsub.put(response_key(sender, self._robot, turn), encode(response), _RESPONSE)
+
+    def event(self, event: str, **facts: Any) -> None:
+        if self._events.wanted:
+            self._events.put(encode({"peer_id": self._robot, "t": time.time(), "event": event, **facts}))
+
+
+def told(report: StopReport) -> dict[str, Any]:
+    """A stop's report as JSON."""
+    return {
+        "outcome": "safe" if report.confirmed else "unconfirmed",
+        "safe_state": report.safe_state,
+        "epoch": report.epoch,
+        "path": report.path,
+        "took_ms": round(report.took_ms, 2),
+        "note": report.note,
+        "motors": [
+            {"axis": motor.axis, "id": motor.id, "safe": motor.safe, "detail": motor.detail}
+            for motor in report.motors
+        ],
+    }

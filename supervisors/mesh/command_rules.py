@@ -1,0 +1,125 @@
+"""Whether a command from the mesh may be looked at: read, typed, fresh, not too many. Pure: no clock, no I/O."""
+
+from __future__ import annotations
+
+import functools
+import secrets
+
+import msgspec
+
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.lease import refuse_by_deadline
+
+from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender
+from .sessions import CLOCK_TTL_S, Sessions
+
+_MAX_CLOCKS = 64
+
+_decode_envelope = msgspec.json.Decoder(Envelope).decode
+_decode_sender = msgspec.json.Decoder(Sender).decode
+
+
+class _Action(msgspec.Struct):
+    action: str
+
+
+_decode_action = msgspec.json.Decoder(_Action).decode
+
+
+@functools.cache
+def _decoder(kind: type[Command]) -> msgspec.json.Decoder[Command]:
+    return msgspec.json.Decoder(kind)
+
+
+class Limit:
+    """At most ``rate`` a second, and ``burst`` at once."""
+
+    def __init__(self, rate: float, burst: int) -> None:
+        self._rate = rate
+        self._burst = float(burst)
+        self._left = float(burst)
+        self._at_ns = 0
+
+    def admits(self, now_ns: int) -> bool:
+        passed_s = (now_ns - self._at_ns) / NS if self._at_ns else 0.0
+        self._at_ns = now_ns
+        self._left = min(self._burst, self._left + passed_s * self._rate)
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Clocks:
+    """Who has read our clock. A command names the reading it is dated by."""
+
+    def __init__(self) -> None:
+        self._read: dict[str, tuple[str, int]] = {}  # by sender: the reading's name, when it expires
+
+    def read(self, sender: str, now_ns: int) -> str:
+        name = secrets.token_hex(4)
+        self._read.pop(sender, None)
+        if len(self._read) >= _MAX_CLOCKS:
+            del self._read[next(iter(self._read))]
+        self._read[sender] = name, now_ns + round(CLOCK_TTL_S * NS)
+        return name
+
+    def refuse(self, sender: str, clock: str, deadline_ns: int, now_ns: int) -> Refused | None:
+        """None when the command is dated by our clock and its time has neither passed nor is far away."""
+        name, expires_ns = self._read.get(sender, ("", 0))
+        if clock != name or now_ns >= expires_ns:
+            why = f"{sender} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
+            return Refused("clock", why, "send sync first")
+        return refuse_by_deadline(deadline_ns, now_ns)
+
+
+class Shared:
+    """What the robot's actors on the mesh have in common; it outlives their restarts."""
+
+    def __init__(self) -> None:
+        self.clocks = Clocks()
+        self.resumed_epoch = 0  # in which the robot was last resumed over the mesh
+        self.taken = 0  # commands that were read, good and bad
+        self.sessions = Sessions()  # of callers of other hosts
+
+
+def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | tuple[Sender | None, Refused]:
+    """Or whom to tell (when that could be read), and what is wrong."""
+    try:
+        envelope = _decode_envelope(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        remedy = 'send {"sender_id", "turn_id", "command": {"action", ...}}'
+        return _sender(payload), Refused("malformed", f"this is no command: {error}", remedy)
+    if len(payload) > limit:
+        told = f"send at most {limit} bytes"
+        oversized = Refused("oversized", f"{len(payload)} bytes", told, str(len(payload)), str(limit))
+        return Sender(envelope.sender_id, envelope.turn_id), oversized
+    return envelope
+
+
+def _sender(payload: bytes) -> Sender | None:
+    try:
+        return _decode_sender(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
+    try:
+        action = _decode_action(envelope.command).action
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return Refused("malformed", f"the command cannot be read: {error}", 'send {"action": ...}')
+    if action not in offered:
+        action = action[:64]
+        return Refused("unknown_action", f"{action!r} is no action here", f"send {', '.join(offered)}", action)
+    try:
+        return _decoder(ACTIONS[action]).decode(envelope.command)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return Refused("malformed", f"{action}: {error}")
+
+
+def refuse_stale(clocks: Clocks, sender: str, command: Command, now_ns: int) -> Refused | None:
+    if isinstance(command, Dated):
+        return clocks.refuse(sender, command.clock, command.deadline_ns, now_ns)
+    return None

@@ -1,0 +1,240 @@
+"""Commands from the mesh: read, checked, and handed to the gate, which decides as for every other writer.
+
+They wait below the interpreter, in a ring that keeps the newest, and are taken from it at a bounded rate: a flood
+costs the root next to nothing and delays no stop (which has keys of its own). Idle, the ring is looked at ten times
+a second; for a while after each command a hundred times.
+
+Whoever comes over the mesh to a robot that holds must resume it first: a link that was cut and has healed moves
+nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, Observation
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.supervisors import addresses, messages
+from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
+from strands_actors.supervisors.gate.gate import Gate
+
+from . import schemas as mesh_json
+from .answers import Answers
+from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale
+from .safety import ResumeOrder, Safety, StopOrder
+from .schemas import Command, Envelope
+
+IDLE_S = 0.1
+BUSY_S = 0.01
+BUSY_FOR_S = 2.0
+"""After a command; a sender of a stream sends sooner."""
+RING = 64
+TAKEN_AT_ONCE = 16
+"""So a flood costs at most 1600 readings a second."""
+
+COMMANDS_PER_S = 20
+MOVES_PER_S = 100
+"""Of the one who holds the lease."""
+REFUSALS_PER_S = 20
+ASK_S = 0.1
+
+
+class Poll(Message, frozen=True):
+    """Look at the ring."""
+
+    lane = "latest"
+
+
+class Commands(Actor):
+    def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
+        self._robot = robot
+        self._driver = driver
+        self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING)
+        self._answers = answers
+        self._shared = shared
+        self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
+        self._moves = Limit(MOVES_PER_S, MOVES_PER_S // 5)
+        self._refusals = Limit(REFUSALS_PER_S, REFUSALS_PER_S)
+        self._holder = ""  # the sender to whom the last lease was granted over the mesh, and that lease
+        self._lease = messages.Lease(0, 0)
+        self._busy_until_ns = 0
+
+    async def started(self) -> None:
+        at = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(at.gate, Gate)
+        self._safety: Ref = self.context.ref(at.safety, Safety)
+        self.context.start_soon(self._look)
+
+    async def _look(self) -> None:
+        while True:
+            busy = self.context.clock.now_ns() < self._busy_until_ns
+            await trio.sleep(BUSY_S if busy else IDLE_S)
+            self.context.me.tell(Poll())
+
+    async def receive(self, message: Poll) -> None:
+        for _ in range(TAKEN_AT_ONCE):
+            received = self._ring.take()
+            if received is None:
+                return
+            self._shared.taken += 1
+            await self._serve(received)
+
+    async def _serve(self, received: Received) -> None:
+        now_ns = self.context.clock.now_ns()
+        self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
+        envelope = read_envelope(received.payload)
+        if isinstance(envelope, tuple):
+            sender, refused = envelope
+            self._refuse(sender.sender_id if sender else "", sender.turn_id if sender else "", refused)
+            return
+        command = read_command(envelope)
+        refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
+        if refused_now is not None:
+            self._refuse(envelope.sender_id, envelope.turn_id, refused_now)
+        elif isinstance(command, Command):
+            await self._obey(envelope, command)
+
+    def _check(self, sender: str, command: Command, now_ns: int) -> Refused | None:
+        if isinstance(command, mesh_json.Stop | mesh_json.Estop):
+            return None
+        if isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id):
+            limit, rate = self._moves, MOVES_PER_S
+        else:
+            limit, rate = self._commands, COMMANDS_PER_S
+        if not limit.admits(now_ns):
+            return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
+        if isinstance(command, mesh_json.Leased) and limit is not self._moves:
+            return Refused("lease", f"{sender} holds no lease of this robot", "acquire it first")
+        return refuse_stale(self._shared.clocks, sender, command, now_ns)
+
+    def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
+        """Counted, and told to the sender as long as that is no flood of its own."""
+        admitted = self._refusals.admits(self.context.clock.now_ns())
+        self._answers.refuse(sender if admitted else "", turn, refused)
+
+    async def _obey(self, envelope: Envelope, command: Command) -> None:
+        sender, turn = envelope.sender_id, envelope.turn_id
+        match command:
+            case mesh_json.Stop() | mesh_json.Estop():
+                lock = isinstance(command, mesh_json.Estop)
+                self._safety.tell(StopOrder(lock, command.by or sender, sender, turn))
+                return
+            case mesh_json.Resume():
+                self._safety.tell(ResumeOrder(command.by or sender, sender, turn))
+                return
+            case mesh_json.Beat():
+                self._gate.tell(messages.Beat(command.lease, command.answered_ago_s))
+                return
+        try:
+            answer = await self._answer(sender, command)
+        except (AskTimeout, Unreachable) as failure:
+            answer = Refused("unreachable", f"the wire does not answer: {failure}", "resume when the robot is back")
+        if isinstance(answer, Refused):
+            self._refuse(sender, turn, answer)
+        else:
+            self._answers.success(sender, turn, answer)
+
+    async def _answer(self, sender: str, command: Command) -> dict[str, Any] | Refused:
+        match command:
+            case mesh_json.Sync():
+                now_ns = self.context.clock.now_ns()
+                return {"clock": self._shared.clocks.read(sender, now_ns), "robot_ns": now_ns}
+            case mesh_json.Move():
+                return await self._move(command)
+            case mesh_json.Acquire():
+                return await self._acquire(sender)
+            case mesh_json.Release():
+                await self._gate.ask(messages.Release(command.lease), ASK_S)
+                return {"released": command.lease}
+            case mesh_json.Observe():
+                return await self._observe()
+        return await self._status()
+
+    # -- writing
+
+    async def _acquire(self, sender: str) -> dict[str, Any] | Refused:
+        status = await self._gate.ask(messages.GetStatus(), ASK_S)
+        if not isinstance(status, messages.Status):
+            return _no_answer(status)
+        refused = refuse_by_mode(status, self._shared.resumed_epoch)
+        if refused is not None:
+            return refused
+        lease = await self._gate.ask(messages.Acquire(f"{sender} on the mesh"), ASK_S)
+        if not isinstance(lease, messages.Lease):
+            return _no_answer(lease)
+        self._holder, self._lease = sender, lease
+        timing = self._driver.timing
+        return {
+            "lease": lease.id,
+            "epoch": lease.epoch,
+            "axes": list(self._driver.axes),
+            "unit": self._driver.unit,
+            "control_hz": timing.control_hz,
+            "stream_ttl_s": timing.stream_ttl_s,
+            "oneshot_ttl_s": timing.oneshot_ttl_s,
+        }
+
+    async def _move(self, move: mesh_json.Move) -> dict[str, Any] | Refused:
+        if move.epoch != self._lease.epoch:
+            # The gate compares with the present epoch, which anybody can read in the telemetry: on the mesh it must
+            # also be the one that the lease came with.
+            return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
+        if names := unapproved(self._driver.GUARDED, move.targets):
+            return not_approved("move", names, "on the mesh there is nobody to ask")
+        setpoint = messages.Setpoint(
+            move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
+        )
+        answer = await self._gate.ask(setpoint, ASK_S)
+        if not isinstance(answer, messages.Accepted):
+            return _no_answer(answer)
+        return self._driver.commanded(move.targets, answer.values)
+
+    # -- reading
+
+    async def _observe(self) -> dict[str, Any] | Refused:
+        answer = await self._gate.ask(messages.GetObservation(), ASK_S)
+        if not isinstance(answer, Observation):
+            return _no_answer(answer)
+        age_s = (self.context.clock.now_ns() - answer.t_ns) / NS
+        return {"joints": self._driver.as_json(answer.position), "unit": self._driver.unit, "age_s": age_s}
+
+    async def _status(self) -> dict[str, Any] | Refused:
+        status = await self._gate.ask(messages.GetStatus(), ASK_S)
+        if not isinstance(status, messages.Status):
+            return _no_answer(status)
+        return {
+            "state": status.mode,
+            "epoch": status.epoch,
+            "connected": status.connected,
+            "connect_error": status.connect_error,
+            "locked_by": status.locked_by,
+            "cause": status.cause,
+            "lease": status.holder,
+            "age_s": status.age_s,
+            "refusals": status.refusals,
+            "last_refusal": status.last_refusal,
+        }
+
+
+def _no_answer(answer: Message | None) -> Refused:
+    return answer if isinstance(answer, Refused) else Refused("no_answer", "the gate gave no answer", "try again")
+
+
+def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
+    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because somebody on the
+    mesh wanted it to. ``resumed_epoch``: in which that was last so."""
+    if status.locked_by:
+        return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
+    if status.mode not in WRITABLE:
+        cause = f" ({status.cause})" if status.cause else ""
+        return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
+    if status.mode == Mode.HOLDING and status.epoch != resumed_epoch:
+        return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
+    return None

@@ -1,0 +1,280 @@
+"""The gateway: by which callers of other hosts reach the gate, with the messages that everybody tells it.
+
+It decides what their being elsewhere calls for, and nothing else: whether a command is dated by the robot's clock,
+in time, under a lease of its own sender, and not one too many. What may be done to the robot is for the gate to
+say, as for every other writer. Who may reach the gateway at all is decided by the certificate (``mesh/access.py``),
+below the interpreter.
+
+Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``); a stop has a key of its own, and
+waits for nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.kernel.actor import Actor, Deferred
+from strands_actors.kernel.channels.permissions import Channel
+from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import PREFIX, AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import (
+    Accepted,
+    Acquire,
+    Beat,
+    Describe,
+    GetObservation,
+    GetStatus,
+    Lease,
+    Perform,
+    Performed,
+    Release,
+    Resume,
+    Resumed,
+    Setpoint,
+    Status,
+    Stop,
+    StopReport,
+    TreeReport,
+)
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.stopping import make_safe
+
+from .command_rules import Limit, Shared
+from .commands import refuse_by_mode
+from .gateway_messages import Datable, Dated, Sync, Synced
+
+IDLE_S = 0.05
+BUSY_S = 0.004
+BUSY_FOR_S = 2.0
+"""After a frame; who commands sends sooner."""
+RING = 64
+TAKEN_AT_ONCE = 16
+"""So a flood costs at most 4000 readings a second."""
+
+WRITES_PER_S = 1100
+"""Of who holds a lease: a stream at the highest rate a rollout may have, and its heartbeats."""
+COMMANDS_PER_S = 50
+"""Of all others together."""
+READINGS_PER_S = 500
+ASK_S = 0.3
+TREE_S = 0.5
+
+
+class FromOutside:
+    """The way of frames from other hosts into the root's node, and of answers back. Answers alone: the node tells
+    nobody there anything."""
+
+    def __init__(self, node: Node, pubsub: PubSub, robot: str) -> None:
+        at = addresses.of(robot)
+        self.channel: Channel | None = channels.of_elsewhere(robot)
+        self._node = node
+        self._pubsub = pubsub
+        self._ring = pubsub.poll(at.gateway, RING)
+        pubsub.subscribe(at.gateway_stop, self._on_stop)
+        for address in (at.gateway, at.gateway_stop):
+            pubsub.declare_token(f"{address}/alive")
+
+    def take(self) -> int:
+        """Frames that wait, into the node. How many."""
+        with self._node.dispatch:
+            for count in range(TAKEN_AT_ONCE):
+                received = self._ring.take()
+                if received is None:
+                    return count
+                self._node.receive_frame(received.payload, self)
+        return TAKEN_AT_ONCE
+
+    def _on_stop(self, received: Received) -> None:
+        with self._node.dispatch:
+            self._node.receive_frame(received.payload, self)
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        return to.startswith(f"{PREFIX}/node/") and self._pubsub.put_frame(to, data)
+
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
+    def announce(self, address: str, hosted: bool) -> None:
+        """Nothing to do: there are these two keys."""
+
+    def watch(self, address: str) -> None:
+        """Nothing to do: who is elsewhere is not watched but expires."""
+
+
+class Gateway(Actor):
+    def __init__(self, robot: str, kind: str, driver: Driver, pubsub: PubSub, shared: Shared) -> None:
+        self._robot = robot
+        self._kind = kind
+        self._driver = driver
+        self._pubsub = pubsub
+        self._shared = shared
+        self._writes = Limit(WRITES_PER_S, WRITES_PER_S // 10)
+        self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
+        self._readings = Limit(READINGS_PER_S, READINGS_PER_S // 5)
+        self._busy_until_ns = 0
+
+    async def started(self) -> None:
+        at, context = addresses.of(self._robot), self.context
+        self._gate: Ref = context.ref(at.gate, Gate)
+        self._root: Ref = context.ref(at.root)
+        self._way = FromOutside(context.node, self._pubsub, self._robot)
+        context.start_soon(self._look)
+
+    async def _look(self) -> None:
+        while True:
+            now_ns = self.context.clock.now_ns()
+            await trio.sleep(BUSY_S if now_ns < self._busy_until_ns else IDLE_S)
+            if self._way.take():
+                self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
+
+    def receive(
+        self, message: Sync | Dated | GetObservation | GetStatus | Describe
+    ) -> (
+        Synced
+        | Accepted
+        | Lease
+        | Resumed
+        | Observation
+        | Status
+        | Performed
+        | TreeReport
+        | Refused
+        | Deferred
+        | None
+    ):
+        now_ns = self.context.received_ns
+        self._shared.taken += 1
+        if isinstance(message, Dated):
+            return self._refuse(message, now_ns) or self._obey(message)
+        refusal = self._refuse_rate(self._readings, READINGS_PER_S, now_ns)
+        if refusal is not None:
+            return refusal
+        match message:
+            case Sync():
+                session = self._shared.sessions.sync(message.session, now_ns)
+                return Synced(session, self.context.clock.now_ns(), self._kind, tuple(self._driver.axes))
+            case Describe():
+                return self._soon(lambda: self._root.ask(message, TREE_S))
+        return self._soon(lambda: self._gate.ask(message, ASK_S))
+
+    # -- what their being elsewhere calls for
+
+    def _refuse(self, dated: Dated, now_ns: int) -> Refused | None:
+        message, sessions = dated.message, self._shared.sessions
+        refusal = sessions.refuse(dated.session, dated.deadline_ns, now_ns)
+        if refusal is not None:
+            return refusal
+        if isinstance(message, Setpoint | Beat | Release | Perform):
+            refusal = sessions.refuse_lease(dated.session, message.lease)
+            return refusal or self._refuse_rate(self._writes, WRITES_PER_S, now_ns) or self._refuse_guarded(message)
+        if isinstance(message, Acquire) and message.over:
+            refusal = sessions.refuse_lease(dated.session, message.over)
+        return refusal or self._refuse_rate(self._commands, COMMANDS_PER_S, now_ns)
+
+    def _refuse_rate(self, limit: Limit, rate: int, now_ns: int) -> Refused | None:
+        if limit.admits(now_ns):
+            return None
+        return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
+
+    def _refuse_guarded(self, message: Message) -> Refused | None:
+        """What the robot's own program has to be asked about: from here nobody can ask it."""
+        first = message.first if isinstance(message, Perform) else message
+        action = first.action if isinstance(first, Setpoint) else {}
+        names = unapproved(self._driver.GUARDED, action)
+        return not_approved("move", names, "from another host there is nobody to ask") if names else None
+
+    def _obey(self, dated: Dated) -> Deferred | None:
+        message = dated.message
+        if not self.context.asked:
+            self._gate.tell(message)
+            return None
+        match message:
+            case Acquire():
+                return self._soon(lambda: self._acquire(dated.session, message))
+            case Release():
+                return self._soon(lambda: self._release(message))
+            case Resume():
+                return self._soon(lambda: self._resume(message))
+            case Perform():
+                service = self._driver.SERVICES.get(message.service)
+                within_s = ASK_S if service is None else service.within_s + ASK_S
+                return self._soon(lambda: self._gate.ask(message, within_s))
+        return self._soon(lambda: self._gate.ask(message, ASK_S))
+
+    async def _acquire(self, session: str, message: Acquire) -> Message | None:
+        """A rollout writes under a lease that its caller has been given here."""
+        status = await self._gate.ask(GetStatus(), ASK_S)
+        if not isinstance(status, Status):
+            return status
+        refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
+        if refusal is not None:
+            return refusal
+        elsewhere = msgspec.structs.replace(message, holder=f"{message.holder} (another host)", pid=0)
+        lease = await self._gate.ask(elsewhere, ASK_S)
+        if isinstance(lease, Lease):
+            self._shared.sessions.grant(session, lease.id)
+        return lease
+
+    async def _release(self, message: Release) -> Message | None:
+        """The hold with which a rollout ends is its writer's own wish: no loss, from which one has to resume."""
+        answer = await self._gate.ask(message, ASK_S)
+        status = await self._gate.ask(GetStatus(), ASK_S)
+        if isinstance(status, Status) and not isinstance(answer, Refused):
+            self._shared.resumed_epoch = status.epoch
+        return answer
+
+    async def _resume(self, message: Resume) -> Message | None:
+        answer = await self._gate.ask(message, self._driver.timing.arm_s + 2.0)
+        if isinstance(answer, Resumed):
+            self._shared.resumed_epoch = answer.epoch
+        return answer
+
+    def _soon(self, ask: Callable[[], Awaitable[Message | None]]) -> Deferred:
+        deferred = self.context.defer()
+
+        async def run() -> None:
+            try:
+                deferred.send(await ask())
+            except (AskTimeout, Unreachable) as failure:
+                deferred.send(Refused("unreachable", f"the wire does not answer: {failure}", "resume it"))
+
+        self.context.start_soon(run)
+        return deferred
+
+
+class GatewayStop(Actor):
+    """Stops for callers of other hosts. Whoever may reach the gateway may stop, however often, with or without a
+    lease."""
+
+    def __init__(self, robot: str) -> None:
+        self._at = addresses.of(robot)
+
+    async def started(self) -> None:
+        self._gate: Ref = self.context.ref(self._at.gate, Gate)
+        self._guardian: Ref = self.context.ref(self._at.guardian, Guardian)
+
+    def receive(self, message: Stop) -> StopReport | Refused | Deferred:
+        deferred = self.context.defer()
+        self.context.start_soon(self._stop, message, deferred)
+        return deferred
+
+    async def _stop(self, message: Stop, deferred: Deferred) -> None:
+        if message.reason not in _STOPS:  # another one would end the tree, or hold only
+            message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
+        deferred.send(await make_safe(self._gate, self._guardian, message))
+
+
+_STOPS = (Reason.STOP, Reason.ESTOP)
+
+
+__all__ = ["Datable", "FromOutside", "Gateway", "GatewayStop"]

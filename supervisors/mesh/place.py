@@ -1,0 +1,91 @@
+"""The robot's place on the mesh: telemetry, commands and safety orders, in the root process.
+
+They are supervised by themselves: what breaks here is started again, and if that does not help the robot goes on
+without, under its local caller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import trio
+import zenoh
+
+from strands_actors.contract.driver import Driver
+from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.pubsub import PubSub
+from strands_actors.kernel.channels.zenoh_session import short
+from strands_actors.kernel.node import Node
+from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.messages import StateIs, TaskStatus
+
+from .answers import Answers
+from .command_rules import Shared
+from .commands import Commands
+from .gateway import Gateway, GatewayStop
+from .safety import Safety
+from .schemas import MAX_MESSAGE_BYTES
+from .telemetry import Telemetry
+
+BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
+
+
+class MeshPlace:
+    """``problem``: why the robot is not on the mesh; known once ``settled``."""
+
+    def __init__(self, node: Node, robot: str, driver: Driver, task: Callable[[], TaskStatus]) -> None:
+        self._node = node
+        self._robot = robot
+        self._driver = driver
+        self._task = task
+        self._at = addresses.of(robot)
+        self.problem = ""
+        self.settled = trio.Event()
+        self._pubsub: PubSub | None = None
+
+    def tell_state(self, state: StateIs) -> None:
+        """For the audit."""
+        if self._at.safety in self._node.cells:
+            self._node.ref(self._at.safety, Safety).tell(state)
+
+    async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
+        limits = {"transport/link/rx/max_message_size": MAX_MESSAGE_BYTES}
+        try:
+            pubsub = await PubSub.open(listen, connect, {**limits, **settings})
+        except zenoh.ZError as error:
+            self.problem = f"mesh: {', '.join((*listen, *connect))}: {short(error)}"
+            self.settled.set()
+            return
+        self._pubsub = pubsub
+        try:
+            async with trio.open_nursery() as nursery:
+                await nursery.start(pubsub.run)
+                await nursery.start(self._supervisor(pubsub).run)
+                self.settled.set()
+        except* BudgetSpent as spent:
+            self.problem = f"mesh: {describe(spent)}"
+            self.close()
+
+    def close(self) -> None:
+        """Leave the mesh. Blocks for a few milliseconds: a root process simply ends."""
+        if self._pubsub is not None:
+            self._pubsub.close()
+            self._pubsub = None
+
+    def _supervisor(self, pubsub: PubSub) -> Supervisor:
+        robot, driver, at, node = self._robot, self._driver, self._at, self._node
+        answers, shared = Answers(pubsub, robot), Shared()
+
+        def counts() -> dict[str, int]:
+            return {"commands": shared.taken, "commands_refused": answers.refused}
+
+        cells = [
+            node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
+            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot), "gateway_stop"),
+            node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
+        ]
+        return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)

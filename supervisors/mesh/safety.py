@@ -1,0 +1,273 @@
+"""Stop, e-stop and resume from the mesh, and the audit of what became of the robot.
+
+Any sample on ``strands/safety/estop`` is an e-stop, readable or not: who may put one there is for the mesh's access
+rules to say. Each one is followed by a stop of its own, at most ``STOPS_PER_S`` of them, so that a flood of them
+cannot build up a backlog behind which a resume would wait.
+
+The stop for an e-stop leaves in the very thread on which zenoh brings the order, while this process's loop sleeps
+or does something else; what becomes of it, and all that could not leave so, is the loop's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import Resume, Resumed, StateIs, Stop
+from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.stopping import make_safe
+
+from .answers import Answers, told
+from .command_rules import Limit, Shared, read_command, read_envelope
+from .schemas import (
+    BROADCAST_KEY,
+    ESTOP_ANSWER_S,
+    ESTOP_KEY,
+    MAX_SAFETY_BYTES,
+    RESUME_KEY,
+    SafetyOrder,
+    is_name,
+)
+from .schemas import Stop as StopCommand
+
+STOPS_PER_S = 20
+INTERIM_S = ESTOP_ANSWER_S - 0.07
+"""Then who asked is told that the robot has not confirmed yet; the final answer follows."""
+
+_WAITING = 64
+_decode_order = msgspec.json.Decoder(SafetyOrder).decode
+
+
+class Arrived(Message, frozen=True):
+    """A sample on one of the safety keys, not yet read."""
+
+    lane = "urgent"
+
+    key: str
+    payload: bytes
+    sent: Any = None  # ``Sent``: the stop that was asked for when it arrived
+
+
+class StopOrder(Message, frozen=True):
+    """``sender`` and ``turn`` are empty when nobody can be told."""
+
+    lane = "urgent"
+
+    lock: bool
+    by: str
+    sender: str = ""
+    turn: str = ""
+    sent: Any = None  # ``Sent``: the gate has been asked already
+
+
+class ResumeOrder(Message, frozen=True):
+    """Already known to be fresh."""
+
+    lane = "urgent"
+
+    by: str
+    sender: str
+    turn: str
+
+
+class Safety(Actor):
+    """Makes the robot safe for whoever asks, and resumes it for whoever may."""
+
+    def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
+        self._robot = robot
+        self._arm_s = driver.timing.arm_s + 2.0
+        self._pubsub = pubsub
+        self._answers = answers
+        self._shared = shared
+        self._limit = Limit(STOPS_PER_S, STOPS_PER_S)
+        self._refusals = Limit(STOPS_PER_S, STOPS_PER_S)
+        self._waiting: list[StopOrder] = []
+        self._later_is_due = False
+        self._resuming = False
+
+    async def started(self) -> None:
+        at = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(at.gate, Gate)
+        self._guardian: Ref = self.context.ref(at.guardian, Guardian)
+        me, turn = self.context.me, self.context.node.dispatch
+
+        def arrived(received: Received) -> None:
+            with turn:  # handled now: a stop waits for no other turn of the loop
+                me.tell(Arrived(received.key, received.payload, received.done))
+
+        self._pubsub.subscribe(ESTOP_KEY, arrived, at_once=self._estop_at_once)
+        for key in (BROADCAST_KEY, RESUME_KEY):
+            self._pubsub.subscribe(key, arrived)
+
+    def receive(self, message: Arrived | StopOrder | ResumeOrder | StateIs) -> None:
+        match message:
+            case Arrived(key=key, payload=payload, sent=sent):
+                if key == ESTOP_KEY:
+                    self._on_estop(payload, sent)
+                elif key == BROADCAST_KEY:
+                    self._on_broadcast(payload)
+                else:
+                    self._on_resume(payload)
+            case StopOrder():
+                self._stop(message)
+            case ResumeOrder():
+                self._resume(message)
+            case StateIs():
+                self._answers.event(
+                    "state",
+                    state=message.mode,
+                    epoch=message.epoch,
+                    locked_by=message.locked_by,
+                    cause=message.cause,
+                )
+
+    # -- from the mesh
+
+    def _estop_at_once(self, received: Received) -> Sent | None:
+        """On zenoh's thread. (That the limit is of two threads may let one stop more through.)"""
+        order = _order(received.payload)
+        if not self._is_meant(order) or not self._limit.admits(self.context.clock.now_ns()):
+            return None
+        return self._gate.ask_at_once(Stop(Reason.ESTOP, _by(order), True))
+
+    def _is_meant(self, order: SafetyOrder) -> bool:
+        return order.target_id in ("", "*", self._robot)
+
+    def _on_estop(self, payload: bytes, sent: Sent | None) -> None:
+        order = _order(payload)
+        if not self._is_meant(order):
+            return
+        named = is_name(order.sender_id) and is_name(order.turn_id)
+        sender, turn = (order.sender_id, order.turn_id) if named else ("", "")
+        self._stop(StopOrder(True, _by(order), sender, turn, sent))
+
+    def _on_broadcast(self, payload: bytes) -> None:
+        envelope = read_envelope(payload, MAX_SAFETY_BYTES)
+        if isinstance(envelope, tuple):
+            sender, refused = envelope
+            self._refuse(sender.sender_id if sender else "", sender.turn_id if sender else "", refused)
+            return
+        if envelope.target_id not in ("", "*", self._robot):
+            return
+        command = read_command(envelope, ("stop",))
+        if isinstance(command, Refused):
+            self._refuse(envelope.sender_id, envelope.turn_id, command)
+        elif isinstance(command, StopCommand):
+            by = command.by or envelope.sender_id
+            self._stop(StopOrder(False, by, envelope.sender_id, envelope.turn_id))
+
+    def _on_resume(self, payload: bytes) -> None:
+        order = _order(payload)
+        if not (is_name(order.sender_id) and is_name(order.turn_id)):
+            self._refuse("", "", Refused("malformed", "resume: nobody is named who could be told"))
+        elif order.target_id in ("", "*"):
+            refused = Refused("no_target", "resume: no robot is named", "resume one robot at a time: target_id")
+            self._refuse(order.sender_id, order.turn_id, refused)
+        elif order.target_id == self._robot:
+            now_ns = self.context.clock.now_ns()
+            stale = self._shared.clocks.refuse(order.sender_id, order.clock, order.deadline_ns, now_ns)
+            if stale is not None:
+                self._refuse(order.sender_id, order.turn_id, stale)
+            else:
+                self._resume(ResumeOrder(order.by or order.sender_id, order.sender_id, order.turn_id))
+
+    def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
+        admitted = self._refusals.admits(self.context.clock.now_ns())
+        self._answers.refuse(sender if admitted else "", turn, refused)
+
+    # -- stop
+
+    def _stop(self, order: StopOrder) -> None:
+        if order.sent is not None:
+            self.context.start_soon(self._make_safe, [order])
+            return
+        if len(self._waiting) < _WAITING or (order.lock and not any(other.lock for other in self._waiting)):
+            self._waiting.append(order)
+        if self._later_is_due:
+            return
+        if self._limit.admits(self.context.clock.now_ns()):
+            self._stop_for_all()
+        else:
+            self._later_is_due = True
+            self.context.start_soon(self._stop_later)
+
+    async def _stop_later(self) -> None:
+        await trio.sleep(1.0 / STOPS_PER_S)
+        self._later_is_due = False
+        self._stop_for_all()
+
+    def _stop_for_all(self) -> None:
+        orders, self._waiting = self._waiting, []
+        self.context.start_soon(self._make_safe, orders)
+
+    async def _make_safe(self, orders: Sequence[StopOrder]) -> None:
+        first = next((order for order in orders if order.lock), orders[0])
+        reason = Reason.ESTOP if first.lock else Reason.STOP
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._tell_interim, orders)
+            report = await make_safe(self._gate, self._guardian, Stop(reason, first.by, first.lock), first.sent)
+            nursery.cancel_scope.cancel()
+        result = _unconfirmed(report.text) if isinstance(report, Refused) else told(report)
+        self._answers.event(str(reason), by=first.by, **result)
+        self._tell(orders, result, final=True)
+
+    async def _tell_interim(self, orders: Sequence[StopOrder]) -> None:
+        await trio.sleep(INTERIM_S)
+        self._tell(orders, _unconfirmed("not confirmed yet"), final=False)
+
+    def _tell(self, orders: Sequence[StopOrder], result: dict[str, Any], final: bool) -> None:
+        for order in orders:
+            if order.sender:
+                self._answers.success(order.sender, order.turn, {**result, "locked": order.lock}, final)
+
+    # -- resume
+
+    def _resume(self, order: ResumeOrder) -> None:
+        if self._resuming:
+            refused = Refused("busy", "resume: another resume is under way", "wait for its answer")
+            self._refuse(order.sender, order.turn, refused)
+            return
+        self._resuming = True
+        self.context.start_soon(self._ask_resume, order)
+
+    async def _ask_resume(self, order: ResumeOrder) -> None:
+        try:
+            answer = await self._gate.ask(Resume(order.by), self._arm_s)
+        except (AskTimeout, Unreachable) as failure:
+            answer = Refused("unreachable", f"resume: the wire does not answer: {failure}", "try again")
+        finally:
+            self._resuming = False
+        if isinstance(answer, Resumed):
+            self._shared.resumed_epoch = answer.epoch
+            self._answers.event("resume", by=order.by, epoch=answer.epoch)
+            self._answers.success(order.sender, order.turn, {"armed": True, "epoch": answer.epoch})
+        else:
+            refused = answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+            self._answers.refuse(order.sender, order.turn, refused)
+
+
+def _unconfirmed(detail: str) -> dict[str, Any]:
+    return {"outcome": "unconfirmed", "detail": detail}
+
+
+def _by(order: SafetyOrder) -> str:
+    return order.by or order.sender_id or "an unnamed sender on the mesh"
+
+
+def _order(payload: bytes) -> SafetyOrder:
+    if len(payload) <= MAX_SAFETY_BYTES:
+        try:
+            return _decode_order(payload)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            pass  # an e-stop is an e-stop, and a resume without its fields is refused
+    return SafetyOrder()

@@ -1,0 +1,182 @@
+"""What is said on the mesh: keys, schemas and JSON, for both of its ends.
+
+Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``peer_id``, ``t``, ``joints``), so
+that a subscriber written for it can read ours. Wall-clock seconds are ``t`` and ``timestamp``; whatever decides
+something is CLOCK_MONOTONIC nanoseconds of the robot's host.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any
+
+import msgspec
+
+from strands_actors.contract.sensors import TOPICS_HZ
+from strands_actors.kernel.node import PREFIX
+
+MAX_COMMAND_BYTES = 16 * 1024
+MAX_SAFETY_BYTES = 4 * 1024
+MAX_MESSAGE_BYTES = 128 * 1024
+"""Anything larger is dropped before it is put together; up to here a refusal says how large it was."""
+
+ESTOP_KEY = f"{PREFIX}/safety/estop"
+RESUME_KEY = f"{PREFIX}/safety/resume"
+EVENT_KEY = f"{PREFIX}/safety/event"
+BROADCAST_KEY = f"{PREFIX}/broadcast"
+
+ESTOP_ANSWER_S = 0.25
+"""Within this time of an e-stop every robot that can be reached has said what became of it."""
+
+TELEMETRY = ("presence", "state", "health", *TOPICS_HZ)
+"""What a robot may publish below ``strands/<robot>/``."""
+
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}\Z")
+
+
+def is_name(text: str) -> bool:
+    """Whether it can be one part of a key: no wildcard, no slash."""
+    return bool(_NAME.match(text))
+
+
+def key(robot: str, topic: str) -> str:
+    return f"{PREFIX}/{robot}/{topic}"
+
+
+def schema(topic: str) -> str:
+    return f"strands.{topic.replace('/', '.')}.v1"
+
+
+def response_key(sender: str, robot: str, turn: str) -> str:
+    return f"{PREFIX}/{sender}/response/{robot}/{turn}"
+
+
+# -- commands
+
+Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}\Z")]
+Text = Annotated[str, msgspec.Meta(max_length=256)]
+
+
+class Envelope(msgspec.Struct, frozen=True):
+    """Around each command. Fields that are not named here are ignored."""
+
+    sender_id: Name
+    turn_id: Name
+    command: msgspec.Raw
+    target_id: str = ""
+
+
+class Sender(msgspec.Struct, frozen=True):
+    """Of an envelope that could not be read: whom to tell."""
+
+    sender_id: Name
+    turn_id: Name
+
+
+class Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="action", tag=str.lower):
+    """``{"action": <class name in lower case>, ...}``."""
+
+
+class Dated(Command, frozen=True):
+    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock; ``clock`` is what the robot
+    answered to a ``sync`` of the same sender: without it the sender cannot know that clock."""
+
+    clock: Name
+    deadline_ns: int
+
+
+class Sync(Command, frozen=True):
+    """Ask for the robot's clock."""
+
+
+class Status(Command, frozen=True):
+    pass
+
+
+class Observe(Command, frozen=True):
+    pass
+
+
+class Acquire(Dated, frozen=True):
+    """Ask for the right to move the robot."""
+
+
+class Beat(Dated, frozen=True):
+    """Keeps the lease, for a second. Not answered. ``answered_ago_s``: when the thread that commands last did
+    anything but compute; negative: not since the last beat."""
+
+    lease: int
+    answered_ago_s: Annotated[float, msgspec.Meta(ge=-1.0, le=60.0)] = 0.0
+
+
+class Release(Command, frozen=True):
+    lease: int
+
+
+class Move(Dated, frozen=True):
+    """A target by joint. ``latched``: kept for as long as the lease is, otherwise until the deadline."""
+
+    targets: Annotated[dict[Text, float | bool | Text | None], msgspec.Meta(min_length=1, max_length=64)]
+    lease: int
+    epoch: int
+    period_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    latched: bool = False
+
+
+class Stop(Command, frozen=True):
+    by: Text = ""
+
+
+class Estop(Command, frozen=True):
+    by: Text = ""
+
+
+class Resume(Dated, frozen=True):
+    by: Text = ""
+
+
+Leased = Beat | Release | Move
+
+ACTIONS: dict[str, type[Command]] = {
+    kind.__name__.lower(): kind
+    for kind in (Sync, Status, Observe, Acquire, Beat, Release, Move, Stop, Estop, Resume)
+}
+
+
+class SafetyOrder(msgspec.Struct, frozen=True):
+    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless it names one
+    robot; a resume names one, and is dated as a command is."""
+
+    sender_id: str = ""
+    turn_id: str = ""
+    target_id: str = ""
+    by: Text = ""
+    clock: str = ""
+    deadline_ns: int = 0
+
+
+# -- answers
+
+
+class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
+    code: str
+    reason: str
+    remedy: str = ""
+    offered: str = ""
+    limit: str = ""
+
+
+class Response(msgspec.Struct, frozen=True, omit_defaults=True):
+    """``type``: response or error. ``final``: an e-stop that takes long is answered twice."""
+
+    type: str
+    responder_id: str
+    turn_id: str
+    timestamp: float
+    result: dict[str, Any] = msgspec.field(default_factory=dict)
+    error: str = ""
+    refused: Refusal | None = None
+    final: bool = True
+
+
+encode = msgspec.json.Encoder().encode

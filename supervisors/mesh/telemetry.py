@@ -1,0 +1,189 @@
+"""What a robot publishes: presence, state, health, and the sensors it has.
+
+Nothing is asked of the wire, and nothing encoded, for a topic that nobody subscribes to.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.sensors import TOPICS_HZ, Sensor
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.pubsub import PubSub, Topic
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.failsafe import LINKED, WRITABLE
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import GetStatus, Status, TaskStatus
+
+from . import schemas as mesh_json
+
+TICK_S = 0.1
+ASK_S = 0.05
+
+
+class Rate(NamedTuple):
+    topic: str
+    every: int  # ticks
+    sensor: Sensor | None = None
+
+
+RATES = (Rate("presence", 5), Rate("state", 1), Rate("health", 20))
+"""2, 10 and 0.5 Hz. Sensors that the driver declares come on top, at the rate of their topic."""
+
+
+def rates_of(driver: Driver) -> tuple[Rate, ...]:
+    """Return every topic of a robot."""
+    every = {topic: round(1 / (TICK_S * hz)) for topic, hz in TOPICS_HZ.items()}
+    return (*RATES, *(Rate(sensor.topic, every[sensor.topic], sensor) for sensor in driver.SENSORS))
+
+
+class Tick(Message, frozen=True):
+    lane = "latest"
+
+    now_ns: int
+
+
+class Telemetry(Actor):
+    """``task`` and ``counts`` tell what the root knows itself: the task's status, and figures for health."""
+
+    def __init__(
+        self,
+        robot: str,
+        driver: Driver,
+        pubsub: PubSub,
+        task: Callable[[], TaskStatus],
+        counts: Callable[[], Mapping[str, int]],
+    ) -> None:
+        self._robot = robot
+        self._driver = driver
+        self._rates = rates_of(driver)
+        self._published = frozenset(name for sensor in driver.SENSORS for name in sensor.fields.values())
+        self._pubsub = pubsub
+        self._task = task
+        self._counts = counts
+        self._host = socket.gethostname()
+        self._topics: dict[str, Topic] = {}
+        self._ticks = 0
+
+    async def started(self) -> None:
+        self._gate: Ref = self.context.ref(addresses.of(self._robot).gate, Gate)
+        for rate in self._rates:
+            self._declare(rate.topic)
+        self._pubsub.declare_token(mesh_json.key(self._robot, "alive"))
+        self.context.every(TICK_S, Tick)
+
+    def _declare(self, topic: str) -> None:
+        self._topics[topic] = self._pubsub.topic(mesh_json.key(self._robot, topic), mesh_json.schema(topic))
+
+    async def receive(self, message: Tick) -> None:
+        number, self._ticks = self._ticks, self._ticks + 1
+        due = [rate for rate in self._rates if number % rate.every == 0]
+        wanted = [rate for rate in due if self._topics[rate.topic].wanted]
+        if not wanted:
+            return
+        status = await self._ask()
+        for rate in wanted:
+            told = self._tell(rate, status)
+            if told is not None:
+                self._topics[rate.topic].put(mesh_json.encode(told))
+
+    async def _ask(self) -> Status | None:
+        try:
+            answer = await self._gate.ask(GetStatus(), ASK_S)
+        except (AskTimeout, Unreachable):
+            return None
+        return answer if isinstance(answer, Status) else None
+
+    def _tell(self, rate: Rate, status: Status | None) -> dict[str, Any] | None:
+        if rate.topic == "presence":
+            return self._presence(status)
+        if rate.topic == "health":
+            return self._health(status)
+        observation = None if status is None else status.observation
+        if rate.topic == "state":
+            return self._state(status, observation)
+        if observation is None or rate.sensor is None:
+            return None
+        told = rate.sensor.read(observation.sensors)
+        return {"peer_id": self._robot, "t": time.time(), **told} if told else None
+
+    def _presence(self, status: Status | None) -> dict[str, Any]:
+        task = self._task()
+        return {
+            "robot_id": self._robot,
+            "robot_type": "robot",
+            "hostname": self._host,
+            "timestamp": time.time(),
+            "tool_name": self._robot,
+            "hw": self._driver.robot,
+            "connected": status is not None and status.connected,
+            "state": _mode(status),
+            "epoch": 0 if status is None else status.epoch,
+            "locked_by": "" if status is None else status.locked_by,
+            "lease": "" if status is None else status.holder,
+            "task_status": "running" if task.running else "idle",
+            "instruction": task.instruction,
+            "action_keys": list(self._driver.axes),
+            "topics": list(self._topics),
+            "pid": os.getpid(),
+        }
+
+    def _state(self, status: Status | None, observation: Observation | None) -> dict[str, Any]:
+        driver, task = self._driver, self._task()
+        state: dict[str, Any] = {
+            "peer_id": self._robot,
+            "t": time.time(),
+            "degraded": status is None or status.mode not in WRITABLE,
+            "state": _mode(status),
+            "epoch": 0 if status is None else status.epoch,
+            "task": {"status": "running" if task.running else "idle", "steps": task.steps},
+            "unit": driver.unit,
+            "joints": {},
+        }
+        if status is not None and observation is not None:
+            state["joints"] = driver.as_json(observation.position)
+            state["age_s"] = status.age_s
+            if status.mode in WRITABLE and status.target:
+                state["targets"] = driver.as_json(status.target)
+            if observation.velocity:
+                state["velocities"] = driver.as_json(observation.velocity)
+        return state
+
+    def _health(self, status: Status | None) -> dict[str, Any]:
+        health: dict[str, Any] = {
+            "peer_id": self._robot,
+            "t": time.time(),
+            "ok": status is not None and status.mode in LINKED and not _faults(status),
+            "connected": status is not None and status.connected,
+            "counts": dict(self._counts()),
+        }
+        if status is not None:
+            health |= {
+                "cause": status.cause,
+                "connect_error": status.connect_error,
+                "faults": _faults(status),
+                "refusals": status.refusals,
+                "last_refusal": status.last_refusal,
+                "writes": status.writes,
+                "reads": status.reads,
+            }
+            if status.observation is not None:
+                health["sensors"] = {
+                    name: row for name, row in status.observation.sensors.items() if name not in self._published
+                }
+        return health
+
+
+def _mode(status: Status | None) -> str:
+    return "unreachable" if status is None else status.mode
+
+
+def _faults(status: Status) -> dict[str, str]:
+    return {} if status.observation is None else dict(status.observation.faults)

@@ -1,0 +1,426 @@
+"""The guardian keeps the wire group, and holds the stop channel to the hardware.
+
+When the wire process stops beating: write the safe frame by the root's own descriptors, then **fence** the wire
+(SIGKILL, and wait for its end: a paused owner that resumes would write again), then write again and have every
+motor confirm it. The first frame is for a root that dies in between: before it the wire is alive and acts when its
+root is gone, after it the robot has been told.
+
+What is not confirmed is tried again: for a while before the next wire is started, closed; when there is no next
+one, because the tree ends, for ``LINGER_S``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Driver, MotorReport, Reason, StopChannel, WireDown
+from strands_actors.kernel.actor import Actor, Deferred, describe
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health.failure_detector import FailureDetector
+from strands_actors.kernel.health.heartbeat import Heartbeat
+from strands_actors.kernel.health.processor import Life, Standing, life_of
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import Ref
+from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.messages import (
+    Fence,
+    HandedOver,
+    Handover,
+    Happened,
+    LockKept,
+    Renew,
+    SilentUntil,
+    StateIs,
+    Stopped,
+    StopReport,
+)
+from strands_actors.supervisors.wire.watchdog import Tick
+
+from .lock_keeper import Kept, LockKeeper
+from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
+
+START_DEADLINE_S = 5.0
+"""From a wire process' start to its first heartbeat: a quarter of a second of computing, half for one that
+imports an SDK, on a machine that gives it a tenth of a processor. One that is stopped is noticed at once, and
+one that has handed its port over is listened to as if it had beaten: what it may have energised waits for no
+deadline."""
+RENEW_PAUSE_S = 0.05
+END_S = 0.5
+"""For a wire that has confirmed its stop to end by itself: it is fenced then."""
+SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
+"""In which nothing of ours is energised, by the gate's word."""
+
+
+class WireBroken(Exception):
+    """The wire group has ended; it was fenced and the robot made safe."""
+
+
+class Place(Protocol):
+    """Where the wire group lives: a process of its own, or this one (tests)."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can still write."""
+        ...
+
+    @property
+    def left_safe(self) -> bool:
+        """Whether it has ended by itself, after it had read back every motor and obeyed nobody since. Not by its
+        own word in a message: a message can be forged."""
+        ...
+
+    async def ended(self) -> str:
+        """Return when it has ended by itself, with the reason."""
+        ...
+
+    async def fence(self) -> bool:
+        """Return when it can never write again, and what it said before has been heard; whether its end was seen.
+        After a second in which it was not it runs no code of its own, but a system call of its may not be over."""
+        ...
+
+    def let_go(self) -> None:
+        """Close its link: it makes safe what is not, and ends."""
+        ...
+
+    def standing(self) -> Standing | None:
+        """How its process stands with the processor; None where nobody can tell."""
+        ...
+
+
+class Guardian(Actor):
+    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
+    its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped, and when the
+    lock of an e-stop is kept by the ``keeper``. ``on_report`` is told what became of each attempt to make the robot
+    safe, ``on_dying`` of a writer that has been killed and waits for a processor to die on."""
+
+    def __init__(
+        self,
+        driver: Driver,
+        heartbeat: Heartbeat,
+        start_wire: Callable[[State, str], Place],
+        on_state: Callable[[StateIs], None] | None = None,
+        gate: str = "",
+        writers: Callable[[], Iterable[int]] = tuple,
+        keeper: LockKeeper | None = None,
+        on_report: Callable[[StopReport], None] | None = None,
+        on_dying: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._driver = driver
+        self._heartbeat = heartbeat
+        self._start_wire = start_wire
+        self._on_state = on_state
+        self._gate_address = gate
+        self._writers = writers
+        self._on_report = on_report
+        self._on_dying = on_dying
+        self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
+        self.stopped_detector = StoppedDetector(lambda pid: self._lives[pid].stopped)
+        self._stop_channel: StopChannel | None = None
+        self._stop_channel_scope = trio.CancelScope()
+        self._keeper = keeper
+        self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
+        self.last_report: StopReport | None = None
+        self._confirmed = True
+        self._leaving = self._released = False
+        self._ticks = 0
+        self._place: Place | None = None  # of the wire that lives
+        self._stopped_looks = 0
+        self._failure_detector = self._listen()
+        self._silent_until_ns = 0
+        self._renews = False  # this life of the wire ends because its process is spent
+        self._broken = trio.Event()
+        self._why = (Reason.WIRE, "")
+        self.idle = trio.Event()  # no wire group runs, and nothing more is done about what the last one left
+        self.idle.set()
+        self.reported = trio.Event()  # since the present wire's end, or there is none to report
+        self.reported.set()
+        self._again = trio.Event()
+        self._waiting: list[Deferred] = []
+
+    async def started(self) -> None:
+        self._gate: Ref = self.context.ref(self._gate_address)
+        self.context.every(self._driver.timing.tick_s, Tick)
+
+    def receive(
+        self, message: Tick | SilentUntil | Renew | StateIs | Handover | Fence
+    ) -> HandedOver | StopReport | Refused | Deferred | None:
+        match message:
+            case Tick():
+                self._tick(message.now_ns)
+            case SilentUntil():
+                self._failure_detector.heard(self.context.clock.now_ns())
+                longest_ns = self._failure_detector.heard_ns + round(self._driver.timing.silent_s * NS)
+                self._silent_until_ns = min(message.until_ns, longest_ns)
+            case Renew():
+                self._renews = True
+                self._break(Reason.WIRE, message.why)
+            case StateIs():
+                if self._place is not None:  # the dead say nothing any more
+                    self.state = message
+                    self._confirmed = message.mode in SAFE_MODES
+                    self._keep_lock()
+                    if self._on_state is not None:
+                        self._on_state(message)
+            case Handover():
+                self._failure_detector.heard(self.context.received_ns)
+                return self._take(message)
+            case Fence():
+                return self._fence(message)
+        return None
+
+    def _listen(self, look: Callable[[], Standing | None] = lambda: None) -> FailureDetector:
+        """To another wire than before."""
+        self._heartbeat.forget()
+        timing = self._driver.timing
+        return FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, look)
+
+    def _tick(self, now_ns: int) -> None:
+        self._heartbeat.beat(now_ns)
+        self._failure_detector.heard(self._heartbeat.heard_ns)
+        self._ticks += 1
+        if self._ticks % LOOK_EVERY == 0:
+            self._look_at_writers()
+            self._look_at_start()
+        if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
+            self._break(Reason.WIRE, f"the wire process stopped answering ({self._failure_detector.told(now_ns)})")
+
+    def _look_at_writers(self) -> None:
+        self._lives = lives = {pid: life_of(pid) for pid in self._writers()}
+        for pid in self.stopped_detector.look(lives):
+            self._gate.tell(Stopped(pid))
+        for pid, life in lives.items():
+            if life.dying:
+                self._on_dying(pid)
+
+    def _look_at_start(self) -> None:
+        """A wire that was stopped before its first heartbeat is not missed by its silence."""
+        if self._place is None or self._failure_detector.heard_ns:
+            return
+        standing = self._place.standing()
+        self._stopped_looks = self._stopped_looks + 1 if standing is not None and standing.stopped else 0
+        if self._stopped_looks == LOOKS:
+            self._break(Reason.WIRE, "the wire process was stopped before it had begun")
+
+    def _break(self, reason: Reason, why: str) -> None:
+        if not self._broken.is_set():
+            self._why = reason, why
+            self._broken.set()
+
+    # -- the stop channel
+
+    def _take(self, message: Handover) -> Deferred:
+        """Answered when the path could be used at once."""
+        self._drop_stop_channel()
+        self._stop_channel = path = self._driver.stop_channel(message.descriptors, self.context.clock)
+        self._stop_channel_scope = trio.CancelScope()
+        deferred = self.context.defer()
+        self.context.start_soon(self._keep_stop_channel, path, self._stop_channel_scope, deferred)
+        return deferred
+
+    async def _keep_stop_channel(self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred) -> None:
+        ready = False
+        with scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(path.serve)
+                    ready = True
+                    deferred.send(HandedOver())
+            except* WireDown as down:
+                why = describe(down).partition(": ")[2]
+                if ready:
+                    self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
+                else:
+                    deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
+
+    def _drop_stop_channel(self) -> None:
+        if self._stop_channel is not None:
+            self._stop_channel_scope.cancel()
+            self._stop_channel.close()
+            self._stop_channel = None
+
+    def _keep_lock(self) -> None:
+        """On the disk, and tell the gate when it is."""
+        state = self.state
+        if self._keeper is not None:
+            self._keeper.want(state.locked_by)
+        if state.locked_by:
+            self.context.start_soon(self._tell_kept, state)
+
+    async def _tell_kept(self, state: StateIs) -> None:
+        kept = await self._kept(state.locked_by)
+        self._gate.tell(LockKept(state.epoch, kept.since, kept.problem))
+
+    async def _kept(self, by: str) -> Kept:
+        return Kept("") if self._keeper is None else await self._keeper.kept(by)
+
+    async def _answer_fence(self, waiting: Deferred, report: StopReport) -> None:
+        """When its lock is on the disk, too."""
+        kept = await self._kept(self.state.locked_by)
+        waiting.send(msgspec.structs.replace(report, note=kept.problem) if self.state.locked_by else report)
+
+    def _fence(self, message: Fence) -> Deferred:
+        lock = (message.by or "an operator") if message.lock else self.state.locked_by
+        self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
+        deferred = self.context.defer()
+        if self.idle.is_set() and self.last_report is not None:
+            self._keep_lock()
+            self.context.start_soon(self._answer_fence, deferred, self.last_report)
+            return deferred
+        self._break(message.reason, f"{message.reason}: no answer from the wire")
+        self._again.set()
+        self._waiting.append(deferred)
+        return deferred
+
+    # -- the end of the tree
+
+    def leave(self) -> None:
+        """The tree ends: no new wire. One that is not confirmed safe is made so for as long as ``LINGER_S``."""
+        self._leaving = True
+        self._again.set()
+
+    async def end(self, reason: Reason, by: str, confirmed: bool) -> None:
+        """End the wire, after ``leave``, and return when the robot has been made safe once (``reported``), or was.
+        ``confirmed``: the gate's own stop was. Then the wire ends by itself, and its exit code says whether that
+        still holds; else it is fenced."""
+        place = self._place
+        if place is not None and confirmed:
+            self._released = True
+            place.let_go()
+            with trio.move_on_after(END_S):
+                await self.idle.wait()
+        self._break(reason, by)
+        await self.reported.wait()
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether nothing of ours is energised any more, as far as is known."""
+        return self._confirmed
+
+    # -- one life of the wire group after the other
+
+    async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """The supervisor's child: one life of the wire group, and another whenever its process is spent. Always
+        raises ``WireBroken`` or ``Cancelled``."""
+        while True:
+            if self._leaving:
+                task_status.started()
+                await trio.sleep_forever()
+            await self._live(task_status)
+            if not self._renews:
+                raise WireBroken(self._why[1])
+            task_status = trio.TASK_STATUS_IGNORED
+            await trio.sleep(RENEW_PAUSE_S)
+
+    async def insist(self) -> None:
+        """There will be no other wire: make safe until it is confirmed, or the tree ends."""
+        self.idle = trio.Event()
+        await self._insist(self.state.epoch, float("inf"))
+        self.idle.set()
+
+    async def _live(self, task_status: trio.TaskStatus[None]) -> None:
+        self._renews = False
+        self._broken = trio.Event()
+        self.idle = trio.Event()
+        self.reported = trio.Event()
+        self._silent_until_ns = 0
+        self._stopped_looks = 0
+        locked_by = self.state.locked_by
+        start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
+        place = self._place = self._start_wire(start, self.state.cause)
+        self._failure_detector = self._listen(place.standing)
+        try:
+            task_status.started()
+            await self._until_broken(place)
+        finally:
+            with trio.CancelScope(shield=True):
+                await self._take_over(place, start.epoch)
+
+    async def _until_broken(self, place: Place) -> None:
+        async with trio.open_nursery() as nursery:
+
+            async def watch() -> None:
+                self._break(Reason.WIRE, await place.ended())
+
+            async def watch_start() -> None:
+                await trio.sleep(START_DEADLINE_S)
+                if not self._failure_detector.heard_ns:
+                    self._break(Reason.WIRE, f"the wire did not start within {START_DEADLINE_S:g} s")
+
+            nursery.start_soon(watch)
+            nursery.start_soon(watch_start)
+            await self._broken.wait()
+            nursery.cancel_scope.cancel()
+
+    async def _take_over(self, place: Place, epoch: int) -> None:
+        fenced = await self._fence_place(place)
+        self._place = None
+        self.context.note(Happened("the wire has ended", self._why[1]))
+        self._failure_detector = self._listen()
+        if self._released and place.left_safe:
+            self._confirmed = True
+        else:
+            await self._insist(epoch, INSIST_S)
+        self._drop_stop_channel()  # it would keep the next wire from the port, which is locked while it is open
+        while not fenced:  # two processes at one port would be worse than none
+            fenced = await place.fence()
+        self.reported.set()
+        self.idle.set()
+
+    async def _fence_place(self, place: Place) -> bool:
+        """Write, then fence: who dies in between leaves a wire that acts by itself, or a robot that was told."""
+        async with trio.open_nursery() as nursery:
+            if self._stop_channel is not None and place.alive:
+                nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
+                for _ in range(2):  # by the second one it has run, as far as its first wait
+                    await trio.lowlevel.checkpoint()
+            fenced = await place.fence()
+            nursery.cancel_scope.cancel()
+        return fenced
+
+    async def _insist(self, epoch: int, for_s: float) -> None:
+        """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree ends. What was
+        safe by the gate's word is written to once: a motor that says nothing may be one that is not there."""
+        was_safe = self._confirmed
+        began_s = trio.current_time()
+        for pause_s in pauses_s():
+            await self._make_safe(epoch)
+            longest_s = LINGER_S if self._leaving else for_s
+            if self._confirmed or was_safe or trio.current_time() + pause_s > began_s + longest_s:
+                return
+            self._again = trio.Event()
+            with trio.move_on_after(pause_s):
+                await self._again.wait()
+
+    async def _make_safe(self, epoch: int) -> None:
+        reason, why = self._why
+        safe_state = self._driver.fallbacks[Reason.WIRE]
+        began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] = ()
+        if self._stop_channel is not None:
+            motors = await attempt(self._stop_channel, self._driver, safe_state)
+        elif not self._confirmed:
+            # This wire had not come so far as to energise anything, and what the one before left is as it was.
+            motors = await attempt_anew(self._driver, self.context.clock, safe_state)
+        self._confirmed = all_safe(motors)
+        now_ns = self.context.clock.now_ns()
+        took_ms = (now_ns - began_ns) / 1e6
+        epoch = max(epoch, self.state.epoch) + 1
+        report = StopReport(reason, safe_state, epoch, self._confirmed, motors, "second", took_ms, now_ns)
+        self.last_report = report
+        self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
+        self.context.note(report)
+        self.context.note(self.state)
+        if self._on_state is not None:
+            self._on_state(self.state)
+        self._keep_lock()
+        if self._on_report is not None:
+            self._on_report(report)
+        for waiting in self._waiting:
+            self.context.start_soon(self._answer_fence, waiting, report)
+        self._waiting.clear()
+        self.reported.set()

@@ -1,0 +1,369 @@
+"""The root process: robot supervisor, guardian, tasks. Tiny: no numpy, no SDK, no user code.
+
+It belongs to the process that started it. When that one ends, for whatever reason, the robot is made safe
+and the whole tree goes.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor, Cell, Deferred, describe
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.channels.zenoh_session import hand_over
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.health.heartbeat import new_page, on_page
+from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.child import report_failure
+from strands_actors.kernel.processes.fork import Standby
+from strands_actors.kernel.processes.process import wait_for_end_of
+from strands_actors.kernel.processes.spawner import Spawner
+from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
+from strands_actors.supervisors.introspection import Introspector
+from strands_actors.supervisors.loading import load_driver, without_secrets
+from strands_actors.supervisors.mesh.place import MeshPlace
+from strands_actors.supervisors.messages import (
+    ActorInfo,
+    Describe,
+    GetMesh,
+    GetTask,
+    Happened,
+    Introspection,
+    OnMesh,
+    ProcessInfo,
+    Shutdown,
+    StateIs,
+    Stop,
+    StopReport,
+    TaskStatus,
+    TreeReport,
+)
+from strands_actors.supervisors.wire.group import ROOT_END, UNCONFIRMED, ProcessPlace
+from strands_actors.supervisors.wire.watchdog import Tick
+
+from .guardian import Guardian
+from .lock_keeper import LockKeeper
+from .locks import Locks
+from .stop_channel import not_reached
+from .tasks import Tasks
+
+WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
+STOP_S = 0.25
+"""How long the root waits for the wire's own stop before it fences."""
+REPORT_S = 2.0
+"""For the first report of a robot that has to be made safe by the root; who asked waits for one second more."""
+LAST_WORDS_S = 0.02
+"""For what has been told to leave, before its process ends."""
+ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
+
+_DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus})
+
+
+class Root(Actor):
+    """Answers for the whole tree, and ends it."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+
+    def receive(
+        self, message: Describe | GetMesh | Shutdown
+    ) -> TreeReport | OnMesh | StopReport | Refused | Deferred | None:
+        deferred = self.context.defer()
+        match message:
+            case Describe():
+                self.context.start_soon(self._describe, deferred)
+            case GetMesh():
+                self.context.start_soon(self._tell_mesh, deferred)
+            case Shutdown():
+                self._tree.shut_down(message.reason, message.by, deferred)
+        return deferred
+
+    async def _tell_mesh(self, deferred: Deferred) -> None:
+        await self._tree.mesh.settled.wait()
+        deferred.send(OnMesh(self._tree.mesh.problem))
+
+    async def _describe(self, deferred: Deferred) -> None:
+        deferred.send(await self._tree.describe(self.context.address))
+
+
+class Unconfirmed:
+    """What the root's note in the run directory says of motors that it could not confirm safe."""
+
+    def __init__(self, note: str) -> None:
+        self._note = Path(note)
+        self._told: list[str] = []
+
+    def tell(self, report: StopReport) -> None:
+        motors = report.unconfirmed
+        if motors == self._told:
+            return
+        try:
+            note = msgspec.json.decode(self._note.read_bytes())
+            draft = self._note.with_suffix(".root.tmp")
+            draft.write_bytes(msgspec.json.encode({**note, "unconfirmed": motors}))
+            draft.replace(self._note)
+        except (OSError, msgspec.MsgspecError, TypeError) as error:
+            report_failure("the note on unconfirmed motors", error)
+        self._told = motors
+
+
+class Tree:
+    """What runs in the root process."""
+
+    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby, page: int) -> None:
+        self.spawner = spawner
+        self.standby = standby
+        self.page = page
+        self.robot: str = args["robot"]
+        self.args = args
+        self.at = addresses.of(self.robot)
+        self.driver = load_driver(args["driver"])
+        if self.driver.timing.realtime:
+            run_first(ROOT_PRIORITY)
+        self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
+        # What the wire reports counts over its own link alone, and is not looked for elsewhere.
+        self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
+        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
+        self.guardian = Guardian(
+            self.driver,
+            on_page(page, ROOT_END),
+            self.start_wire,
+            self._on_state,
+            self.at.gate,
+            self.writers,
+            self.keeper,
+            Unconfirmed(args["note"]).tell,
+            self._see_dying,
+        )
+        self.wire: ProcessPlace | None = None
+        self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
+        self.failed = ""
+        self._shutdown = trio.Event()
+        self._end: tuple[Reason, str] = (Reason.CLEANUP, "")
+        self._waiting: list[Deferred] = []
+
+    def start_wire(self, state: State, cause: str) -> ProcessPlace:
+        args = {
+            "robot": self.robot,
+            "driver": self.args["driver"],
+            "mode": state.mode,
+            "epoch": state.epoch,
+            "locked_by": state.locked_by,
+            "locked_since": self.keeper.since,
+            "cause": cause,
+            "listen": [self.args["wire_listen"]],
+            "connect": self.args["connect"],
+            "policy_listen": self.args["policy_listen"],
+            "page": self.page,
+        }
+        self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
+        self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
+        return self.wire
+
+    def _on_state(self, state: StateIs) -> None:
+        if state.locked_by:
+            self.tasks.end(f"e-stopped by {state.locked_by}")
+        self.mesh.tell_state(state)
+
+    def writers(self) -> list[int]:
+        """Processes whose setpoints may be on their way to the wire."""
+        policy = self.tasks.process
+        return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
+
+    def instrument_keeper(self) -> InstrumentKeeper:
+        """For who wants to record the root's actors: what is said of the wire and of tasks, less the heartbeats."""
+        at, driver = self.at, self.driver
+        names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
+        description = without_secrets(self.args["driver"], type(driver))
+        return InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+
+    async def run(self, sock: socket.socket) -> None:
+        async with trio.open_nursery() as nursery:
+            self.nursery = nursery
+            await nursery.start(self.node.run)
+            await nursery.start(self._contain, "the spawner's reports", self.spawner.run)
+            guardian = self.node.cell(self.at.path("guardian"), lambda: self.guardian)
+            await nursery.start(self._contain, "the guardian", guardian.run)
+            await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
+            self._keep("the keeper of the lock", self.keeper.run)
+            self._keep("the watch over the caller", self._watch_caller, self.args["caller_pid"])
+            link = Link(
+                self.node,
+                sock,
+                lambda: self.shut_down(Reason.CALLER, "the caller ended"),
+                channels.of_caller(self.robot, self.args["caller"]),
+            )
+            self._keep("the link to the caller", link.run)
+            self._keep("the supervisor of the wire", self._supervise)
+            self._keep("the mesh of the actors", self._join_mesh)
+            place: dict[str, Any] = self.args["mesh"]
+            self._keep("the place on the mesh", self.mesh.run, place["listen"], place["connect"], place["settings"])
+            await self._shutdown.wait()
+            await self._leave()
+
+    def _actors(self) -> list[ChildSpec]:
+        """All but the guardian: one that fails is started again."""
+        at, cell = self.at, self.node.cell
+        cells = [
+            cell(at.path("tasks"), lambda: self.tasks),
+            cell(at.path("root"), lambda: Root(self)),
+            cell(at.introspection("root"), Introspector, "introspection"),
+            cell(at.instrument("root"), self.instrument_keeper, "tap"),
+        ]
+        return [ChildSpec(each.role, partial(self._told, each)) for each in cells]
+
+    async def _told(self, cell: Cell, task_status: trio.TaskStatus[None]) -> None:
+        try:
+            await cell.run(task_status)
+        except Exception as error:
+            report_failure(cell.address, error)
+            raise
+
+    async def _contain(
+        self,
+        what: str,
+        run: Callable[..., Awaitable[None]],
+        task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+    ) -> None:
+        """Run a part of the root. When it fails the tree ends, in order: the robot is made safe first."""
+        try:
+            await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
+        except Exception as error:
+            report_failure(what, error)
+            self.failed = f"{what} failed: {describe(error)}"
+            self.shut_down(Reason.ROOT, self.failed)
+
+    def _keep(self, what: str, run: Callable[..., Awaitable[None]], *args: Any) -> None:
+        self.nursery.start_soon(self._contain, what, partial(run, *args))
+
+    async def _supervise(self) -> None:
+        try:
+            await self.supervisor.run()
+        except* BudgetSpent as spent:
+            # Each end of the wire was made safe by the guardian; it stays so, once every motor has confirmed it.
+            self.failed = describe(spent)
+            await self.guardian.insist()
+
+    async def _join_mesh(self) -> None:
+        mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
+        mesh.channel = channels.of_user(self.robot)
+        mesh.attach(self.node)
+        await mesh.run()
+
+    async def _watch_caller(self, pid: int) -> None:
+        await wait_for_end_of(pid)
+        self.shut_down(Reason.CALLER, "the caller ended")
+
+    # -- the end
+
+    def _see_dying(self, pid: int) -> None:
+        """Who was killed has ended: what it waits for is a processor to die on, for tens of milliseconds on a busy
+        machine."""
+        if pid == self.args["caller_pid"]:
+            self.shut_down(Reason.CALLER, "the caller was killed")
+        elif self.tasks.status.running:
+            self.node.ref(self.at.gate).tell(Stop(Reason.POLICY, "its process was killed"))
+
+    def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
+        if deferred is not None:
+            self._waiting.append(deferred)
+        if not self._shutdown.is_set():
+            self._end = reason, by
+            self._shutdown.set()
+
+    async def _leave(self) -> None:
+        """The gate's own stop first, then the end of the wire; the guardian writes again unless that stop was
+        confirmed and the wire has ended by itself since. As long as a motor is not confirmed this process stays,
+        for ``LINGER_S``, and tries."""
+        reason, by = self._end
+        self.guardian.leave()
+        report = await self._stop_by_gate(reason, by)
+        if self.tasks.process is not None:
+            self.tasks.process.kill()
+        with trio.move_on_after(REPORT_S):
+            await self.guardian.end(reason, by, report is not None)
+        if not self.guardian.confirmed or report is None:
+            report = self._report_of_guardian(reason)
+        for waiting in self._waiting:
+            waiting.send(report)
+        self._waiting.clear()
+        await self.guardian.idle.wait()
+        for waiting in self._waiting:  # who asked meanwhile
+            waiting.send(self.guardian.last_report or report)
+        await self.keeper.settle()
+        await trio.sleep(LAST_WORDS_S)
+        os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
+
+    async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
+        """Its report, if every motor is confirmed. From then on it obeys nobody."""
+        try:
+            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
+        except (AskTimeout, Unreachable):
+            return None
+        if not isinstance(answer, StopReport) or not answer.confirmed:
+            return None
+        await trio.sleep(LAST_WORDS_S)
+        return answer
+
+    def _report_of_guardian(self, reason: Reason) -> StopReport:
+        report = self.guardian.last_report
+        if self.guardian.reported.is_set() and report is not None:
+            return report
+        safe_state = self.driver.fallbacks[Reason.WIRE]
+        motors = not_reached(self.driver, "no report yet")
+        return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "second")
+
+    # -- the tree, described
+
+    async def describe(self, asker: str) -> TreeReport:
+        state = self.guardian.state
+        mode = Mode.FAILED if self.failed else Mode(state.mode)
+        report = [ProcessInfo("caller", self.args["caller_pid"], 0), ProcessInfo("root", os.getpid(), 0)]
+        if self.wire is not None and self.wire.process.alive:
+            report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
+        if self.tasks.process is not None:
+            report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
+        if self.args.get("twin_pid"):
+            report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
+        actors: list[ActorInfo] = []
+        for process in ("root", "wire", "policy"):
+            try:
+                ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
+                introspection = await ref.ask(Describe(), 0.1)
+            except (AskTimeout, Unreachable):
+                continue
+            if isinstance(introspection, Introspection):
+                actors.extend(introspection.actors)
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), tuple(actors), self.guardian.last_report)
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the root process."""
+    hand_over()
+    spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
+    page = new_page()
+    standby = Standby((page,))  # for the first wire; when another is needed, this process has threads
+    trio.run(_main, args, sock, spawner, standby, page)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby, page: int) -> None:
+    await Tree(args, spawner, standby, page).run(sock)

@@ -1,0 +1,76 @@
+"""Making a robot safe without its wire process: one attempt, and how often there is another.
+
+The guardian does so after a fence, a wire process whose root is gone when its own chain could not. What an attempt
+does not confirm is tried again: a cable comes back, a servo that was talked over hears the next frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import trio
+
+from strands_actors.contract.driver import Driver, MotorReport, StopChannel
+from strands_actors.kernel.actor import describe
+from strands_actors.kernel.clock import Clock
+
+ROOM_S = 0.5
+"""How much longer than ``Timing.safe_s`` an attempt may take: it hangs then."""
+AGAIN_S = (0.1, 0.5, 1.0, 2.0)
+"""Pauses between attempts; the last one goes on."""
+INSIST_S = 2.0
+"""How long the guardian tries before it starts the next wire all the same, which then goes on with it. A serial
+port is open in one process only, and it is the wire that can tell a person which motor is missing."""
+LINGER_S = 60.0
+"""How long a process without a caller or root stays for a robot that is not confirmed safe."""
+
+
+async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[MotorReport, ...]:
+    """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not reached."""
+    try:
+        with trio.fail_after(driver.timing.safe_s + ROOM_S):
+            return await path.make_safe(safe_state)
+    except trio.TooSlowError:
+        why = f"no end within {driver.timing.safe_s + ROOM_S:g} s"
+    except Exception as error:  # of a driver; the next attempt may do better
+        why = describe(error)
+    return not_reached(driver, why)
+
+
+async def attempt_anew(
+    driver: Driver, clock: Clock, safe_state: str, descriptors: Sequence[int] = ()
+) -> tuple[MotorReport, ...]:
+    """As ``attempt``, by a path that is made for it. ``descriptors``: what a wire handed over, if one did."""
+    motors = not_reached(driver, "the way to the hardware was lost")
+    try:
+        path = driver.stop_channel(descriptors, clock)
+        try:
+            async with trio.open_nursery() as nursery:
+                with trio.move_on_after(driver.timing.handover_s):
+                    await nursery.start(path.serve)
+                motors = await attempt(path, driver, safe_state)
+                nursery.cancel_scope.cancel()
+        finally:
+            path.close()
+    except Exception as error:
+        if not any(motor.written for motor in motors):
+            motors = not_reached(driver, describe(error))
+    return motors
+
+
+def pauses_s() -> Iterator[float]:
+    """How long to wait before each further attempt."""
+    yield from AGAIN_S
+    while True:
+        yield AGAIN_S[-1]
+
+
+def all_safe(motors: Sequence[MotorReport]) -> bool:
+    return all(motor.safe for motor in motors)
+
+
+def not_reached(driver: Driver, why: str) -> tuple[MotorReport, ...]:
+    return tuple(
+        MotorReport(axis, number, False, False, False, why)
+        for axis, number in zip(driver.axes, driver.ids, strict=True)
+    )

@@ -1,0 +1,43 @@
+"""A stop on behalf of somebody else: by the gate, and by the guardian when the gate is silent."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
+from strands_actors.supervisors.messages import Fence, GetStatus, Stop, StopReport
+
+SILENT_S = 0.1
+"""A gate that does not answer for so long is fenced."""
+STOP_S = 2.0
+FENCE_S = 3.0
+
+
+async def make_safe(gate: Ref, guardian: Ref, stop: Stop, sent: Sent | None = None) -> StopReport | Refused:
+    """``sent``: the gate has been asked already."""
+    answer: Message | None = None
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(_cancel_when_silent, gate, nursery.cancel_scope)
+        try:
+            answer = await (gate.ask(stop, STOP_S) if sent is None else sent.answer(STOP_S))
+        except (AskTimeout, Unreachable):
+            answer = None
+        nursery.cancel_scope.cancel()
+    if isinstance(answer, StopReport):
+        return answer
+    try:
+        answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), FENCE_S)
+    except (AskTimeout, Unreachable) as failure:
+        return Refused("unconfirmed", f"neither wire nor guardian answers: {failure}", "look at the robot")
+    if isinstance(answer, StopReport | Refused):
+        return answer
+    return Refused("unconfirmed", "nobody reported", "look at the robot")
+
+
+async def _cancel_when_silent(gate: Ref, asked: trio.CancelScope) -> None:
+    """A gate answers at once whatever its wire does: one that does not will not obey either."""
+    try:
+        await gate.ask(GetStatus(), SILENT_S)
+    except (AskTimeout, Unreachable):
+        asked.cancel()

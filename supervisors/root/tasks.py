@@ -1,0 +1,252 @@
+"""Named policies, each in a process of its own: the root's part (``Tasks``) and the process itself."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.lease import refuse_by_deadline
+from strands_actors.supervisors.introspection import Introspector
+from strands_actors.supervisors.loading import load
+from strands_actors.supervisors.mesh import policy_access
+from strands_actors.supervisors.messages import (
+    Fence,
+    GetStatus,
+    GetTask,
+    Happened,
+    Rollout,
+    StartTask,
+    Stop,
+    StopReport,
+    StopTask,
+    TaskStatus,
+)
+from strands_actors.supervisors.policy import Policy
+
+from .guardian import Guardian
+
+STOP_S = 0.3
+"""A policy process that has not ended its rollout by then is killed."""
+LAST_WORDS_S = 0.05
+"""For the last status to leave."""
+
+
+class Tasks(Actor):
+    """At most one policy process. Its death, by whatever cause, is told to the gate at once."""
+
+    def __init__(
+        self,
+        robot: str,
+        start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
+        endpoint: str,
+    ) -> None:
+        """``endpoint``: where the wire lets policies in."""
+        self._robot = robot
+        self._start_process = start
+        self._endpoint = endpoint
+        self.process: ChildProcess | None = None
+        self.starts = 0
+        self.status = TaskStatus()
+        self._stopping = False
+        self._ended_by = ""
+        self._gone = trio.Event()
+
+    async def started(self) -> None:
+        at = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(at.gate, Gate)
+        self._guardian: Ref = self.context.ref(at.guardian, Guardian)
+        self._policy: Ref = self.context.ref(at.policy, Policy)
+        if self.process is not None:  # of an incarnation that failed: nobody attended to it since
+            self.context.start_soon(self._end, self.process)
+
+    async def receive(self, message: StartTask | StopTask | GetTask | TaskStatus) -> TaskStatus | Refused | None:
+        match message:
+            case TaskStatus():
+                self.status = message
+            case GetTask():
+                return self.status
+            case StartTask():
+                return await self._start(message)
+            case StopTask():
+                return await self._stop()
+        return None
+
+    async def _start(self, message: StartTask) -> TaskStatus | Refused:
+        if self.process is not None:
+            if self.status.running:
+                return Refused("running", "start_task: a task is already running", "stop it first")
+            if not await self._dismiss(self.process):
+                return Refused("busy", "start_task: the process of the last task does not end", "try again")
+        args = {
+            "robot": self._robot,
+            "gate": self._endpoint,
+            "provider": message.provider,
+            "options": message.options,
+            "rollout": msgspec.to_builtins(message.rollout),
+            "deadline_ns": message.deadline_ns,
+        }
+        if (late := self._refuse_late(message)) is not None:
+            return late
+        try:
+            process = await self._start_process("strands_actors.supervisors.root.tasks:main", args)
+        except OSError as error:
+            return Refused("no_process", f"start_task: no process can be started: {error}", "try again")
+        self.process = process
+        self.starts += 1
+        self.context.note(Happened("the policy process was started", message.provider, process.pid))
+        self._stopping = False
+        self._ended_by = ""
+        self._gone = trio.Event()
+        late = self._refuse_late(message)
+        if late is None:
+            self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
+        else:
+            process.kill()
+        self.context.start_soon(self._attend, process)
+        return late or self.status
+
+    def end(self, why: str) -> None:
+        """Kill the policy process: an e-stop leaves nothing behind that could go on."""
+        if self.process is not None and not self._ended_by:
+            self._ended_by = why
+            self.process.kill()
+
+    def _refuse_late(self, message: StartTask) -> Refused | None:
+        """Who asked has been told that nothing was started, and means it."""
+        if not message.deadline_ns:
+            return None
+        return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns(), "start_task: ")
+
+    async def _dismiss(self, process: ChildProcess) -> bool:
+        """Its task has ended, and itself not quite. Whether it has now."""
+        if not await process.fence():
+            return False
+        await self._gone.wait()
+        return True
+
+    async def _attend(self, process: ChildProcess) -> None:
+        async with trio.open_nursery() as nursery:
+            channel = channels.of_policy(self._robot, f"policy process {process.pid}")
+            nursery.start_soon(process.link(self.context.node, channel).run)
+            code = await process.wait()
+            nursery.cancel_scope.cancel()
+        self._ended(process, code)
+
+    async def _end(self, process: ChildProcess) -> None:
+        """As ``_attend``, of a process whose link is closed."""
+        process.kill()
+        self._ended(process, await process.wait())
+
+    def _ended(self, process: ChildProcess, code: int) -> None:
+        self.process = None
+        how = f"signal {-code}" if code < 0 else f"code {code}"
+        self.context.note(Happened("the policy process has ended", how, process.pid))
+        if self.status.running:
+            reason, detail = ("stopped", "") if self._stopping else ("policy", f"its process ended with {how}")
+            if self._ended_by:
+                reason, detail = "stop", self._ended_by
+            self.status = msgspec.structs.replace(
+                self.status, running=False, exit_reason=reason, exit_detail=detail
+            )
+            self._gate.tell(Stop(Reason.POLICY, detail or "the task was stopped"))
+        self._gone.set()
+
+    async def _stop(self) -> TaskStatus:
+        process = self.process
+        if process is None:
+            return self.status
+        self._stopping = True
+        try:
+            status = await self._policy.ask(StopTask(), STOP_S)
+        except (AskTimeout, Unreachable):
+            status = None
+        if isinstance(status, TaskStatus):
+            self.status = status
+        else:
+            detail = "the policy did not answer" + await self._hold()
+            self.status = msgspec.structs.replace(
+                self.status, running=False, exit_reason="stopped", exit_detail=detail
+            )
+        await process.fence()
+        return self.status
+
+    async def _hold(self) -> str:
+        """Have the gate end what the policy commanded. What is to be said if it does not answer."""
+        try:
+            answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
+        except Unreachable:
+            return "; the wire is gone, and its end makes the robot safe"
+        except AskTimeout:
+            answer = None
+        if isinstance(answer, StopReport):
+            return ""
+        self._guardian.tell(Fence(Reason.POLICY, "the task was stopped"))
+        return "; nor did the wire, which is fenced"
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the policy process."""
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    robot: str = args["robot"]
+    at = addresses.of(robot)
+    node = Node(policy_access.node_name(robot, os.getpid()), MonotonicClock())
+    rollout = msgspec.convert(args["rollout"], Rollout)
+    tasks = node.ref(at.tasks, Tasks)
+    ended = trio.Event()
+
+    def report(status: TaskStatus) -> None:
+        tasks.tell(status)
+        if not status.running:
+            ended.set()
+
+    def make() -> Any:
+        return load(args["provider"])(**args["options"])
+
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
+        await nursery.start(link.run)
+        if 0 < args["deadline_ns"] <= node.clock.now_ns():
+            detail = "its process began after the time by which it was wanted"
+            report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
+            await trio.sleep(LAST_WORDS_S)
+            os._exit(0)
+        mesh = await ZenohMesh.open(connect=[args["gate"]])
+        mesh.attach(node)
+        await nursery.start(mesh.run)
+        await _until_reachable(node, at.gate)
+        nursery.start_soon(node.cell(at.introspection("policy"), Introspector, "introspection").run)
+        nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)
+        await ended.wait()
+        await trio.sleep(LAST_WORDS_S)
+        os._exit(0)
+
+
+async def _until_reachable(node: Node, gate: str) -> None:
+    ref = node.ref(gate, Gate)
+    with trio.fail_after(5.0):
+        while True:
+            try:
+                await ref.ask(GetStatus(), 0.5)
+                return
+            except (AskTimeout, Unreachable):
+                await trio.sleep(0.01)

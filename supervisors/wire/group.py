@@ -1,0 +1,292 @@
+"""The wire group: gate, watchdog and transport, in one loop, with nothing else in it.
+
+If one of the three breaks, the group ends as a whole and the guardian takes over: half a chain is never
+repaired in place.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.channels.zenoh_session import hand_over
+from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.health.heartbeat import Heartbeat, on_page
+from strands_actors.kernel.health.processor import Standing, suspected
+from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
+from strands_actors.kernel.node import Node
+from strands_actors.kernel.processes.child import report_failure
+from strands_actors.kernel.processes.fork import Standby
+from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
+from strands_actors.supervisors.introspection import Introspector
+from strands_actors.supervisors.loading import load_driver, without_secrets
+from strands_actors.supervisors.mesh import policy_access
+from strands_actors.supervisors.messages import RootGone
+from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
+
+from .transport import Transport
+from .watchdog import Watchdog
+
+ROOT_END, WIRE_END = 0, 1
+"""Of the page on which root and wire beat."""
+UNCONFIRMED = 4
+"""Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+LAST_HEARD_S = 0.05
+"""For what a process said before its end to be read from its link."""
+
+
+async def run_group(
+    node: Node,
+    driver: Driver,
+    robot: str,
+    start_state: State,
+    cause: str,
+    orphaned: Callable[[bool], None],
+    heartbeat: Heartbeat,
+    root: Callable[[], Standing | None] = lambda: None,
+    made: Callable[[Transport], None] = lambda _: None,
+    locked_since: str = "",
+    task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+) -> None:
+    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see ``Watchdog``; ``made`` is
+    given the transport."""
+    at = addresses.of(robot)
+    transport = Transport(
+        driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+    )
+    made(transport)
+    cells = [
+        node.cell(at.path("transport"), lambda: transport),
+        node.cell(
+            at.path("gate"),
+            lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since),
+        ),
+        node.cell(
+            at.path("watchdog"),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, orphaned, heartbeat, root),
+        ),
+    ]
+    try:
+        supervisor = Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=Budget(restarts=0))
+        await supervisor.run(task_status=task_status)
+    finally:
+        for cell in cells:
+            node.release(cell)
+
+
+def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: str) -> InstrumentKeeper:
+    """For who wants to record the gate and the watchdog of a wire group."""
+    at = addresses.of(robot)
+
+    def remember() -> Iterator[tuple[str, int, object]]:
+        for address in (at.gate, at.watchdog):
+            cell = node.cells.get(address)
+            if cell is not None and isinstance(cell.actor, Gate | Watchdog):
+                yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
+
+    names = {address: name_of(address) for address in (at.gate, at.watchdog)}
+    attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
+    return InstrumentKeeper(names, attached, remember)
+
+
+class ProcessPlace:
+    """The wire group in a child process."""
+
+    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
+        entry = "strands_actors.supervisors.wire.group:main"
+        self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
+        self._link = self.process.link(node, channels.of_wire(args["robot"]))
+        self._heard_out = trio.Event()
+        self._code: int | None = None
+        nursery.start_soon(self._carry)
+
+    async def _carry(self) -> None:
+        try:
+            await self._link.run()
+        except Exception as error:
+            report_failure("the link to the wire process", error)
+            self.process.kill()  # nobody could hear it
+        finally:
+            self._heard_out.set()
+
+    @property
+    def alive(self) -> bool:
+        return self.process.alive
+
+    @property
+    def left_safe(self) -> bool:
+        return self._code == 0
+
+    async def ended(self) -> str:
+        self._code = code = await self.process.wait()
+        return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+
+    async def fence(self) -> bool:
+        fenced = await self.process.fence()
+        with trio.move_on_after(LAST_HEARD_S if fenced else 0):
+            await self._heard_out.wait()
+        return fenced
+
+    def let_go(self) -> None:
+        self._link.close()
+
+    def standing(self) -> Standing | None:
+        return suspected(self.process.pid)
+
+
+class InlinePlace:
+    """The wire group in this process's loop: for tests, under virtual time too."""
+
+    def __init__(
+        self,
+        node: Node,
+        nursery: trio.Nursery,
+        driver: Driver,
+        robot: str,
+        state: State,
+        cause: str,
+        heartbeat: Heartbeat,
+    ) -> None:
+        self._scope = trio.CancelScope()
+        self._ended = trio.Event()
+        self._why = "the wire group ended"
+        self._watchdog = node.ref(addresses.of(robot).watchdog)
+        self._let_go = False
+        self.left_safe = False
+        nursery.start_soon(self._run, node, driver, robot, state, cause, heartbeat)
+
+    async def _run(
+        self, node: Node, driver: Driver, robot: str, state: State, cause: str, heartbeat: Heartbeat
+    ) -> None:
+        transports: list[Transport] = []
+        group = trio.CancelScope()
+
+        def end(confirmed: bool) -> None:
+            self.left_safe = confirmed
+            group.cancel()
+
+        try:
+            with self._scope:
+                try:
+                    with group:
+                        await run_group(node, driver, robot, state, cause, end, heartbeat, made=transports.append)
+                except Exception as error:
+                    self._why = describe(error)
+                if self._let_go and not self.left_safe:
+                    self.left_safe = await make_safe_alone(driver, node.clock, transports)
+        finally:
+            self._ended.set()
+
+    @property
+    def alive(self) -> bool:
+        return not self._ended.is_set()
+
+    async def ended(self) -> str:
+        await self._ended.wait()
+        return self._why
+
+    async def fence(self) -> bool:
+        self._scope.cancel()
+        await self._ended.wait()
+        return True
+
+    def let_go(self) -> None:
+        self._let_go = True
+        self._watchdog.tell(RootGone())
+
+    def standing(self) -> None:
+        return None  # it stands where we stand
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the wire process."""
+    hand_over()
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    clock: Clock = MonotonicClock()
+    robot: str = args["robot"]
+    at = addresses.of(robot)
+    driver = load_driver(args["driver"])
+    driver.preload_wire()
+    if driver.timing.realtime:
+        run_first(WIRE_PRIORITY)
+    node = Node(f"{robot}.wire.{os.getpid()}", clock)
+    state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
+    root_channel = channels.of_root(robot)
+    node.linked = root_channel.hosts or frozenset()
+    link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
+
+    root = os.getppid()
+    heartbeat = on_page(args["page"], WIRE_END)
+    transports: list[Transport] = []
+
+    async def join_mesh() -> None:
+        mesh = await ZenohMesh.open(args["listen"], args["connect"])
+        mesh.channel = channels.of_user(robot)
+        mesh.attach(node)
+        await mesh.run()
+
+    async def let_policies_in() -> None:
+        mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        mesh.channel = channels.of_policy(robot, policy_access.WRITER)
+        mesh.let_in(node, at.gate)
+        await mesh.run()
+
+    try:
+        async with trio.open_nursery() as nursery:
+
+            def end(confirmed: bool) -> None:
+                if confirmed:
+                    os._exit(0)
+                nursery.cancel_scope.cancel()
+
+            await nursery.start(node.run)
+            await nursery.start(
+                run_group, node, driver, robot, state, args["cause"], end, heartbeat, lambda: suspected(root),
+                transports.append, args["locked_since"],
+            )  # fmt: skip
+            nursery.start_soon(link.run)
+            nursery.start_soon(join_mesh)
+            nursery.start_soon(let_policies_in)
+            nursery.start_soon(node.cell(at.introspection("wire"), Introspector, "introspection").run)
+            instrument = node.cell(
+                at.instrument("wire"), lambda: instrument_keeper(node, driver, args["driver"], robot), "tap"
+            )
+            nursery.start_soon(instrument.run)
+    except Exception as error:
+        if not (link.closed or os.getppid() != root):
+            raise  # the root makes safe, as after any end of this process
+        report_failure("the wire process, whose root is gone,", error)
+    os._exit(0 if await make_safe_alone(driver, clock, transports) else UNCONFIRMED)
+
+
+async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:
+    """The root is gone, and gate and transport could not make safe, or have failed: go past them, again and again
+    until every motor confirms it or ``LINGER_S`` are over. Whether they did. ``transports``: the one that ran."""
+    safe_state = driver.fallbacks[Reason.ROOT]
+    descriptors = transports[-1].descriptors() if transports else ()
+    with trio.move_on_after(LINGER_S):
+        for pause_s in pauses_s():
+            if all_safe(await attempt_anew(driver, clock, safe_state, descriptors)):
+                return True
+            if descriptors:
+                transports[-1].close()  # a port can be opened anew once nobody has it
+                descriptors = ()
+            await trio.sleep(pause_s)
+    return False

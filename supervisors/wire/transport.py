@@ -1,0 +1,484 @@
+"""The transport is the only writer of the wire.
+
+It checks epoch and deadline immediately before each write, through the permit that the wire calls as the
+last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at once. It
+reports every write, reads observations with their age, and opens the wire again, with backoff, when it was
+lost; it never arms by itself.
+
+A link that was lost while something was energised is made safe before anything else is done with it: at the
+loss, before each attempt to open it again, and at every stop, on whatever can still be written (``Wire.reach``).
+None of that waits for a handshake, and a stop cuts a handshake short.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import (
+    HOLDING_REASONS,
+    Driver,
+    MotorReport,
+    Observation,
+    PermitDenied,
+    ProcessSpent,
+    Reason,
+    Wire,
+    WireDown,
+)
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health.realtime import scheduling
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.supervisors.messages import (
+    Arm,
+    ArmDone,
+    CarriedOut,
+    CarryOut,
+    Cycle,
+    Cycled,
+    Handover,
+    LinkLost,
+    LinkUp,
+    MakeSafe,
+    Observed,
+    Renew,
+    SafeDone,
+    SilentUntil,
+    StopReport,
+    Write,
+)
+from strands_actors.supervisors.root.stop_channel import attempt_anew
+
+ROOT_AGAIN_S = 0.01
+REACH_MARGIN_S = 0.25
+"""Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
+BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+
+ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
+"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
+
+_PROMPT = (Write, Cycle)
+"""Handled without waiting, by a wire that never waits."""
+
+
+class _Permit:
+    """A setpoint may leave while its epoch is the present one, its deadline ahead, and no stop waits."""
+
+    __slots__ = ("_deadline_ns", "_epoch", "_transport")
+
+    def __init__(self, transport: Transport, epoch: int, deadline_ns: int) -> None:
+        self._transport = transport
+        self._epoch = epoch
+        self._deadline_ns = deadline_ns
+
+    def check(self) -> None:
+        transport = self._transport
+        if transport.epoch != self._epoch:
+            raise PermitDenied(f"prepared in epoch {self._epoch}, now it is {transport.epoch}")
+        if self._deadline_ns and transport.context.clock.now_ns() >= self._deadline_ns:
+            raise PermitDenied("past its deadline")
+        if transport.context.urgent_waiting:
+            raise PermitDenied("a stop is waiting")
+
+
+class _Serving:
+    """What a wire keeps up beside its calls (``Wire.serve``), and how that ended."""
+
+    def __init__(self) -> None:
+        self.scope = trio.CancelScope()
+        self.ready = trio.Event()
+        self.failure: WireDown | ProcessSpent | None = None
+
+    async def run(self, wire: Wire) -> None:
+        with self.scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    await nursery.start(wire.serve)
+                    self.ready.set()
+            except* (WireDown, ProcessSpent) as failures:
+                failure: BaseException = failures
+                while isinstance(failure, BaseExceptionGroup):
+                    failure = failure.exceptions[0]
+                assert isinstance(failure, WireDown | ProcessSpent)
+                self.failure = failure
+        self.ready.set()
+
+    def check(self) -> None:
+        """Raise what ended it."""
+        if self.failure is not None:
+            raise self.failure
+
+
+class Transport(Actor):
+    """``owed``: an earlier wire left something energised, or nobody has confirmed that it did not."""
+
+    def __init__(
+        self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int, owed: bool = False
+    ) -> None:
+        self._driver = driver
+        self._addresses = gate, watchdog, guardian
+        self.epoch = epoch
+        self._wire: Wire | None = None
+        self._serving = _Serving()
+        self._lost: Wire | None = None  # the last that was open, until another one is
+        self._owed = owed  # a safe state: from arming until, on a link, every motor has confirmed that of a stop
+        self._performing: trio.CancelScope | None = None
+        self._spent = False  # of this process nothing can be had any more but a safe frame
+        self._last: Write | None = None
+        self._keepalive_ns = round(driver.timing.keepalive_s * NS)
+        self._written_ns = 0
+        self._writes = 0
+        self._reads = 0
+        self._denied = 0
+        self._attempts = 0
+        self._open_at_ns = 0
+
+    async def started(self) -> None:
+        gate, watchdog, guardian = self._addresses
+        self._gate: Ref = self.context.ref(gate)
+        self._watchdog: Ref = self.context.ref(watchdog)
+        self._guardian: Ref = self.context.ref(guardian)
+
+    def is_prompt(self, message: Message) -> bool:
+        kind = type(message)
+        return kind is CarryOut or (kind in _PROMPT and self._wire is not None and self._wire.prompt)
+
+    async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
+        if self._spent and not isinstance(message, MakeSafe):
+            return  # the root ends this process: it is told, and misses our heartbeats
+        try:
+            await self._obey(message)
+        except ProcessSpent as spent:
+            self._spent = True
+            self._guardian.tell(Renew(str(spent)))
+
+    async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
+        match message:
+            case Write():
+                self._last = message
+                await self._write(message, message.deadline_ns)
+            case Cycle():
+                await self._cycle(message)
+            case MakeSafe():
+                await self._make_safe(message)
+            case Arm():
+                await self._arm(message.epoch)
+            case CarryOut():
+                self._carry_out(message)
+
+    async def _write(self, write: Write, deadline_ns: int) -> None:
+        if self._wire is None:
+            return
+        wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
+        written = False
+        try:
+            if wire.prompt:
+                await wire.write(write.values, permit)
+                written = True
+            else:
+                with self._waiting():
+                    await wire.write(write.values, permit)
+                    written = True
+        except PermitDenied:
+            self._denied += 1
+        except WireDown as down:
+            self._lose(down)
+        if written:
+            self._writes += 1
+            self._written_ns = self.context.clock.now_ns()
+
+    async def _cycle(self, cycle: Cycle) -> None:
+        if self._wire is None:
+            await self._open(cycle.number)
+        else:
+            last = self._last
+            due_ns = self._written_ns + self._keepalive_ns
+            if last is not None and cycle.resend_epoch == last.epoch and self.context.clock.now_ns() >= due_ns:
+                await self._write(last, last.expires_ns)
+            try:
+                self._serving.check()
+                if cycle.feed:
+                    await self._feed()
+                await self._read()
+            except WireDown as down:
+                self._lose(down)
+        self._watchdog.tell(Cycled(cycle.number))
+
+    async def _feed(self) -> None:
+        if self._wire is not None:
+            with self._waiting():
+                await self._wire.feed()
+
+    async def _read(self) -> None:
+        wire, observation = self._wire, None
+        if wire is None:
+            return
+        if wire.prompt:
+            observation = await wire.read()
+        else:
+            with self._waiting():
+                observation = await wire.read()
+        if observation is not None:
+            self._reads += 1
+            self._gate.tell(Observed(observation, self._writes, self._reads))
+
+    # -- safe and armed
+
+    async def _make_safe(self, message: MakeSafe) -> None:
+        self.epoch = max(self.epoch, message.epoch)
+        self._last = None
+        if self._performing is not None:
+            self._performing.cancel()
+        safe_state = message.safe_state
+        holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
+        began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] | None = ()
+        with self._busy(self._driver.timing.safe_s):
+            if self._wire is not None:
+                motors = None
+                with self._cut_by_a_stop(holds and self._wire.interruptible):
+                    motors = await self._wire.make_safe(safe_state)
+            if motors is None:
+                return  # a stop came: its report is the answer to this, too
+            if not holds and not any(motor.written or motor.safe for motor in motors):
+                if self._wire is not None:
+                    self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
+                if self._owed or message.reason in ORDERED:
+                    motors = await self._reach(safe_state, began_ns) or motors
+        self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors)
+        if not holds and self._wire is not None and _all_safe(motors):
+            self._owed = False
+
+    async def _reach(self, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
+        """Make safe what can be written although there is no link. Empty: it was not done in time."""
+        if self._lost is None:
+            self._lost = self._driver.open_wire(self.context.clock)
+        passed_s = (self.context.clock.now_ns() - began_ns) / NS
+        with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
+            # A wire that has no way of its own: what the root would do needs no handshake either.
+            return await self._lost.reach(safe_state) or await attempt_anew(
+                self._driver, self.context.clock, safe_state
+            )
+        return ()
+
+    def _report_safe(
+        self, reason: Reason, safe_state: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
+    ) -> None:
+        now_ns = self.context.clock.now_ns()
+        took_ms = (now_ns - began_ns) / 1e6
+        motors = motors or _not_reached(self._driver)
+        report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
+        self._gate.tell(SafeDone(report))
+
+    async def _arm(self, epoch: int) -> None:
+        if epoch <= self.epoch:
+            return
+        self.epoch = epoch
+        self._last = None
+        observation: Observation | None = None
+        error = "the link was lost"
+        arm_s = self._driver.timing.arm_s
+        try:
+            with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
+                if self._wire is not None:
+                    self._owed = True
+                    error = "a stop came before the robot was armed"
+                    with self._cut_by_a_stop(self._wire.interruptible):
+                        observation = await self._wire.arm(_Permit(self, epoch, 0))
+        except (WireDown, PermitDenied, trio.TooSlowError) as failure:
+            error = str(failure) or f"arming took longer than {arm_s:g} s"
+        self._gate.tell(ArmDone(epoch, observation, error))
+
+    # -- the driver's own services
+
+    def _carry_out(self, message: CarryOut) -> None:
+        wire = self._wire
+        if wire is None or self._performing is not None:
+            busy = "the link was lost" if wire is None else "another service is being carried out"
+            why = f"{message.service}: {busy}"
+            self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
+            return
+        self._performing = trio.CancelScope()
+        self.context.start_soon(self._perform, wire, message, self._performing)
+
+    async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
+        service = message.service
+        answer: dict[str, Any] | Refused = Refused(
+            "stopped", f"{service}: stopped meanwhile", "ask again after that"
+        )
+        within_s = self._driver.SERVICES[service].within_s
+        scope.deadline = trio.current_time() + within_s
+        try:
+            with scope:
+                answer = await wire.perform(service, message.arguments, _Permit(self, message.epoch, 0))
+        except PermitDenied:
+            pass
+        except WireDown as down:
+            answer = Refused("not_connected", f"{service}: {down}")
+        if scope.cancelled_caught and trio.current_time() >= scope.deadline:
+            why = f"{service}: the robot did not do so within {within_s:g} s"
+            answer = Refused("timeout", why, "look at the robot")
+        self._performing = None
+        result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
+        self._gate.tell(CarriedOut(message.number, result, refusal))
+
+    # -- the link
+
+    async def _open(self, number: int) -> None:
+        now_ns = self.context.clock.now_ns()
+        if now_ns < self._open_at_ns:
+            return
+        if self._owed:
+            await self._settle(number)
+            if self.context.urgent_waiting:
+                return  # a stop: it does the same, now
+        wire, open_s = self._driver.open_wire(self.context.clock), self._driver.timing.open_s
+        opened = False
+        try:
+            with (
+                self._cut_by_a_stop(),
+                self._busy(open_s, number),
+                self._silent(),
+                trio.fail_after(open_s),
+            ):
+                facts = await wire.open()
+                await self._serve(wire)
+                observation = await wire.read()
+                await self._hand_over(wire)
+                opened = True
+            if not opened:
+                raise WireDown("a stop came before the robot had answered")
+        except (WireDown, trio.TooSlowError) as failure:
+            self._serving.scope.cancel()
+            wire.close()
+            why = str(failure) or f"the robot did not answer within {open_s:g} s"
+            self._back_off(why)
+        except trio.Cancelled:
+            if wire.handover():
+                wire.close()  # who makes safe in our place opens the port anew
+            raise
+        else:
+            if self._lost is not None:
+                self._lost.close()
+            self._wire, self._lost = wire, None
+            self._attempts = 0
+            if self._driver.timing.realtime:
+                facts = {**facts, "scheduling": scheduling()}
+            self._gate.tell(LinkUp(facts, observation))
+
+    def descriptors(self) -> tuple[int, ...]:
+        """Of the wire that is open, as its root was handed them; for who makes safe when this actor does not run
+        any more, and owns them."""
+        wire = self._wire or self._lost
+        return () if wire is None else tuple(os.dup(fd) for fd in wire.handover())
+
+    def close(self) -> None:
+        """Release the port, after this actor has ended."""
+        for wire in (self._wire, self._lost):
+            if wire is not None:
+                wire.close()
+        self._wire = self._lost = None
+
+    async def _serve(self, wire: Wire) -> None:
+        self._serving = serving = _Serving()
+        self.context.start_soon(serving.run, wire)
+        await serving.ready.wait()
+        serving.check()
+
+    async def _settle(self, number: int) -> None:
+        """Write the safe state before anything is asked."""
+        safe_state = self._driver.fallbacks[Reason.LINK]
+        began_ns = self.context.clock.now_ns()
+        with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
+            motors = await self._reach(safe_state, began_ns)
+            if any(motor.written for motor in motors):
+                self._report_safe(Reason.LINK, safe_state, self.epoch, began_ns, motors)
+
+    def _cut_by_a_stop(self, may_be: bool = True) -> contextlib.AbstractContextManager[None]:
+        """What need not be finished. What the block assigns may then be missing."""
+        return self.context.until_urgent() if may_be else contextlib.nullcontext()
+
+    async def _hand_over(self, wire: Wire) -> None:
+        """No arming before the root has its own way to the hardware."""
+        handover, handover_s = Handover(tuple(wire.handover())), self._driver.timing.handover_s
+        until_s = trio.current_time() + handover_s
+        while True:
+            try:
+                answer = await self._guardian.ask(handover, handover_s)
+                break
+            except (AskTimeout, Unreachable) as failure:
+                # Unreachable: a root that waits for a processor has not yet said what lives there.
+                if isinstance(failure, AskTimeout) or trio.current_time() >= until_s:
+                    raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
+                await trio.sleep(ROOT_AGAIN_S)
+        if isinstance(answer, Refused):
+            raise WireDown(f"the root has no path to the hardware: {answer.reason}")
+
+    def _lose(self, down: WireDown) -> None:
+        """What is owed a safe state stays open for it: the next cycle begins with that."""
+        if self._wire is not None:
+            if self._performing is not None:
+                self._performing.cancel()
+            self._serving.scope.cancel()
+            lost = self._lost = self._wire
+            self._wire = None
+            self._back_off(str(down))
+            if self._owed:
+                self._open_at_ns = 0
+            else:
+                lost.close()
+
+    def _back_off(self, why: str) -> None:
+        pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
+        self._attempts += 1
+        self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
+        self._gate.tell(LinkLost(why))
+
+    @contextlib.contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
+        with contextlib.ExitStack() as stack:
+            if self._driver.timing.call_s:
+                stack.enter_context(self._busy(self._driver.timing.call_s))
+            stack.enter_context(self.context.until_urgent())
+            yield
+
+    @contextlib.contextmanager
+    def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
+        """A bounded operation: tell the watchdog, so that its silence is no sign of death, and when it is over."""
+        until_ns = self.context.clock.now_ns() + round(at_most_s * NS)
+        self._watchdog.tell(Cycled(number, until_ns))
+        try:
+            yield
+        finally:
+            self._watchdog.tell(Cycled(number))
+
+    @contextlib.contextmanager
+    def _silent(self) -> Iterator[None]:
+        """An SDK may keep the interpreter's lock, and with it this whole process: only the root can wait then."""
+        silent_s = self._driver.timing.silent_s
+        if not silent_s:
+            yield
+            return
+        self._guardian.tell(SilentUntil(self.context.clock.now_ns() + round(silent_s * NS)))
+        try:
+            yield
+        finally:
+            self._guardian.tell(SilentUntil(0))
+
+
+def _all_safe(motors: tuple[MotorReport, ...]) -> bool:
+    return bool(motors) and all(motor.safe for motor in motors)
+
+
+def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:
+    return tuple(
+        MotorReport(axis, motor_id, False, False, False, "no link")
+        for axis, motor_id in zip(driver.axes, driver.ids, strict=True)
+    )

@@ -1,0 +1,232 @@
+"""Stopping a base behind a service, and the ports it is done by: virtual time, services in memory."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_messages import Request, RequestDecoder, encode_response
+from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
+from strands_actors.testing import run_virtual
+
+ANSWER_S = 0.002
+
+
+class Service:
+    """A base that reports its speed every 0.1 s, and stands ``stands_s`` after the first zero."""
+
+    def __init__(self, stands_s: float = 0.2) -> None:
+        self.stands_s = stands_s
+        self.heard: list[tuple[float, str]] = []  # when, and the target
+        self.opened = 0
+        self.down = self.mute = False
+        self.stamps = True
+        self.zero_s = math.inf
+
+    async def open_stream(self, host: str, port: int) -> Stream:
+        await trio.lowlevel.checkpoint()
+        if self.down:
+            raise WireDown(f"{host}:{port}: cannot connect")
+        self.opened += 1
+        return Stream(self)
+
+    def answer(self, request: Request) -> bytes:
+        now_s = trio.current_time()
+        self.heard.append((now_s, request.target))
+        if request.target == "/stop":
+            self.zero_s = min(self.zero_s, now_s)
+            return encode_response(200, b"{}")
+        stamp_s = math.floor(now_s * 10) / 10 if self.stamps else 1.0
+        speed = 0.0 if stamp_s >= self.zero_s + self.stands_s else 0.5
+        return encode_response(200, msgspec.json.encode([stamp_s, speed]))
+
+
+class Stream:
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._decoder = RequestDecoder()
+        self._coming: deque[tuple[float, bytes]] = deque()
+        self._news = trio.Event()
+        self._closed = False
+
+    def write(self, data: bytes) -> None:
+        if self._closed or self._service.down:
+            raise WireDown("the connection is gone")
+        for request in self._decoder.feed(data):
+            answer = self._service.answer(request)
+            if not self._service.mute:
+                self._coming.append((trio.current_time() + ANSWER_S, answer))
+        self._news.set()
+
+    async def read(self) -> bytes:
+        while not self._coming:
+            self._news = trio.Event()
+            await self._news.wait()
+        await trio.sleep_until(self._coming[0][0])
+        return b"".join(data for _, data in [self._coming.popleft() for _ in range(len(self._coming))])
+
+    def close(self) -> None:
+        self._closed = True
+
+
+class Zero:
+    target = "/stop"
+    body = b"{}"
+    state_target = "/state"
+
+    def standing(self, body: bytes) -> Standing:
+        try:
+            return Standing(*msgspec.json.decode(body, type=tuple[float, float]))
+        except msgspec.DecodeError as error:
+            raise MalformedFrame(str(error)) from None
+
+
+def stopping(
+    service: Service, within_s: float = 1.5, pending: Callable[[], bool] = lambda: False
+) -> tuple[Outcome, float]:
+    """What became of it, and after how many seconds."""
+    found: list[tuple[Outcome, float]] = []
+
+    async def run() -> None:
+        await trio.sleep(1.03)
+        began_s = trio.current_time()
+        outcome = await stop_base(HttpPort("192.0.2.1", 80, service.open_stream), Zero(), within_s, pending)
+        found.append((outcome, trio.current_time() - began_s))
+
+    run_virtual(run)
+    return found[0]
+
+
+def test_saf_005_zero_is_repeated_until_a_newer_report_shows_speed_0() -> None:
+    service = Service()
+    outcome, took_s = stopping(service)
+    assert outcome == Outcome(True, True, "") and 0.2 < took_s < 0.4
+    assert sum(target == "/stop" for _, target in service.heard) >= 4
+
+
+def test_saf_005_a_report_from_before_the_zero_proves_nothing() -> None:
+    service = Service(stands_s=-10.0)  # every report shows speed 0
+    service.stamps = False  # and is as old as the one before
+    outcome, took_s = stopping(service)
+    assert outcome == Outcome(
+        True, True, "not confirmed: it has reported nothing since"
+    ) and took_s == pytest.approx(1.5)
+
+
+def test_saf_010_nothing_is_confirmed_while_a_command_is_owed_an_answer() -> None:
+    service = Service(stands_s=-10.0)
+    outcome, _ = stopping(service, pending=lambda: trio.current_time() < 10)
+    assert "an earlier command has not been answered" in outcome.detail
+    answered, took_s = stopping(Service(stands_s=-10.0), pending=lambda: trio.current_time() < 1.6)
+    assert answered.detail == "" and took_s > 1.6 - 1.03
+
+
+def test_saf_005_a_base_that_moves_on_is_not_reported_as_stopped() -> None:
+    outcome, _ = stopping(Service(stands_s=100.0))
+    assert outcome == Outcome(True, True, "not confirmed: it reports speed 0.5")
+
+
+def test_a_service_that_is_mute_is_told_again_on_a_new_connection() -> None:
+    service = Service()
+    service.mute = True
+    outcome, _ = stopping(service)
+    assert outcome.written and not outcome.acknowledged and "no answer within 200 ms" in outcome.detail
+    assert service.opened > 4
+
+
+def test_a_service_that_is_not_there_is_a_report() -> None:
+    service = Service()
+    service.down = True
+    outcome, _ = stopping(service)
+    assert not outcome.written and "cannot connect" in outcome.detail
+
+
+def test_saf_006_the_first_zero_leaves_before_the_first_wait() -> None:
+    service = Service()
+
+    async def run() -> None:
+        port = HttpPort("192.0.2.1", 80, service.open_stream)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(port.serve)
+            await trio.sleep(3.0)
+            began_s = trio.current_time()
+            await stop_base(port, Zero(), 1.5)
+            assert service.heard[0] == (began_s, "/stop") and service.opened == 1
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_responses_that_come_together_are_told_apart() -> None:
+    async def run() -> None:
+        port = HttpPort("192.0.2.1", 80, Service().open_stream)
+        await port.open()
+        stop, state = port.send("POST", "/stop", b"{}"), port.send("GET", "/state")
+        assert (await port.answer(stop, 1.0)).body == b"{}"
+        assert (await port.answer(state, 1.0)).body.startswith(b"[")
+        assert not port.waits
+
+    run_virtual(run)
+
+
+class Denied:
+    """A permit that holds for so many checks."""
+
+    def __init__(self, checks: int) -> None:
+        self.left = checks
+
+    def check(self) -> None:
+        self.left -= 1
+        if self.left < 0:
+            raise PermitDenied("a stop is waiting")
+
+
+@pytest.mark.parametrize("checks", [0, 1])
+def test_saf_002_the_client_sends_no_whole_request_without_its_permit(checks: int) -> None:
+    heard: list[bytes] = []
+
+    async def serve(stream: trio.SocketStream) -> None:
+        with contextlib.suppress(trio.BrokenResourceError):  # the client closes with a reset
+            async for data in stream:
+                heard.append(bytes(data))
+
+    async def run() -> None:
+        async with trio.open_nursery() as nursery:
+            listeners = await nursery.start(trio.serve_tcp, serve, 0)
+            client = HttpClient(f"http://127.0.0.1:{listeners[0].socket.getsockname()[1]}")
+            with pytest.raises(PermitDenied):
+                await client.post("/control", b'{"a":1}', 1.0, Denied(checks))
+            await client.aclose()
+            await trio.sleep(0.1)
+            nursery.cancel_scope.cancel()
+
+    trio.run(run)
+    assert b"{" not in b"".join(heard)
+    assert bool(heard) == bool(checks)
+
+
+async def mute(stream: trio.SocketStream) -> None:
+    await trio.sleep_forever()
+
+
+def test_the_client_gives_up_in_time_and_says_where() -> None:
+    async def run() -> None:
+        async with trio.open_nursery() as nursery:
+            listeners = await nursery.start(trio.serve_tcp, mute, 0)
+            client = HttpClient(f"http://127.0.0.1:{listeners[0].socket.getsockname()[1]}")
+            with trio.fail_after(5.0), pytest.raises(WireDown, match=r"^http://127\.0\.0\.1:"):
+                await client.get("/data", 0.1)
+            await client.aclose()
+            nursery.cancel_scope.cancel()
+
+    trio.run(run)

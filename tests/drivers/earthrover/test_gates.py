@@ -1,0 +1,136 @@
+"""What the driver accepts and refuses: options, address, the twist and the lamp, and how long each may live."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.drivers.earthrover.driver import EarthRover
+from strands_actors.kernel.messages import Refused
+
+NOW_NS = 10**12
+REST = (0.0, 0.0, 0.0)
+
+
+def driver(**options: Any) -> EarthRover:
+    return EarthRover("earthrover", "192.0.2.1", EarthRover.resolve("earthrover", options))
+
+
+def state(target: tuple[float, ...] = REST, live_until_ns: int = 0, age_ns: int = 0) -> GateState:
+    seen = Observation(NOW_NS - age_ns, REST, (NOW_NS - age_ns,) * 3)
+    return GateState(NOW_NS, seen, target, NOW_NS, False, 0.0, live_until_ns)
+
+
+def answer(action: dict[str, Any], at: GateState | None = None) -> Candidate | Refused:
+    rover, at = driver(), at or state()
+    candidate = rover.parse(action, at)
+    if isinstance(candidate, Candidate):
+        for gate in rover.gates:
+            if (refusal := gate(candidate, at)) is not None:
+                return refusal
+    return candidate
+
+
+def refused(action: dict[str, Any], at: GateState | None = None) -> Refused:
+    found = answer(action, at)
+    assert isinstance(found, Refused), found
+    return found
+
+
+@pytest.mark.parametrize("key", ["linear", "angular", "lamp"])
+@pytest.mark.parametrize("value", [1.01, -1.01, 1e9])
+def test_saf_014_beyond_full_speed_is_refused(key: str, value: float) -> None:
+    assert refused({key: value}).limit == "-1.0000..1.0000"
+    assert isinstance(answer({key: math.copysign(1.0, value)}), Candidate)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, "fast", True, None])
+def test_saf_014_what_is_no_finite_number_is_refused(value: object) -> None:
+    assert refused({"linear": value}).code == "not_finite"
+
+
+def test_saf_014_an_unknown_channel_is_refused_with_those_there_are() -> None:
+    assert "use linear, angular, lamp" in refused({"vx": 0.1}).text
+
+
+def test_saf_012_nothing_is_commanded_without_data() -> None:
+    assert refused({"linear": 0.1}, state(age_ns=600_000_000)).code == "stale"
+
+
+def test_what_is_not_named_rests_and_the_lamp_stays() -> None:
+    moving = state((0.5, 0.2, 1.0), NOW_NS + 1)
+    assert answer({"angular": -0.3}, moving) == Candidate((0.0, -0.3, 1.0), (1,))
+
+
+def test_saf_001_the_lamp_alone_keeps_the_twist_and_its_end() -> None:
+    until_ns = NOW_NS + 10_000_000
+    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), until_ns)) == Candidate((0.5, 0.2, 1.0), (2,), until_ns)
+
+
+@pytest.mark.parametrize("until_ns", [0, NOW_NS, NOW_NS - 1])
+def test_saf_001_the_lamp_does_not_bring_back_a_twist_that_has_ended(until_ns: int) -> None:
+    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), until_ns)) == Candidate((0.0, 0.0, 1.0), (2,))
+
+
+def test_a_lamp_at_rest_has_a_lifetime_of_its_own() -> None:
+    assert answer({"lamp": 1.0}, state(REST, NOW_NS + 5)) == Candidate((0.0, 0.0, 1.0), (2,))
+
+
+def test_commands_live_as_long_as_a_bases_may() -> None:
+    assert (driver().timing.stream_ttl_s, driver().timing.oneshot_ttl_s) == (LIFETIME_S, LIFETIME_S)
+
+
+def test_the_turn_sign_is_the_wires() -> None:
+    signs = [[axis.sign for axis in driver(turn_sign=sign).table] for sign in (1.0, -1.0)]
+    assert signs == [[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"turn_sign": 0.5}, "turn_sign is 0.5. Give 1.0 or -1.0"),
+        ({"turn_sign": 2.0}, "turn_sign is 2.0"),
+        ({"timeout_s": 0}, "timeout_s is 0"),
+        ({"timeout_s": math.nan}, "timeout_s is nan"),
+        ({"timeout": 3.0}, "'timeout' -> 'timeout_s'?"),
+    ],
+)
+def test_options_are_refused_with_what_would_do(options: dict[str, Any], says: str) -> None:
+    with pytest.raises((TypeError, ValueError)) as refusal:
+        driver(**options)
+    assert says in str(refusal.value)
+
+
+def test_a_timeout_bounds_how_long_opening_takes() -> None:
+    assert driver(timeout_s=20.0).timing.open_s > 20.0
+
+
+@pytest.mark.parametrize(
+    ("port", "address"),
+    [
+        ("192.0.2.1", ("192.0.2.1", 8000)),
+        ("http://localhost:8000", ("localhost", 8000)),
+        ("http://192.0.2.1:81/", ("192.0.2.1", 81)),
+    ],
+)
+def test_an_address(port: str, address: tuple[str, int]) -> None:
+    assert EarthRover("earthrover", port, {}).address() == address
+
+
+@pytest.mark.parametrize(
+    "port", ["https://192.0.2.1", "http://u:p@192.0.2.1", "http://192.0.2.1/sdk", "unix:///x", "/dev/ttyACM0", ""]
+)
+def test_saf_014_what_is_no_address_of_the_service_is_refused(port: str) -> None:
+    with pytest.raises(ValueError, match="It speaks no https"):
+        EarthRover("earthrover", port, {}).address()
+
+
+@pytest.mark.parametrize("text", ["", "x" * 201, 3, None])
+def test_saf_014_a_text_that_cannot_be_spoken_is_refused(text: object) -> None:
+    refusal = driver().check_service("speak", {"text": text})
+    assert refusal is not None and refusal.code == "bad_argument"
+    assert driver().check_service("speak", {"text": "hello"}) is None

@@ -1,0 +1,197 @@
+"""The Robotiq wire and its stop channel stop the twin's gripper, in memory under virtual time."""
+
+from __future__ import annotations
+
+import pytest
+import trio
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.faults import Reply
+from strands_actors.drivers.robotiq import protocol as p
+from strands_actors.drivers.robotiq.wire import RobotiqStopChannel, RobotiqWire
+from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
+
+from .rig import Rig
+
+STOPS_WITHIN_S = 1.2
+
+
+# -- stop
+
+
+def test_a_stop_holds_where_it_is_and_is_read_back() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9, speed=0.0)
+        await rig.observe_for(1.0)
+        began_s = trio.current_time()
+        report = await rig.stop()
+        assert report == MotorReport("gripper", 9, True, True, True)
+        assert trio.current_time() - began_s < 0.01
+        assert rig.written == ["setpoint", "safe"]
+        held = (await rig.observe_for(0.1)).position
+        assert (await rig.observe_for(2.0)).position == held
+        assert rig.twin.gripper.status().activation == 3, "it keeps its grip"
+
+    virtual(main)
+
+
+def test_the_stop_leaves_before_anything_is_waited_for() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9)
+        rig.silent_from = rig.questions
+        await rig.wire.read()
+        before = len(rig.ports[0].written)
+        began_s = trio.current_time()
+        await rig.stop()
+        at_s, frame = rig.ports[0].written[before]
+        assert at_s == began_s
+        assert frame[7:10] == b"\x10\x03\xe8"
+        assert rig.written[-1] == "safe"
+
+    virtual(main)
+
+
+def test_a_stop_that_is_not_taken_is_not_called_success() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9)
+        await rig.observe_for(0.1)
+        rig.twin.set_fault(Fault.STUCK)
+        report = await rig.stop()
+        assert report == MotorReport("gripper", 9, True, True, False, "still going to its position")
+
+    virtual(main)
+
+
+def test_a_stop_without_a_connection_names_why() -> None:
+    async def main() -> None:
+        rig = Rig()
+        assert (await rig.stop()).detail == "not connected"
+        await rig.armed()
+        rig.ports[0].unplugged = True
+        report = await rig.stop()
+        assert not report.written and "the port is gone" in report.detail
+        with pytest.raises(WireDown):
+            await rig.wire.read()
+
+    virtual(main)
+
+
+# -- the stop channel
+
+
+@pytest.mark.parametrize("number", range(3), ids=["noise", "a lost end", "a wrong byte"])
+def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: int) -> None:
+    """Its connection is gone, over nonsense; and what it says on a new one is none the better."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(1.0, speed=0.0)
+        await rig.observe_for(0.2)
+        rig.twin.set_fault(Fault.GARBAGE)
+        rig.wire.close()
+        rig.written.clear()
+        for _ in range(number):  # the next answer is damaged in the next way
+            rig.twin.faults.apply(Reply(0.0, b"answer"))
+        (report,) = await rig.wire.reach("hold")
+        assert rig.written[:1] == ["safe"]
+        assert (report.written, report.safe) == (True, False), "it is not understood, so it is not confirmed"
+        assert rig.ports[-1].closed
+
+    virtual(main)
+
+
+def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
+    """It may have been without power: being told to hold would activate it, and moves its fingers."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.wire.close()
+        rig.written.clear()
+        rig.silent_from = rig.questions
+        (report,) = await rig.wire.reach("hold")
+        assert (rig.written, report.written, report.safe) == ([], False, False)
+        assert await RobotiqWire(rig.driver, rig.clock, rig.connect).reach("hold") == (), "never connected"
+
+    virtual(main)
+
+
+def test_a_gripper_that_answers_again_is_held_by_what_it_says() -> None:
+    """Without power meanwhile, it is not activated by a stop."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.wire.close()
+        rig.twin.power_cycle()
+        rig.written.clear()
+        await rig.wire.reach("hold")
+        assert "enable" not in rig.written
+        assert "setpoint" not in rig.written
+
+    virtual(main)
+
+
+def test_the_stop_channel_stops_a_move_on_its_own_connection() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9, speed=0.0)
+        await rig.observe_for(0.5)
+        assert (await rig.stop_channel()).safe
+        assert len(rig.ports) == 2
+        assert rig.written == ["setpoint", "safe"]
+        status = rig.twin.gripper.status()
+        assert not status.going and status.activation == 3
+
+    virtual(main)
+
+
+def test_the_stop_channel_ends_an_activation() -> None:
+    async def main() -> None:
+        rig = Rig(activation_s=5.0)
+        await rig.wire.open()
+        with trio.move_on_after(0.5):
+            await rig.wire.arm(Permission())
+        assert rig.twin.gripper.status().activation == p.Activation.ACTIVATING
+        assert (await rig.stop_channel()).safe
+        assert rig.twin.gripper.status().activation == p.Activation.RESET
+
+    virtual(main)
+
+
+def test_the_stop_channel_never_activates() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.twin.power_cycle()
+        assert (await rig.stop_channel()).safe
+        assert "enable" not in rig.written
+        assert rig.twin.gripper.status().activation == p.Activation.RESET
+
+    virtual(main)
+
+
+def test_the_stop_channel_to_a_silent_gripper_is_bounded_and_honest() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.twin.set_fault(Fault.OFF)
+        began_s = trio.current_time()
+        report = await rig.stop_channel()
+        assert not report.safe and not report.written and report.detail
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+
+    virtual(main)
+
+
+def test_the_stop_channel_without_a_way_is_honest() -> None:
+    async def main() -> None:
+        rig = Rig()
+
+        async def no_way(host: str, port: int) -> MemoryPort:
+            raise WireDown("192.0.2.10:502: cannot connect (refused)")
+
+        (report,) = await RobotiqStopChannel(rig.driver, rig.clock, no_way).make_safe("hold")
+        assert report == MotorReport("gripper", 9, False, False, False, "192.0.2.10:502: cannot connect (refused)")
+
+    virtual(main)

@@ -1,0 +1,329 @@
+"""A gripper's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
+from strands_actors.supervisors.messages import StopReport
+from strands_actors.testing import WireLog
+from tests.answers import json_of, why
+from tests.drivers.common.twin_process import TwinProcess, wait_until
+
+STATUS_WITHIN_S = 0.5
+STOP_WITHIN_S = 3.0
+"""Generous: a busy machine runs this. What is published is measured elsewhere."""
+
+SLOWLY = {"gripper": 0.9, "speed": 0.0}
+"""Takes 3.6 s."""
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[TwinProcess]:
+    with TwinProcess(tmp_path, "robotiq_2f85", "robotiq", options={"activation_s": 0.2}) as process:
+        yield process
+        process.process.send_signal(signal.SIGCONT)
+
+
+@pytest.fixture
+def gripper(twin: TwinProcess) -> Iterator[RealRobot]:
+    """Not connected yet."""
+    robot = Robot("robotiq_2f85", mode="real", port=twin.port)
+    yield robot
+    twin.process.send_signal(signal.SIGCONT)
+    robot.cleanup()
+
+
+@pytest.fixture
+def armed(gripper: RealRobot) -> RealRobot:
+    assert gripper.connect_eagerly() is None
+    return gripper
+
+
+def status(robot: RealRobot) -> dict[str, Any]:
+    """Whatever happens, somebody answers."""
+    began_s = time.monotonic()
+    json = json_of(robot.get_status())
+    assert time.monotonic() - began_s < STATUS_WITHIN_S
+    return json
+
+
+def state(robot: RealRobot) -> str | None:
+    found: str | None = status(robot).get("state")
+    return found
+
+
+def until_state(robot: RealRobot, *wanted: str) -> None:
+    wait_until(lambda: state(robot) in wanted, f"it is {' or '.join(wanted)}")
+
+
+def pid_of(robot: RealRobot, role: str) -> int:
+    tree = robot.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+def move(robot: RealRobot, closed: float) -> None:
+    """Fast, and wait until it is there."""
+    assert json_of(robot.send_action({"gripper": closed}))["position"] == closed
+    wait_until(lambda: abs(robot.get_observation().get("gripper", 9.0) - closed) < 0.01, f"it is at {closed}")
+
+
+def works_again(robot: RealRobot, twin: TwinProcess, since_ns: int) -> None:
+    """What was lost while it moved: held first, moved by nobody, then by whom resumes."""
+    until_state(robot, "disarmed")
+    log = WireLog(twin.log_path)
+    assert log.host("safe", since_ns)
+    assert log.setpoints_after_safe(since_ns) == 0
+    assert "resume() first" in why(robot.send_action({"gripper": 0.5}))
+    json_of(robot.resume())
+    move(robot, 0.3)
+    json_of(robot.stop())
+
+
+# -- a day's work
+
+
+def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(tmp_path / "wire.ndjson"))
+    log = WireLog(tmp_path / "wire.ndjson")
+    with Robot("robotiq_2f85", mode="real", transport="twin") as robot:
+        told = status(robot)
+        assert (told["state"], told["connected"], told["unit_id"]) == ("armed", True, 9)
+        assert told["firmware_watchdog"].startswith("none")
+        assert set(told["fallbacks"].values()) == {"hold"}
+        assert told["sensors"]["activation"] == [3.0]
+        assert [entry.kind for entry in log.entries() if entry.sender == "host" and entry.kind != "read"] == [
+            "safe",
+            "enable",
+            "safe",
+        ]
+        assert robot.get_observation() == {"gripper": pytest.approx(3 / 255)}
+        assert json_of(robot.send_action({"aperture_mm": 34.0, "force": 0.2})) == {
+            "robot": "robotiq_2f85",
+            "commanded_key": "aperture_mm",
+            "position": 0.6,
+            "aperture_mm": 34.0,
+            "speed": 1.0,
+            "force": 0.2,
+        }
+        wait_until(lambda: robot.get_observation()["gripper"] == pytest.approx(0.6), "it is there")
+        asked = len(log.host("setpoint"))
+        assert "is past 85" in why(robot.send_action({"aperture_mm": 86}))
+        assert "are both given" in why(robot.send_action({"gripper": 0.5, "position": 42.5}))
+        assert "runs no policy" in why(robot.run_policy(lambda observation: {"gripper": 0.1}))
+        assert "runs no policy" in why(robot.start_task("grip"))
+        before_ns = time.monotonic_ns()
+        assert len([entry for entry in log.host("setpoint") if entry.t_ns < before_ns]) - asked <= 1  # a re-send
+
+        json = json_of(robot.stop())
+        assert (json["stopped"], json["safe_state"]) == (True, "hold")
+        assert json["motors"]["gripper"]["safe"] is True
+        since_ns = time.monotonic_ns()
+        assert "resume() first" in why(robot.send_action({"gripper": 0.1}))
+        assert json_of(robot.resume())["position"] == {"gripper": pytest.approx(0.6)}
+        assert log.host("setpoint", since_ns) == [] and log.host("enable", since_ns) == []
+        move(robot, 0.2)
+        since_ns = time.monotonic_ns()
+    assert log.host("safe", since_ns)[-1].safe_state == "hold"
+    assert log.setpoints_after_safe(since_ns) == 0
+
+
+def test_a_command_is_kept_while_the_caller_lives(armed: RealRobot, twin: TwinProcess) -> None:
+    since_ns = time.monotonic_ns()
+    move(armed, 0.4)
+    wait_until(lambda: len(WireLog(twin.log_path).host("setpoint", since_ns)) >= 3, "it is re-sent")
+    assert state(armed) == "armed"
+
+
+def test_a_lost_writer_makes_it_hold_and_the_next_command_moves_it(armed: RealRobot, twin: TwinProcess) -> None:
+    json_of(armed.send_action(SLOWLY))
+    since_ns = time.monotonic_ns()
+    tree = armed._tree
+    assert tree is not None
+    report = portal().call(tree.stop, Reason.LEASE)
+    assert isinstance(report, StopReport) and report.confirmed
+    assert state(armed) == "holding"
+    assert WireLog(twin.log_path).setpoints_after_safe(since_ns) == 0
+    move(armed, 0.2)
+    assert state(armed) == "armed"
+
+
+def test_an_emergency_stop_locks_although_the_grip_is_kept(armed: RealRobot, twin: TwinProcess) -> None:
+    json_of(armed.send_action(SLOWLY))
+    since_ns = time.monotonic_ns()
+    tree = armed._tree
+    assert tree is not None
+    report = portal().call(tree.stop, Reason.ESTOP, True)
+    assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "hold"
+    assert state(armed) == "disarmed"
+    assert "e-stopped by" in why(armed.send_action({"gripper": 0.1}))
+    assert WireLog(twin.log_path).setpoints_after_safe(since_ns) == 0
+    json_of(armed.resume())
+    move(armed, 0.2)
+
+
+# -- the wire
+
+
+def test_one_answer_too_late_and_everything_still_works(armed: RealRobot, twin: TwinProcess) -> None:
+    wire = pid_of(armed, "wire")
+    twin.command("fault delayed")
+    time.sleep(0.3)  # some answers of each kind
+    json_of(armed.send_action({"gripper": 0.5}))
+    twin.command("fault ok")
+    move(armed, 0.7)
+    json_of(armed.stop())
+    json_of(armed.resume())
+    move(armed, 0.2)
+    assert pid_of(armed, "wire") == wire
+
+
+def test_the_cable_is_pulled_and_put_back(armed: RealRobot, twin: TwinProcess) -> None:
+    json_of(armed.send_action(SLOWLY))
+    wait_until(lambda: armed.get_observation()["gripper"] > 0.1, "it moves")
+    twin.command("unplug")
+    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    assert "not connected" in why(armed.send_action({"gripper": 0.5}))
+    assert "not confirmed" in why(armed.stop())
+    since_ns = time.monotonic_ns()
+    twin.command("plug")
+    works_again(armed, twin, since_ns)
+
+
+def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
+    """Back with new registers, it is not activated, nor made so by a re-sent command."""
+    json_of(armed.send_action(SLOWLY))
+    since_ns = time.monotonic_ns()
+    twin.command("power-cycle")
+    until_state(armed, "disarmed")
+    assert WireLog(twin.log_path).host("enable", since_ns) == []
+    wait_until(lambda: status(armed)["sensors"]["activation"] == [0.0], "it is read again")
+    works_again(armed, twin, since_ns)
+
+
+@pytest.mark.parametrize("fault", ["garbage", "off"])
+def test_it_recovers_from_what_it_cannot_understand(armed: RealRobot, twin: TwinProcess, fault: str) -> None:
+    json_of(armed.send_action(SLOWLY))
+    twin.command(f"fault {fault}")
+    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    since_ns = time.monotonic_ns()
+    twin.command("fault ok")
+    works_again(armed, twin, since_ns)
+
+
+# -- the processes
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_wire_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProcess, number: signal.Signals) -> None:
+    json_of(armed.send_action(SLOWLY))
+    wire = pid_of(armed, "wire")
+    since_ns = time.monotonic_ns()
+    os.kill(wire, number)
+    wait_until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
+    WireLog(twin.log_path).safe_within(since_ns, 1.0)
+    works_again(armed, twin, since_ns)
+    assert pid_of(armed, "wire") != wire
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_root_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProcess, number: signal.Signals) -> None:
+    json_of(armed.send_action(SLOWLY))
+    root = pid_of(armed, "root")
+    since_ns = time.monotonic_ns()
+    os.kill(root, number)
+    wait_until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
+    log = WireLog(twin.log_path)
+    log.safe_within(since_ns, 1.0)
+    json_of(armed.resume())
+    assert log.setpoints_after_safe(since_ns) == 0
+    move(armed, 0.3)
+
+
+# -- the gripper freezes
+
+
+class Connecting(threading.Thread):
+    def __init__(self, robot: RealRobot) -> None:
+        super().__init__(daemon=True)
+        self._robot = robot
+        self.problem: str | None = "still connecting"
+
+    def run(self) -> None:
+        self.problem = self._robot.connect_eagerly()
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 3, 4, 5, 6, 7, 9, 11])
+def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess, frames: int) -> None:
+    if frames == 0:
+        twin.process.send_signal(signal.SIGSTOP)
+    connecting = Connecting(gripper)
+    connecting.start()
+    wait_until(lambda: len(twin.logged("host")) >= frames, f"{frames} frames")
+    twin.process.send_signal(signal.SIGSTOP)
+    for _ in range(10):
+        status(gripper)
+        time.sleep(0.05)
+    began_s = time.monotonic()
+    gripper.stop()
+    assert time.monotonic() - began_s < STOP_WITHIN_S
+    connecting.join(20.0)
+    assert not connecting.is_alive()
+    assert connecting.problem is None or connecting.problem.startswith(("connect: ", "resume: "))
+    twin.process.send_signal(signal.SIGCONT)
+    wait_until(lambda: gripper.connect_eagerly() is None, "it is connected")
+    move(gripper, 0.3)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.05, 0.3])
+def test_it_freezes_while_it_moves(armed: RealRobot, twin: TwinProcess, delay_s: float) -> None:
+    json_of(armed.send_action(SLOWLY))
+    time.sleep(delay_s)
+    twin.process.send_signal(signal.SIGSTOP)
+    began_s = time.monotonic()
+    answer = armed.stop()
+    assert time.monotonic() - began_s < STOP_WITHIN_S
+    assert "not confirmed by gripper" in why(answer)
+    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    assert "not connected" in why(armed.send_action({"gripper": 0.1}))
+    since_ns = time.monotonic_ns()
+    twin.process.send_signal(signal.SIGCONT)
+    works_again(armed, twin, since_ns)
+
+
+def test_a_short_freeze_needs_nobody(armed: RealRobot, twin: TwinProcess) -> None:
+    json_of(armed.send_action(SLOWLY))
+    twin.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.2)
+    twin.process.send_signal(signal.SIGCONT)
+    wait_until(lambda: armed.get_observation()["gripper"] > 0.3, "it goes on")
+    assert state(armed) == "armed"
+    move(armed, 0.2)
+
+
+def test_nothing_is_left(gripper: RealRobot, twin: TwinProcess) -> None:
+    assert gripper.connect_eagerly() is None
+    pids = [pid_of(gripper, role) for role in ("root", "wire")]
+    json_of(gripper.cleanup())
+    wait_until(lambda: not any(_runs(pid) for pid in pids), "every process is gone")
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

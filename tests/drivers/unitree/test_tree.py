@@ -1,0 +1,343 @@
+"""Legs with their tree: real processes on RTPS, read from the twin's log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.driver import G1Driver
+from strands_actors.drivers.unitree.protocol import CommandCodec
+from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.drivers.unitree.twin import safe_state_of
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.testing import WireLog
+from strands_actors.testing.wirelog import Entry
+from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
+
+
+class Legs:
+    """A robot that is connected and armed, its twin, and the twin's log."""
+
+    def __init__(self, robot: RealRobot, twin: TwinProcess) -> None:
+        self.robot = robot
+        self.twin = twin
+        self.log = WireLog(twin.log_path)
+
+    def status(self) -> dict[str, Any]:
+        json: dict[str, Any] = self.robot.get_status()["content"][0]["json"]  # type: ignore[index]
+        return json
+
+    def sensor(self, name: str) -> float | None:
+        row = self.status()["sensors"].get(name)
+        return None if row is None else row[0]
+
+    def refused(self, action: Mapping[str, Any]) -> tuple[str, str]:
+        """Code and words."""
+        answer = self.robot.send_action(action)
+        assert answer["status"] == "error", answer
+        text, json = answer["content"]
+        return json["json"]["refused"]["code"], text["text"]
+
+    def task(self) -> dict[str, Any]:
+        json: dict[str, Any] = self.robot.get_task_status()["content"][0]["json"]
+        return json
+
+    def wait_for_the_end(self) -> dict[str, Any]:
+        wait_until(lambda: not self.task()["running"], "the rollout ends")
+        return self.task()
+
+    def order(self, line: str, condition: Callable[[], bool]) -> None:
+        self.twin.command(line)
+        wait_until(condition, line)
+
+    def events(self, kind: str) -> list[Entry]:
+        return [entry for entry in self.log.entries() if entry.sender == "robot" and entry.kind == kind]
+
+
+@contextmanager
+def legs(
+    directory: Path, kind: str = "unitree_g1", twin: Mapping[str, Any] | None = None, **keywords: Any
+) -> Iterator[Legs]:
+    with TwinProcess(directory, kind, "unitree", options=dict(twin or {})) as served:
+        robot = Robot(kind, mode="real", port=served.port, **keywords)
+        with robot:
+            yield Legs(robot, served)
+
+
+class Stand:
+    """Keeps every joint where it is first seen. Half a second of actions at a time: the machine may be busy."""
+
+    def __init__(self, kp: float = 200.0, kd: float = 6.0) -> None:
+        self._gains = {"kp": kp, "kd": kd}
+        self._home: dict[str, Any] = {}
+
+    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, Any]]:
+        if not self._home:
+            self._home = {joint: {"q": rad, **self._gains} for joint, rad in observation.items()}
+        return [self._home] * 250
+
+
+# -- gates
+
+
+def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        here = g1.robot.get_observation()
+        knee, elbow = here["left_knee"], here["left_elbow"]
+        fine = {"left_elbow": elbow + 0.01}
+
+        g1.order("fsm 1", lambda: g1.sensor("fsm") == 1)
+        code, words = g1.refused(fine)
+        assert code == "fsm" and "FSM 1 (damp) does not accept low-level commands" in words
+        g1.order("fsm 801", lambda: g1.sensor("fsm") == 801)
+
+        g1.order("battery 12", lambda: g1.sensor("battery_pct") == 12)
+        code, words = g1.refused(fine)
+        assert code == "battery_low" and "battery 12.0 % is under the floor of 15.0 %" in words
+        g1.order("battery 80", lambda: g1.sensor("battery_pct") == 80)
+
+        for action, expected in (
+            ({"left_knee": 3.1}, "past_travel"),
+            ({"left_knee": {"q": knee, "tau": 200}}, "too_strong"),
+            ({"left_knee": {"q": knee, "dq": 50}}, "too_fast"),
+            ({"left_knee": {"q": knee, "kp": 500}}, "gain"),
+            ({"left_knee": {"q": knee, "kd": 50}}, "gain"),
+            ({"left_knee": float("nan")}, "not_finite"),
+            ({"left_knee": {"tau": 1.0}}, "no_q"),
+            ({"left_knee": {"q": knee, "i": 1}}, "unknown_key"),
+            ({"7": 0.1}, "unknown_joint"),
+            ({"left_elbow": elbow + 0.5}, "too_far"),
+        ):
+            assert g1.refused(action)[0] == expected
+
+        assert g1.robot.send_action(fine)["status"] == "success"
+        wait_until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
+        codec = CommandCodec(model_of("g1"))
+        first = codec.decode(g1.log.host("setpoint")[0].data)
+        assert first.q[codec_index("left_elbow")] == pytest.approx(elbow + 0.01, abs=1e-6)
+        assert not g1.log.host("garbled")
+
+
+def codec_index(joint: str) -> int:
+    return model_of("g1").axes.index(joint)
+
+
+def test_saf_014_an_unknown_battery_refuses(tmp_path: Path) -> None:
+    with legs(tmp_path, twin={"battery": "unknown"}) as g1:
+        code, words = g1.refused({"left_elbow": g1.robot.get_observation()["left_elbow"]})
+        assert code == "battery_unknown" and "the battery's charge is not known" in words
+        assert not g1.log.host("setpoint")
+
+
+def test_saf_014_a_stale_fsm_id_is_no_id(tmp_path: Path) -> None:
+    """The mode that serves it is gone: its last answer grows old."""
+    with legs(tmp_path) as g1:
+        elbow = g1.robot.get_observation()["left_elbow"]
+        g1.order("mode -", lambda: g1.refused({"left_elbow": {"q": elbow, "kp": -1}})[0] == "fsm_stale")
+        assert not g1.log.host("setpoint")
+
+
+def test_start_task_is_refused_by_name(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        answer = g1.robot.start_task("walk")
+        assert answer["status"] == "error"
+        assert answer["content"][0]["text"].startswith("start_task: unitree_g1: legs run no named policy")
+        assert not g1.log.host("setpoint")
+
+
+# -- rollouts
+
+
+def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        assert g1.robot.run_policy(Stand(), duration=3.0)["status"] == "success"
+        done = g1.wait_for_the_end()
+        assert done["exit_reason"] == "duration", done
+        assert not [entry for entry in g1.events("fell") if entry.t_ns < g1.log.host("safe")[0].t_ns]
+        wait_until(lambda: bool(g1.events("fell")), "what nothing holds falls")
+    assert g1.log.setpoints_after_safe(0) == 0
+    last = [entry for entry in g1.log.entries() if entry.sender == "host" and entry.kind in ("setpoint", "safe")][
+        -1
+    ]
+    assert safe_state_of(CommandCodec(model_of("g1")).decode(last.data)) == "zero_torque"
+    assert len(g1.log.host("safe")) >= 20  # repeated
+
+
+def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        g1.robot.run_policy(Stand(), duration=30.0)
+        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        g1.twin.command("fsm 1")
+        done = g1.wait_for_the_end()
+        assert "FSM 1" in done["exit_detail"]
+    told_ns = next(
+        entry.t_ns
+        for entry in g1.events("answer")
+        if (response := rpc.decode_response(entry.data)).api == rpc.GET_FSM_ID and rpc.fsm_id(response) == 1
+    )
+    asked_ns = g1.events("fsm")[-1].t_ns
+    # Told within a tenth of a second; then at most what two control periods hold.
+    assert len(g1.log.host("setpoint", told_ns)) <= 3
+    assert (told_ns - asked_ns) / 1e9 < 0.1 + 0.4
+    assert g1.log.setpoints_after_safe(told_ns) == 0
+
+
+def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        g1.robot.run_policy(Stand(), duration=30.0)
+        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        g1.twin.command("fault off")  # hears nothing, says nothing
+        g1.wait_for_the_end()
+        wait_until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
+        g1.twin.command("fault ok")
+        wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+        assert g1.log.host("safe")  # what may still be energised is let go first
+
+
+def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        g1.robot.run_policy(Stand(), duration=30.0)
+        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        broken_ns = time.monotonic_ns()
+        g1.twin.command("fault garbage")
+        g1.wait_for_the_end()
+        wait_until(lambda: not g1.status()["connected"], "its link is lost")
+        wait_until(lambda: g1.log.host("safe", broken_ns), "it is let go")
+        time.sleep(1.0)  # it is looked for meanwhile
+        for pause_s in (0.0, 0.8):
+            time.sleep(pause_s)
+            stopped_ns = time.monotonic_ns()
+            g1.robot.stop()
+            g1.log.safe_within(stopped_ns, 1.0)
+            assert g1.log.setpoints_after_safe(stopped_ns) == 0
+        g1.twin.command("fault ok")
+        wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+
+
+def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "unitree_g1", "unitree") as served:
+        wire = G1Driver("unitree_g1", served.port, {}).open_wire(MonotonicClock())
+        motors = trio.run(wire.reach, "zero_torque")
+        assert all(motor.written and motor.safe for motor in motors), motors
+        frames = [entry for entry in WireLog(served.log_path).entries() if entry.sender == "host"]
+        assert [entry.safe_state for entry in frames if entry.kind in ("safe", "setpoint")][:20] == [
+            "zero_torque"
+        ] * 20
+        wire.close()
+
+
+def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        elbow = g1.robot.get_observation()["left_elbow"]
+        never = {"left_elbow": {"q": elbow, "kp": -1.0}}
+        g1.order("fault garbage", lambda: g1.refused(never)[0] == "stale")
+        assert not g1.log.host("setpoint")
+        g1.order("fault ok", lambda: g1.refused(never)[0] == "gain")
+
+
+def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
+    with legs(tmp_path, on_exit="damp") as g1:
+        g1.robot.run_policy(Stand(), duration=30.0)
+        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        answer = g1.robot.stop()
+        assert answer["status"] == "success", answer  # type: ignore[index]
+        safe_states = [entry.safe_state for entry in g1.log.host("safe")]
+        damped = safe_states.count("damp")
+        assert damped >= 20
+        assert safe_states == ["damp"] * damped + ["zero_torque"] * (len(safe_states) - damped)
+        assert len(safe_states) >= damped + 20
+
+
+def test_saf_005_a_motor_that_still_pulls_is_named(tmp_path: Path) -> None:
+    """A robot that says the same whatever it is told has not let go."""
+    with legs(tmp_path) as g1:
+        g1.robot.run_policy(
+            lambda seen: {joint: {"q": rad, "tau": 4.0} for joint, rad in seen.items()}, n_steps=400
+        )
+        wait_until(lambda: len(g1.log.host("setpoint")) > 50, "it runs")
+        g1.twin.command("fault stuck")
+        wait_until(lambda: not g1.task()["running"], "the rollout ends")
+        answer = g1.robot.stop()
+        assert answer["status"] == "error"  # type: ignore[index]
+        assert "still shows torque" in answer["content"][0]["text"]  # type: ignore[index]
+        g1.twin.command("fault ok")
+        wait_until(lambda: g1.robot.stop()["status"] == "success", "it shows that it has let go")  # type: ignore[index]
+
+
+# -- the others
+
+
+@pytest.mark.parametrize("kind", ["unitree_go2", "unitree_h1", "unitree_h1_2", "b2"])
+def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str) -> None:
+    with legs(tmp_path, kind) as robot:
+        joint, rad = next(iter(robot.robot.get_observation().items()))
+        code, words = robot.refused({joint: rad})
+        assert code == "sport_mode" and "still active" in words and "release_sport_mode()" in words
+        assert not robot.log.host("setpoint")
+
+        answer = robot.robot.release_sport_mode()
+        assert answer["content"][0]["json"] == {"sport_mode_released": True, "attempts": 1}
+        assert [entry.data for entry in robot.events("mode")] == [b""]
+        joint, rad = next(iter(robot.robot.get_observation().items()))
+        wait_until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
+        assert robot.robot.send_action({joint: rad})["status"] == "success"
+        wait_until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
+        assert not robot.log.host("garbled")  # its own family's frames
+
+
+def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) -> None:
+    with legs(tmp_path, "unitree_go2") as go2:
+        assert go2.robot.service("release_sport_mode", attempts=9)["status"] == "error"
+        assert go2.robot.service("dance")["status"] == "error"
+        with pytest.raises(AttributeError, match="has no attribute 'dance'"):
+            go2.robot.dance()
+        assert go2.robot.release_sport_mode(attempts=2)["status"] == "success"
+
+        def runs() -> bool:
+            """A machine that is busy for as long as a setpoint lives ends the rollout: then once more."""
+            if not go2.robot.get_task_status()["content"][0]["json"]["running"]:
+                go2.robot.resume()
+                go2.robot.run_policy(Stand(60.0, 5.0), duration=30.0)
+                return False
+            return len(go2.log.host("setpoint")) > 50
+
+        wait_until(runs, "it runs")
+        answer = go2.robot.release_sport_mode()
+        assert answer["status"] == "error" and "a task is running" in answer["content"][0]["text"]
+        go2.robot.stop_task()
+
+
+def test_what_connecting_says(tmp_path: Path) -> None:
+    with legs(tmp_path, "unitree_go2") as go2:
+        status = go2.status()
+        assert (status["family"], status["onboard_mode"]) == ("unitree_go", "normal")
+        assert status["state"] == "armed"
+        assert not go2.log.host("setpoint") and not go2.log.host("safe")  # connecting commands nothing
+
+
+def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
+    """It takes no commands of ours: frames go out all the same, and the report says who holds it."""
+    with legs(tmp_path, "unitree_go2") as go2:
+        answer = go2.robot.stop()
+        assert answer["status"] == "success", answer  # type: ignore[index]
+        motors = answer["content"][0]["json"]["motors"]  # type: ignore[index]
+        assert motors["FL_hip_joint"]["detail"] == "held by the robot's own controller, sport mode 'normal'"
+        assert go2.log.host("safe") and not go2.events("fell")
+
+
+def test_nobody_there(tmp_path: Path) -> None:
+    robot = Robot("g1", mode="real", port="127.9.8.7")
+    began_s = time.monotonic()
+    problem = robot.connect_eagerly()
+    assert problem is not None and "127.9.8.7: nobody" in problem
+    assert time.monotonic() - began_s < PATIENCE_S
+    robot.cleanup()

@@ -1,0 +1,162 @@
+"""What is refused, by name, and what is not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.drivers.ur.arms import JOINTS, arms
+from strands_actors.drivers.ur.driver import UR
+from strands_actors.kernel.messages import Refused
+
+NOW_NS = 10**12
+AT = (0.0, -1.5, 1.5, -1.5, -1.5, 0.0)
+READY: dict[str, tuple[float, ...]] = {
+    "robot_mode": (7,),
+    "safety_mode": (1,),
+    "runtime_state": (2,),
+    "speed_scaling": (1.0,),
+    "control": (1.0,),
+}
+
+
+def driver(robot: str = "ur5e") -> UR:
+    return UR(robot, "192.0.2.10", {})
+
+
+def state(period_s: float = 0.008, age_s: float = 0.005, **sensors: float) -> GateState:
+    stamp = NOW_NS - round(age_s * 1e9)
+    seen = {**READY, **{name: (value,) for name, value in sensors.items()}}
+    observation = Observation(stamp, AT, (stamp,) * 6, sensors=seen)
+    return GateState(NOW_NS, observation, AT, NOW_NS, period_s > 0, period_s)
+
+
+def judge(action: Mapping[str, Any], at: GateState, robot: str = "ur5e") -> Candidate | Refused:
+    """As the gate asks: conditions, parse, gates."""
+    ur = driver(robot)
+    for condition in ur.conditions:
+        refusal = condition.check(at.observation, at.now_ns)
+        if refusal is not None:
+            return refusal
+    candidate = ur.parse(action, at)
+    if isinstance(candidate, Refused):
+        return candidate
+    for gate in ur.gates:
+        refusal = gate(candidate, at)
+        if refusal is not None:
+            return refusal
+    return candidate
+
+
+def refused(action: Mapping[str, Any], at: GateState, robot: str = "ur5e") -> Refused:
+    answer = judge(action, at, robot)
+    assert isinstance(answer, Refused), answer
+    return answer
+
+
+def test_a_small_step_passes_and_the_rest_stays() -> None:
+    answer = judge({"elbow_joint": 1.52, "wrist_1_joint.pos": -1.49}, state())
+    assert isinstance(answer, Candidate)
+    assert answer.values == (0.0, -1.5, 1.52, -1.49, -1.5, 0.0)
+    assert answer.named == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("action", "code"),
+    [
+        ({}, "empty"),
+        ({"elbow": 0.0}, "unknown_joint"),
+        ({3: 0.0}, "unknown_joint"),
+        ({"elbow_joint": 1.5, "elbow_joint.pos": 1.5}, "both_spellings"),
+        ({"elbow_joint": math.nan}, "not_finite"),
+        ({"elbow_joint": math.inf}, "not_finite"),
+        ({"elbow_joint": "1"}, "not_finite"),
+        ({"elbow_joint": True}, "not_finite"),
+        ({"elbow_joint": 10**400}, "not_finite"),
+        ({"elbow_joint": 3.2}, "past_travel"),
+        ({"shoulder_pan_joint": -6.3}, "past_travel"),
+        ({"elbow_joint": 1.53}, "too_fast"),
+    ],
+)
+def test_bad_actions(action: Mapping[Any, Any], code: str) -> None:
+    assert refused(action, state()).code == code
+
+
+@pytest.mark.parametrize(
+    ("sensors", "code", "text"),
+    [
+        ({"robot_mode": 3}, "robot_mode", "robot is POWER_OFF (3). power on and release brakes"),
+        ({"robot_mode": 5}, "robot_mode", "IDLE (5)"),
+        ({"safety_mode": 3}, "safety_mode", "move: PROTECTIVE_STOP (3). look at the arm, then unlock"),
+        ({"safety_mode": 7}, "safety_mode", "ROBOT_EMERGENCY_STOP"),
+        ({"runtime_state": 1}, "program", "control script is not running"),
+        ({"control": 0}, "program", "stop(), then resume()"),
+        ({"runtime_state": 4}, "paused", "paused"),
+        ({"speed_scaling": 0}, "paused", "speed slider"),
+    ],
+)
+def test_modes_are_refused_by_name(sensors: Mapping[str, float], code: str, text: str) -> None:
+    refusal = refused({"elbow_joint": 1.5}, state(**sensors))
+    assert refusal.code == code
+    assert text in refusal.text
+
+
+def test_reduced_mode_moves() -> None:
+    assert isinstance(judge({"elbow_joint": 1.5}, state(safety_mode=2)), Candidate)
+
+
+def test_a_clock_that_stands_still() -> None:
+    assert refused({"elbow_joint": 1.5}, state(age_s=0.5)).code == "stale"
+
+
+def test_the_limit_of_a_step_is_the_joints_speed() -> None:
+    """180 deg/s at 125 Hz are 0.02513 rad."""
+    refusal = refused({"elbow_joint": 1.71}, state())
+    assert "elbow_joint steps 0.21 rad, limit 0.02513 at 125 Hz" in refusal.text
+    assert refused({"elbow_joint": 1.71}, state(period_s=0.0)).limit == "0.02513", "a command on its own too"
+    assert isinstance(judge({"elbow_joint": 1.71}, state(period_s=0.08)), Candidate)
+    assert refused({"elbow_joint": 2.5}, state(period_s=1.0)).limit == "0.31415", "however slow the stream is"
+
+
+@given(st.sampled_from(list(arms())), st.integers(0, 5), st.floats(-7, 7))
+def test_what_a_refusal_allows_is_allowed(robot: str, joint: int, wanted: float) -> None:
+    at = state()
+    answer = judge({JOINTS[joint]: wanted}, at, robot)
+    if isinstance(answer, Refused):
+        assert answer.code in ("past_travel", "too_fast")
+        if answer.code == "too_fast":
+            step = math.copysign(float(answer.limit), wanted - AT[joint])
+            assert isinstance(judge({JOINTS[joint]: AT[joint] + step}, at, robot), Candidate)
+        else:
+            end = float(answer.limit.rpartition("..")[2])
+            assert end <= arms()[robot].reach_rad[joint] < end + 1e-3
+
+
+def test_what_the_driver_declares() -> None:
+    ur = driver()
+    assert ur.fallbacks[Reason.EXPIRED] == "hold"
+    assert ur.fallbacks[Reason.STOP] == ur.fallbacks[Reason.WIRE] == "stop"
+    assert ur.energised("hold")
+    assert not ur.energised("stop")
+    assert "10 Hz" in ur.firmware_watchdog
+    assert ur.commanded({"elbow_joint.pos": 1.5}, AT) == {
+        "robot": "ur5e",
+        "joints": ["elbow_joint"],
+        "targets": {"elbow_joint": 1.5},
+        "control_period": 0.008,
+    }
+
+
+def test_addresses_and_options() -> None:
+    assert driver().host == "192.0.2.10"
+    assert UR("ur5e", "192.0.2.10:30004", {}).host == "192.0.2.10"
+    with pytest.raises(ValueError, match="fixed"):
+        _ = UR("ur5e", "192.0.2.10:502", {}).host
+    with pytest.raises(TypeError, match="speed"):
+        UR.resolve("ur5e", {"speed": 1})

@@ -1,0 +1,142 @@
+"""The ports without the SDK, on the twin: a look, and the stop channel's stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.ur import plain
+from strands_actors.drivers.ur import protocol as p
+from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.driver import UR
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.testing import Twin
+from tests.answers import until
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("ur5e", tmp_path_factory.mktemp("twin")) as process:
+        yield process
+
+
+@pytest.fixture
+def host(twin: Twin) -> str:
+    return twin.port.partition(":")[0]
+
+
+async def play(host: str) -> None:
+    """A program that this twin does not understand runs for ever."""
+    stream = await trio.open_tcp_stream(host, p.SECONDARY_PORT)
+    await stream.send_all(b"def forever():\n  while True:\n    sync()\n  end\nend\n")
+    async with plain.samples(host) as samples:
+        with trio.fail_after(10):
+            while (await samples.next())["runtime_state"] != p.RuntimeState.PLAYING:
+                pass
+    await stream.aclose()
+
+
+def test_handshake_says_who_it_is(host: str) -> None:
+    facts = trio.run(plain.handshake, host)
+    assert facts["remote_control"] == "true"
+    assert facts["serial"].isdecimal()
+    assert facts["robot_model"] == "UR5"
+
+
+def test_the_clock_is_seen_to_advance(host: str) -> None:
+    trio.run(plain.look, host)
+
+
+def test_saf_020_a_wire_without_a_link_ends_whatever_program_runs(twin: Twin, host: str) -> None:
+    trio.run(play, host)
+    wire = UR("ur5e", host, {}).open_wire(MonotonicClock())
+    began_ns = time.monotonic_ns()
+    reports = trio.run(wire.reach, "stop")
+    assert all(report.written and report.safe for report in reports)
+    assert [entry.data for entry in twin.log.host("safe", began_ns)] == [b"stop\n"]
+
+
+def test_a_wire_without_an_address_reaches_nobody_and_says_so() -> None:
+    wire = UR("ur5e", "192.0.2.10:99", {}).open_wire(MonotonicClock())
+    for report in trio.run(wire.reach, "stop"):
+        assert (report.written, report.safe) == (False, False) and "its ports are fixed" in report.detail
+
+
+def test_saf_005_stop_ends_the_program_and_confirms_each_joint(twin: Twin, host: str) -> None:
+    trio.run(play, host)
+    began_ns = time.monotonic_ns()
+    reports = trio.run(plain.stop, host)
+    assert [report.axis for report in reports] == list(JOINTS)
+    assert all(report.written and report.acknowledged and report.safe for report in reports)
+    assert [entry.data for entry in twin.log.host("safe", began_ns)] == [b"stop\n"]
+
+
+def test_where_nothing_runs_a_stop_is_confirmed_too(host: str) -> None:
+    assert all(report.safe for report in trio.run(plain.stop, host))
+
+
+def test_without_a_dashboard_a_script_stops(twin: Twin, host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a controller that has none."""
+    trio.run(play, host)
+    monkeypatch.setattr(p, "DASHBOARD_PORT", 29998)
+    began_ns = time.monotonic_ns()
+    reports = trio.run(plain.stop, host)
+    assert all(report.written and report.safe and not report.acknowledged for report in reports)
+    assert [entry.data for entry in twin.log.host("safe", began_ns)] == [p.STOP_SCRIPT]
+
+
+def test_saf_005_a_frozen_controller_confirms_nothing_in_bounded_time(twin: Twin, host: str) -> None:
+    trio.run(play, host)
+    twin.pause()
+    frozen_ns = time.monotonic_ns()
+    try:
+        reports = trio.run(plain.stop, host)
+        assert time.monotonic_ns() - frozen_ns < 3e9
+        assert not any(report.safe for report in reports)
+        assert all("does not answer" in report.detail for report in reports)
+        with pytest.raises(WireDown, match="does not answer"):
+            trio.run(plain.look, host)
+    finally:
+        twin.go_on()
+    until(lambda: twin.log.host("safe", frozen_ns), "what was sent takes effect when it wakes up")
+    assert all(report.safe for report in trio.run(plain.stop, host))
+
+
+def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> None:
+    twin.fault("stuck")
+    try:
+        until(lambda: not any(report.safe for report in trio.run(plain.stop, host)), "it stands still")
+        with pytest.raises(WireDown, match="stands still"):
+            trio.run(plain.look, host)
+    finally:
+        twin.fault("ok")
+
+
+def test_nobody_there() -> None:
+    with pytest.raises(WireDown, match=r"127.0.0.1:29999: cannot connect .* Check port="):
+        trio.run(plain.handshake, "127.0.0.1")
+    assert not any(report.written for report in trio.run(plain.stop, "127.0.0.1"))
+
+
+def test_two_clients_cannot_write_the_same_input(host: str) -> None:
+    async def ask(stream: trio.SocketStream) -> bytes:
+        await stream.send_all(p.frame(p.Kind.INPUTS, b"input_int_register_30"))
+        (packet,) = p.Decoder().feed(await stream.receive_some(4096))
+        return packet.payload
+
+    async def run() -> None:
+        first = await trio.open_tcp_stream(host, p.RTDE_PORT)
+        second = await trio.open_tcp_stream(host, p.RTDE_PORT)
+        assert await ask(first) == b"\x01INT32"
+        assert await ask(second) == b"\x00IN_USE"
+        await first.aclose()
+        with trio.fail_after(10):
+            while await ask(second) != b"\x01INT32":  # noqa: ASYNC110  # there is no event for its own close
+                await trio.sleep(0.01)
+        await second.aclose()
+
+    trio.run(run)

@@ -1,0 +1,419 @@
+"""A UR arm on the real tree: real processes, the unmodified ur-rtde, the twin. Judged by the twin's log."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
+from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
+
+from .arm import ELBOW, PAN, arm_on, nudge, pid, wave
+
+SLACK_S = 1.0
+"""On the published bounds, for a busy machine."""
+
+
+@pytest.fixture(scope="module")
+def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("ur5e", tmp_path_factory.mktemp("twin")) as process:
+        yield process
+
+
+@pytest.fixture
+def twin(twin_process: Twin) -> Iterator[Twin]:
+    os.truncate(twin_process.log.path, 0)
+    yield twin_process
+    twin_process.go_on()
+    twin_process.fault("ok")
+    twin_process.plug()
+    for line in ("safety NORMAL", "mode RUNNING", "remote yes"):
+        twin_process.order(line)
+
+
+@pytest.fixture
+def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    with arm_on(twin) as connected:
+        yield connected
+
+
+@pytest.fixture
+def moving(arm: RealRobot, twin: Twin) -> RealRobot:
+    for _ in range(3):  # a machine that pauses ends a rollout before anything was broken
+        began_ns = time.monotonic_ns()
+        if state(arm) not in ("armed", "holding"):
+            until(lambda: arm.resume()["status"] == "success", "it is armed")
+        json_of(arm.run_policy(wave(), duration=60.0))
+        task = until(functools.partial(runs, arm, twin, began_ns), "it moves or has ended")
+        if task["running"]:
+            return arm
+    pytest.fail(f"it does not move: {task}")
+
+
+def runs(arm: RealRobot, twin: Twin, since_ns: int) -> dict[str, object] | None:
+    task = json_of(arm.get_task_status())
+    return task if not task["running"] or len(twin.log.host("setpoint", since_ns)) > 30 else None
+
+
+def first_safe(twin: Twin, since_ns: int) -> float:
+    """Seconds until the first safe frame; no setpoint comes after it."""
+    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
+    time.sleep(0.3)
+    assert twin.log.setpoints_after_safe(since_ns) == 0
+    return (safe.t_ns - since_ns) / 1e9
+
+
+def comes_back(arm: RealRobot, twin: Twin) -> None:
+    """By itself, disarmed; moves only after a resume, from where it is."""
+    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+    until(lambda: not json_of(arm.get_task_status())["running"], "the rollout has ended")
+    back_ns = time.monotonic_ns()
+    assert "resume() first" in why(nudge(arm))
+    time.sleep(0.2)
+    assert not twin.log.host("setpoint", back_ns), "nothing moves by itself"
+    assert not twin.log.host("enable", back_ns)
+    resumed = json_of(arm.resume())
+    seen = arm.get_observation()
+    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.01 for joint in JOINTS)
+    json_of(nudge(arm))
+    until(lambda: twin.log.host("setpoint", back_ns), "a setpoint")
+
+
+def worst_status_s(arm: RealRobot, for_s: float) -> float:
+    worst_s, end_s = 0.0, time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        began_s = time.monotonic()
+        status(arm)
+        worst_s = max(worst_s, time.monotonic() - began_s)
+        time.sleep(0.02)
+    return worst_s
+
+
+# -- the verbs
+
+
+def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
+    seen = arm.get_observation()
+    assert list(seen) == list(JOINTS)
+    answer = json_of(arm.send_action({PAN: seen[PAN] + 0.02}))
+    assert answer["robot"] == "ur5e"
+    assert answer["joints"] == [PAN]
+    assert math.isclose(answer["targets"][PAN], seen[PAN] + 0.02)
+    assert answer["control_period"] == 0.008
+    until(lambda: abs(arm.get_observation()[PAN] - seen[PAN] - 0.02) < 0.005, "it is there")
+
+    began_ns = time.monotonic_ns()
+    stopped = json_of(arm.stop())
+    assert stopped["safe_state"] == "stop"
+    assert list(stopped["motors"]) == list(JOINTS)
+    assert first_safe(twin, began_ns) < SLACK_S
+    assert "resume() first" in why(arm.send_action({PAN: 0.0}))
+    comes_back(arm, twin)
+
+
+def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    assert f"{ELBOW} is nan" in why(arm.send_action({ELBOW: math.nan}))
+    assert f"{ELBOW} 4 rad is past" in why(arm.send_action({ELBOW: 4.0}))
+    assert f"{ELBOW} steps" in why(arm.send_action({ELBOW: 0.0}))
+    assert "elbow is not a joint of ur5e" in why(arm.send_action({"elbow": 0.0}))
+    time.sleep(0.1)
+    assert not twin.log.host("setpoint", began_ns)
+
+
+def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.run_policy(wave(), duration=2.0))
+    task = until(lambda: None if (now := json_of(arm.get_task_status()))["running"] else now, "it ends")
+    assert task["exit_reason"] == "duration", task
+    assert task["steps"] > 60, "half of what a free machine does"
+    assert state(arm) == "holding"
+    held_ns = time.monotonic_ns()
+    time.sleep(0.5)
+    assert not [entry for entry in twin.log.entries(held_ns) if entry.kind in ("watchdog", "setpoint")]
+    assert len(twin.log.host("keepalive", held_ns)) > 2, "the controller's watchdog is fed while it holds"
+    json_of(nudge(arm))
+
+
+def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
+    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on by itself."""
+    start = arm.get_observation()[PAN]
+    steps = iter(range(1, 1000))
+    json_of(arm.run_policy(lambda observation: {PAN: start + 0.018 * next(steps)}, duration=60.0))
+    until(lambda: arm.get_observation()[PAN] - start > 1.0, "it is fast")
+    arm.stop_task()
+    until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the watchdog ends it")
+    until(lambda: "control script is not running" in why(nudge(arm)), "it is refused by name")
+    stood = arm.get_observation()[PAN]
+    time.sleep(0.3)
+    assert abs(arm.get_observation()[PAN] - stood) < 0.01
+    json_of(arm.stop())
+    json_of(arm.resume())
+    json_of(nudge(arm))
+
+
+def test_saf_013_status_names_the_firmware_watchdog(arm: RealRobot) -> None:
+    told = status(arm)
+    assert "rtde_set_watchdog, 10 Hz" in told["firmware_watchdog"]
+    assert told["serial"] == "20265300001"
+    assert told["remote_control"] == "true"
+
+
+def test_saf_013_a_latched_command_feeds_the_watchdog_as_long_as_the_caller_lives(
+    arm: RealRobot, twin: Twin
+) -> None:
+    json_of(nudge(arm))
+    time.sleep(0.5)
+    assert state(arm) == "armed"
+    assert not [entry for entry in twin.log.entries() if entry.kind == "watchdog"]
+
+
+# -- the controller says no
+
+
+@pytest.mark.parametrize(
+    ("order", "undo", "name"),
+    [
+        ("safety PROTECTIVE_STOP", ("safety NORMAL",), "PROTECTIVE_STOP (3)"),
+        ("safety ROBOT_EMERGENCY_STOP", ("safety NORMAL", "mode RUNNING"), "POWER_OFF (3)"),
+        ("mode IDLE", ("mode RUNNING",), "IDLE (5)"),
+    ],
+)
+def test_a_stop_of_the_controllers_own(
+    moving: RealRobot, twin: Twin, order: str, undo: tuple[str, ...], name: str
+) -> None:
+    """Named, nothing goes on by itself when it is lifted, and arming is refused as long as it stands."""
+    twin.order(order)
+    ended = until(lambda: None if (now := json_of(moving.get_task_status()))["running"] else now, "it ends")
+    assert ended["exit_reason"] == "gate"
+    until(lambda: name in why(nudge(moving)), "it is refused by name")
+    for line in undo:
+        twin.order(line)
+    until(lambda: "control script is not running" in why(nudge(moving)), "the mode is fine again")
+    lifted_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert not twin.log.host("setpoint", lifted_ns)
+    twin.order(order)
+    json_of(moving.stop())
+    assert name in why(moving.resume())
+    for line in undo:
+        twin.order(line)
+    until(lambda: moving.resume()["status"] == "success", "it can be armed again")
+    json_of(nudge(moving))
+
+
+def end_program(twin: Twin) -> None:
+    """As on the pendant."""
+    with socket.create_connection((twin.port.partition(":")[0], DASHBOARD_PORT)) as dashboard:
+        dashboard.sendall(b"stop\n")
+        until(lambda: b"Stopped" in dashboard.recv(4096), "it is stopped")
+
+
+def protective_stop(twin: Twin) -> None:
+    twin.order("safety PROTECTIVE_STOP")
+
+
+@pytest.mark.parametrize("how", [end_program, protective_stop])
+def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
+    arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
+) -> None:
+    """Nobody sends a setpoint that could be refused: the tree itself notices, makes safe and says why."""
+    json_of(nudge(arm))
+    how(twin)
+    ended_ns = time.monotonic_ns()
+    until(lambda: state(arm) == "disarmed", "it is disarmed")
+    # which of the two the tree hears of first is chance
+    assert status(arm)["cause"].startswith(("control script is not running", "PROTECTIVE_STOP (3)"))
+    until(lambda: twin.log.first_safe(ended_ns), "a safe frame of ours")
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(ended_ns)
+    assert "call resume() first" in why(nudge(arm))
+
+
+def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir: Path) -> None:
+    twin.order("safety PROTECTIVE_STOP")
+    time.sleep(0.1)
+    arm = Robot("ur5e", mode="real", port=twin.port)
+    try:
+        until(lambda: "PROTECTIVE_STOP (3). look at the arm" in (arm.connect_eagerly() or ""), "it says so")
+        assert not twin.log.host("enable")
+        twin.order("safety NORMAL")
+        until(lambda: arm.connect_eagerly() is None, "it connects when it is unlocked")
+    finally:
+        arm.cleanup()
+
+
+def test_local_control_is_named(twin: Twin, run_dir: Path) -> None:
+    twin.order("remote no")
+    time.sleep(0.1)
+    arm = Robot("ur5e", mode="real", port=twin.port)
+    try:
+        until(lambda: "is in local control" in (arm.connect_eagerly() or ""), "it says so")
+    finally:
+        arm.cleanup()
+
+
+# -- processes die and freeze
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    """The root stops the arm by its own sockets, and starts the wire again."""
+    victim = pid(moving, "wire")
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert twin.log.first_safe(began_ns).data == b"stop\n"  # type: ignore[union-attr]
+    comes_back(moving, twin)
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    victim = pid(moving, "root")
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    json_of(moving.resume())
+    json_of(nudge(moving))
+
+
+# -- the controller freezes, or its network goes
+
+
+def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    twin.pause()
+    assert worst_status_s(moving, 2.0) < 0.2 + SLACK_S
+    assert not status(moving)["connected"]
+    # While its process is being replaced there is not even a gate.
+    assert why(nudge_blind(moving)).startswith(("move: not connected", "move: nobody hosts"))
+    thawed_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: state(moving) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("safe", thawed_ns)
+    # what was on its way when it froze is a few setpoints of a program that its watchdog had ended by then
+    assert len(twin.log.host("setpoint", thawed_ns)) < 30
+    comes_back(moving, twin)
+
+
+def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
+    moving: RealRobot, twin: Twin
+) -> None:
+    twin.pause()
+    time.sleep(0.1)
+    began_s = time.monotonic()
+    answer = moving.stop()
+    assert time.monotonic() - began_s < 3.0 + SLACK_S
+    assert all(joint in why(answer) for joint in JOINTS), answer
+    assert worst_status_s(moving, 0.5) < 0.2 + SLACK_S
+    twin.go_on()
+    comes_back(moving, twin)
+
+
+def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    pulled_ns = time.monotonic_ns()
+    twin.unplug()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    until(lambda: "cannot connect" in (status(moving)["connect_error"] or ""), "it says why")
+    assert [entry for entry in twin.log.entries(pulled_ns) if entry.kind == "watchdog"], "the firmware stopped it"
+    assert why(moving.stop())
+    twin.plug()
+    comes_back(moving, twin)
+
+
+def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
+    for _ in range(5):
+        twin.unplug()
+        until(lambda: not status(arm)["connected"], "it is noticed")
+        twin.plug()
+        until(lambda: state(arm) == "disarmed", "it is back")
+        json_of(arm.resume())
+    json_of(nudge(arm))
+
+
+def test_a_clock_that_stands_still_is_no_link(moving: RealRobot, twin: Twin) -> None:
+    """Samples go on, the socket is open, every call of the SDK succeeds."""
+    twin.fault("stuck")
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    twin.fault("ok")
+    comes_back(moving, twin)
+
+
+def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
+    twin.power_cycle()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    until(lambda: state(moving) == "disarmed", "it is back")
+    assert "robot is POWER_OFF (3)" in why(moving.resume())
+    twin.order("mode RUNNING")
+    until(lambda: moving.resume()["status"] == "success", "it can be armed")
+    json_of(nudge(moving))
+
+
+STAGES = {
+    "hello": lambda frames: len(frames) >= 1,
+    "look": lambda frames: any(entry.data[:3] == b"\x00\x03S" for entry in frames),
+    "receive": lambda frames: sum(entry.data[:3] == b"\x00\x03S" for entry in frames) >= 2,
+    "control": lambda frames: sum(b"get serial" in entry.data for entry in frames) >= 2,
+    "inputs": lambda frames: any(entry.kind == "config" for entry in frames),
+    "upload": lambda frames: any(entry.kind == "enable" for entry in frames),
+    "watchdog": lambda frames: any(entry.kind == "config" and len(entry.data) == 16 for entry in frames),
+}
+"""Points of connect, by what the controller has heard."""
+
+
+@pytest.mark.parametrize("how", ["frozen", "unplugged"])
+@pytest.mark.parametrize("stage", STAGES)
+def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, stage: str, how: str) -> None:
+    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is back."""
+    import threading
+
+    arm = Robot("ur5e", mode="real", port=twin.port)
+    connecting = threading.Thread(target=arm.connect_eagerly)
+    try:
+        connecting.start()
+        until(lambda: STAGES[stage]([entry for entry in twin.log.entries() if entry.sender == "host"]), stage)
+        if how == "frozen":
+            twin.pause()
+        else:
+            twin.unplug()
+        assert worst_status_s(arm, 1.5) < 0.2 + SLACK_S
+        began_s = time.monotonic()
+        arm.stop()
+        assert time.monotonic() - began_s < 3.0 + SLACK_S
+        twin.go_on()
+        twin.plug()
+        connecting.join(30.0)
+        assert not connecting.is_alive()
+        until(lambda: arm.connect_eagerly() is None, "it connects", 60.0)
+        json_of(nudge(arm))
+    finally:
+        twin.go_on()
+        arm.cleanup()
+
+
+def nudge_blind(arm: RealRobot) -> dict[str, object]:
+    """A command without a look first: there may be nothing to see."""
+    return dict(arm.send_action({PAN: 0.0}))
+
+
+def test_a_twin_without_a_processor_for_a_moment_does_not_miss_what_has_come(arm: RealRobot, twin: Twin) -> None:
+    """Its watchdog (0.1 s) goes by what it was sent, not by when it came to read it."""
+    for _ in range(5):
+        assert nudge(arm)["status"] == "success"
+        twin.pause()
+        time.sleep(0.15)
+        again_ns = time.monotonic_ns()
+        twin.go_on()
+        until(lambda: len(twin.log.host("setpoint", again_ns)) > 20, "it is written to again")  # noqa: B023
+    assert not [entry for entry in twin.log.entries() if entry.kind == "watchdog"]
+    assert state(arm) == "armed"

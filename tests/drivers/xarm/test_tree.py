@@ -1,0 +1,451 @@
+"""An xArm's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.xarm import protocol as p
+from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, task_ended, until, why
+
+SLACK_S = 1.0
+"""On the published bounds, for a busy machine."""
+
+JOINTS = [f"joint{number}" for number in range(1, 8)]
+STOP = b"\x0c\x04"
+
+
+@pytest.fixture(scope="module")
+def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("xarm7", tmp_path_factory.mktemp("twin")) as process:
+        yield process
+
+
+@pytest.fixture
+def twin(twin_process: Twin) -> Iterator[Twin]:
+    os.truncate(twin_process.log.path, 0)
+    yield twin_process
+    twin_process.go_on()
+    twin_process.fault("ok")
+    twin_process.plug()
+    twin_process.order("error 0")
+
+
+@contextlib.contextmanager
+def arm_on(twin: Twin, **options: Any) -> Iterator[RealRobot]:
+    """Connected and armed."""
+    arm = Robot("xarm7", mode="real", port=twin.port, **options)
+    try:
+        problem: str | None = "never tried"
+        for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
+            problem = arm.connect_eagerly()
+            if problem is None:
+                break
+        assert problem is None
+        yield arm
+    finally:
+        arm.cleanup()
+
+
+@pytest.fixture
+def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    with arm_on(twin) as connected:
+        yield connected
+
+
+ATTEMPTS = 5
+"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
+
+
+@pytest.fixture
+def moving(arm: RealRobot, twin: Twin) -> RealRobot:
+    set_moving(arm, twin)
+    return arm
+
+
+def set_moving(arm: RealRobot, twin: Twin) -> None:
+    for _ in range(ATTEMPTS):
+        began_ns = time.monotonic_ns()
+        make_ready(arm)
+        json_of(arm.run_policy(wave(), duration=60.0))
+        task = until(functools.partial(runs, arm, twin, began_ns), "it moves or has ended")
+        if task["running"]:
+            return
+    pytest.fail(f"it does not move: {task}")
+
+
+def make_ready(arm: RealRobot) -> None:
+    if state(arm) not in ("armed", "holding"):
+        until(lambda: arm.resume()["status"] == "success", "it is armed")
+
+
+def run_for(arm: RealRobot, seconds: float) -> dict[str, Any]:
+    """Move for so long, to the end; what the rollout says then."""
+    for _ in range(ATTEMPTS):
+        make_ready(arm)
+        json_of(arm.run_policy(wave(), duration=seconds))
+        task = task_ended(arm)
+        if task["exit_reason"] == "duration":
+            return task
+    pytest.fail(f"it does not move for {seconds:g} s: {task}")
+
+
+def runs(arm: RealRobot, twin: Twin, since_ns: int) -> dict[str, Any] | None:
+    task = json_of(arm.get_task_status())
+    return task if not task["running"] or len(twin.log.host("setpoint", since_ns)) > 30 else None
+
+
+def wave(amplitude: float = 0.3, step: float = 0.02) -> Callable[[Mapping[str, float]], dict[str, float]]:
+    """A policy: joint 1 goes to and fro from where it is. A pause does not make it jump."""
+    zero: list[float] = []
+    phase = [0.0]
+
+    def policy(observation: Mapping[str, float]) -> dict[str, float]:
+        zero.append(observation["joint1"])
+        phase[0] += step
+        return {"joint1": zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
+
+    return policy
+
+
+def nudge(arm: RealRobot) -> Mapping[str, Any]:
+    """A small step from where the joint is, towards zero."""
+    now = arm.get_observation().get("joint1", 0.0)
+    answer: Mapping[str, Any] = arm.send_action({"joint1": now - math.copysign(0.01, now)})
+    return answer
+
+
+def pid(arm: RealRobot, role: str) -> int:
+    tree = arm.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+def first_safe(twin: Twin, since_ns: int) -> float:
+    """Seconds until the first safe frame; no setpoint comes after it."""
+    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
+    time.sleep(0.3)
+    assert twin.log.setpoints_after_safe(since_ns) == 0
+    return (safe.t_ns - since_ns) / 1e9
+
+
+def comes_back(arm: RealRobot, twin: Twin) -> None:
+    """By itself, disarmed; moves only after a resume, from where it is."""
+    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+    until(lambda: not json_of(arm.get_task_status())["running"], "the rollout has ended")
+    back_ns = time.monotonic_ns()
+    assert "resume() first" in why(nudge(arm))
+    time.sleep(0.2)
+    assert not twin.log.host("setpoint", back_ns), "nothing moves by itself"
+    assert not twin.log.host("enable", back_ns), "servo mode is not set up again by itself"
+    resumed = json_of(arm.resume())
+    seen = arm.get_observation()
+    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.01 for joint in JOINTS)
+    json_of(nudge(arm))
+    until(lambda: twin.log.host("setpoint", back_ns), "a setpoint")
+
+
+def controller_state(twin: Twin) -> int:
+    """As another client of the controller reads it."""
+    host, port = twin.port.split(":")
+    with socket.create_connection((host, int(port)), 5.0) as other:
+        other.sendall(p.request(1, p.Register.GET_STATE))
+        return other.recv(64)[8]
+
+
+# -- the verbs
+
+
+def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
+    told = status(arm)
+    assert (told["state"], told["firmware"], told["arm_type"]) == ("armed", "1.12.10", 7)
+    assert told["speed_limit"] == "the controller's"
+    assert told["firmware_watchdog"].startswith("none")
+    assert told["sensors"]["tcp_xyz_m"] == pytest.approx([0.4, 0.0, 0.4], abs=0.1), "metres"
+    seen = arm.get_observation()
+    assert list(seen) == JOINTS
+    answer = json_of(arm.send_action({"joint1": seen["joint1"] + 0.02}))
+    assert answer == {"robot": "xarm7", "joints": {"joint1": pytest.approx(seen["joint1"] + 0.02)}}
+    until(lambda: abs(arm.get_observation()["joint1"] - seen["joint1"] - 0.02) < 0.005, "it is there")
+
+    began_ns = time.monotonic_ns()
+    stopped = json_of(arm.stop())
+    assert stopped["safe_state"] == "stop"
+    assert list(stopped["motors"]) == JOINTS
+    assert first_safe(twin, began_ns) < SLACK_S
+    assert twin.log.first_safe(began_ns).data[6:] == STOP  # type: ignore[union-attr]
+    assert controller_state(twin) == p.State.STOPPED
+    time.sleep(0.5)
+    assert controller_state(twin) == p.State.STOPPED, "a stop stays stopped"
+    comes_back(arm, twin)
+
+
+def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    assert "joint4 is nan" in why(arm.send_action({"joint4": math.nan}))
+    assert "joint4 4.0000 rad is past 3.9269" in why(arm.send_action({"joint4": 4.0}))
+    assert "joint4 steps" in why(arm.send_action({"joint4": 0.0}))
+    assert "gripper is not a joint of xarm7" in why(arm.send_action({"gripper": 0.0}))
+    time.sleep(0.1)
+    assert not twin.log.host("setpoint", began_ns)
+
+
+def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
+    task = run_for(arm, 2.0)
+    assert task["steps"] > 60, "a third of what a free machine does"
+    assert state(arm) == "holding"
+    held_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert not twin.log.host("setpoint", held_ns)
+    assert twin.log.host("safe")[-1].safe_state == "hold"
+    assert controller_state(twin) in (p.State.MOVING, p.State.READY)
+    json_of(nudge(arm))
+    assert state(arm) == "armed"
+
+
+def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
+    with arm_on(twin, control_frequency=50) as arm:
+        here = arm.get_observation()["joint1"]
+        assert "limit 0.0628 at 50 Hz" in why(arm.send_action({"joint1": here + 0.1}))
+        json_of(arm.send_action({"joint1": here + 0.06}))
+
+
+# -- the controller says no
+
+
+@pytest.mark.parametrize(
+    ("order", "says"),
+    [
+        ("error 31", "controller holds error 31 (collision)"),
+        ("state 3", "arm is paused (state 3)"),
+        ("state 4", "arm is stopped (state 4)"),
+        ("mode 0", "arm is"),  # stopped, or in mode 0: which the tree hears of first is chance
+    ],
+)
+@pytest.mark.parametrize("how", ["moves", "stands", "holds"])
+def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
+    arm: RealRobot, twin: Twin, order: str, says: str, how: str
+) -> None:
+    """The tree notices whatever it does, makes safe, says why, and nothing goes on by itself."""
+    if how == "moves":
+        set_moving(arm, twin)
+    elif how == "stands":
+        json_of(nudge(arm))
+    else:
+        run_for(arm, 0.2)
+        assert state(arm) == "holding"
+    ordered_ns = time.monotonic_ns()
+    twin.order(order)
+    until(lambda: state(arm) == "disarmed", "it is disarmed")
+    cause = status(arm)["cause"]
+    assert says in cause or "arm is stopped (state 4)" in cause, cause
+    until(lambda: twin.log.first_safe(ordered_ns), "a safe frame of ours")
+    time.sleep(0.2)
+    twin.log.no_setpoint_after_safe(ordered_ns)
+    assert "call resume() first" in why(nudge(arm))
+    if order.startswith("error"):
+        assert "controller holds error 31 (collision). Clear it at the arm" in why(arm.resume())
+        assert not twin.log.host("enable", ordered_ns), "refused before anything is energised"
+        twin.order("error 0")
+    until(lambda: arm.resume()["status"] == "success", "it can be armed again")
+    json_of(nudge(arm))
+
+
+def test_an_error_is_named_at_connect_and_nothing_is_energised(twin: Twin, run_dir: Path) -> None:
+    twin.order("error 31")
+    arm = Robot("xarm7", mode="real", port=twin.port)
+    try:
+        until(lambda: "enable: controller holds error 31" in (arm.connect_eagerly() or ""), "it says so")
+        assert status(arm)["connected"], "it can be looked at"
+        assert not twin.log.host("enable")
+        twin.order("error 0")
+        until(lambda: arm.connect_eagerly() is None, "it connects when it is cleared")
+    finally:
+        arm.cleanup()
+
+
+def test_nobody_listens_there(run_dir: Path) -> None:
+    arm = Robot("xarm7", mode="real", port="127.0.0.1:9")
+    try:
+        assert "cannot connect" in (arm.connect_eagerly() or "")
+    finally:
+        arm.cleanup()
+
+
+# -- processes die and freeze
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    """The root stops the arm by its own connection, and starts the wire again."""
+    victim = pid(moving, "wire")
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert twin.log.first_safe(began_ns).data[6:] == STOP  # type: ignore[union-attr]
+    comes_back(moving, twin)
+    assert pid(moving, "wire") != victim
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
+    victim = pid(moving, "root")
+    began_ns = time.monotonic_ns()
+    os.kill(victim, fault)
+    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    json_of(moving.resume())
+    json_of(nudge(moving))
+
+
+# -- the controller freezes, or its network goes
+
+
+def test_saf_010_what_a_frozen_controller_takes_up_late_is_followed_by_the_stop(
+    moving: RealRobot, twin: Twin
+) -> None:
+    twin.pause()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    assert "not confirmed by joint1" in why(moving.stop())
+    thawed_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: state(moving) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("safe", thawed_ns)
+    late = twin.log.host("setpoint", thawed_ns)
+    assert len(late) < 15, "what was on its way, and no more"
+    assert twin.log.setpoints_after_safe(thawed_ns) == 0
+    assert controller_state(twin) == p.State.STOPPED
+    comes_back(moving, twin)
+
+
+def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
+    moving: RealRobot, twin: Twin
+) -> None:
+    twin.pause()
+    time.sleep(0.1)
+    began_s = time.monotonic()
+    answer = moving.stop()
+    assert time.monotonic() - began_s < 3.0 + SLACK_S
+    assert all(joint in why(answer) for joint in JOINTS), answer
+    twin.go_on()
+    comes_back(moving, twin)
+
+
+def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    twin.unplug()
+    until(lambda: not status(moving)["connected"], "it is noticed")
+    until(lambda: "cannot connect" in (status(moving)["connect_error"] or ""), "it says why")
+    assert why(moving.stop())
+    plugged_ns = time.monotonic_ns()
+    twin.plug()
+    comes_back(moving, twin)
+    assert twin.log.first_safe(plugged_ns).data[6:] == STOP  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("fault", ["garbage", "off"])
+def test_it_recovers_from_what_it_cannot_understand(moving: RealRobot, twin: Twin, fault: str) -> None:
+    twin.fault(fault)
+    until(lambda: not status(moving)["connected"], "the loss is noticed")
+    if fault == "garbage":
+        began_ns = time.monotonic_ns()
+        assert "not confirmed" in why(moving.stop())
+        assert twin.log.first_safe(began_ns) is not None, "a stop is written to who cannot be understood"
+    twin.fault("ok")
+    comes_back(moving, twin)
+
+
+def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
+    twin.power_cycle()
+    comes_back(moving, twin)
+
+
+def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
+    for _ in range(5):
+        twin.unplug()
+        until(lambda: not status(arm)["connected"], "it is noticed")
+        twin.plug()
+        until(lambda: state(arm) == "disarmed", "it is back")
+        json_of(arm.resume())
+    json_of(nudge(arm))
+
+
+@pytest.mark.parametrize("how", ["frozen", "unplugged"])
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 5, 6, 7])
+def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, frames: int, how: str) -> None:
+    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is back."""
+    arm = Robot("xarm7", mode="real", port=twin.port)
+    connecting = threading.Thread(target=arm.connect_eagerly)
+    try:
+        connecting.start()
+        heard = functools.partial(lambda: sum(entry.sender == "host" for entry in twin.log.entries()) >= frames)
+        until(heard, f"{frames} frames")
+        twin.pause() if how == "frozen" else twin.unplug()
+        began_s = time.monotonic()
+        arm.stop()
+        assert time.monotonic() - began_s < 3.0 + SLACK_S
+        twin.go_on()
+        twin.plug()
+        connecting.join(30.0)
+        assert not connecting.is_alive()
+        until(lambda: arm.connect_eagerly() is None, "it connects", 60.0)
+        json_of(nudge(arm))
+    finally:
+        twin.go_on()
+        arm.cleanup()
+
+
+# -- beside others
+
+
+def test_another_client_may_look_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+    for _ in range(5):
+        assert controller_state(twin) == p.State.MOVING
+        time.sleep(0.05)
+    assert json_of(moving.get_task_status())["running"]
+
+
+def test_an_arm_of_another_type_is_gated_by_its_own_range(tmp_path: Path, run_dir: Path) -> None:
+    from tests.drivers.common.twin_process import TwinProcess
+
+    with TwinProcess(tmp_path, "xarm7", "xarm", options={"arm_type": 3, "port": 0}) as process:
+        arm = Robot("xarm7", mode="real", port=process.port)
+        try:
+            assert not process.port.endswith(":502"), "as for a user who may not have that port"
+            assert arm.connect_eagerly() is None
+            here = arm.get_observation()["joint4"]
+            assert here < -0.2, "it bends to the other side"
+            json_of(arm.send_action({"joint4": here - 0.02}))
+            assert "is past 0.1919" in why(arm.send_action({"joint4": 0.3}))
+        finally:
+            arm.cleanup()
+
+
+def test_nothing_is_left(twin: Twin, run_dir: Path) -> None:
+    with arm_on(twin) as arm:
+        pids = [pid(arm, role) for role in ("root", "wire")]
+        ended_ns = time.monotonic_ns()
+    until(lambda: not any(_runs(one) for one in pids), "every process is gone")
+    assert twin.log.first_safe(ended_ns) is not None
+    assert controller_state(twin) == p.State.STOPPED
+
+
+def _runs(one: int) -> bool:
+    try:
+        os.kill(one, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -1,0 +1,158 @@
+"""The vendor's xarm-python-sdk, as it is, against the twin. In processes of its own: it changes the default timeout
+of every socket of the process it is in, and prints to standard output."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.answers import PATIENCE_S
+from tests.drivers.common.twin_process import TwinProcess
+
+PRELUDE = """
+import json, sys, time
+from xarm.core.config.x_config import XCONF
+from xarm.wrapper import XArmAPI
+
+XCONF.SocketConf.TCP_CONTROL_PORT = int(sys.argv[2])  # 502 where this user may have it
+
+def arm(host=sys.argv[1], **options):
+    return XArmAPI(host, is_radian=True, **options)
+
+def until(look):
+    deadline = time.monotonic() + 15
+    while not look():
+        assert time.monotonic() < deadline, "patience is over"
+        time.sleep(0.01)
+
+def servo(arm):
+    assert arm.motion_enable(True) == 0 and arm.set_mode(1) == 0 and arm.set_state(0) == 0
+    until(lambda: arm.mode == 1 and arm.state == 2)
+    return arm.get_servo_angle(is_real=True)[1]
+
+def end(**told):
+    print(json.dumps(told), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwinProcess]:
+    with TwinProcess(tmp_path_factory.mktemp("twin"), "xarm7", "xarm") as process:
+        yield process
+
+
+def run(twin: TwinProcess, program: str, *more: str) -> dict[str, Any]:
+    """What the program tells at its end."""
+    ran = subprocess.run(
+        [sys.executable, "-c", PRELUDE + program, *twin.port.split(":"), *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=3 * PATIENCE_S,
+    )
+    lines = [line for line in ran.stdout.splitlines() if line.startswith("{")]
+    assert ran.returncode == 0 and lines, ran.stdout
+    told: dict[str, Any] = json.loads(lines[-1])
+    return told
+
+
+@pytest.mark.parametrize("report", ["rich", "normal", "real"])
+def test_it_connects_hears_reports_of_each_kind_and_moves_the_arm(twin: TwinProcess, report: str) -> None:
+    told = run(
+        twin,
+        f"""
+xarm = arm(report_type={report!r})
+heard = []
+xarm.register_report_location_callback(lambda item: heard.append(item))
+until(lambda: len(heard) > 3)
+q = servo(xarm)
+for at in range(50):
+    assert xarm.set_servo_angle_j([q[0] + 0.004 * (at + 1), *q[1:]]) == 0
+    time.sleep(0.01)
+until(lambda: abs(xarm.angles[0] - q[0] - 0.2) < 0.01)
+states = xarm.get_joint_states()[1]
+assert xarm.set_mode(0) == 0 and xarm.set_state(0) == 0
+until(lambda: xarm.mode == 0)
+back = xarm.set_servo_angle(angle=q, speed=1.0, wait=True, timeout=10)
+there = xarm.get_servo_angle()[1][0] - q[0]
+xarm.emergency_stop()
+end(version=xarm.version, sn=xarm.sn, axis=xarm.axis, type=xarm.device_type, q=q, states=len(states), back=back,
+    there=there, state=xarm.state, limit=xarm.joint_speed_limit, codes=[xarm.error_code, xarm.warn_code])
+""",
+    )
+    assert told["version"].endswith(",v1.12.10")
+    assert (told["sn"], told["axis"], told["type"]) == ("XF1300012345", 7, 7)
+    assert told["states"] == 3
+    assert told["back"] == 0 and abs(told["there"]) < 0.01
+    assert told["state"] == 4 and told["codes"] == [0, 0]
+    if report == "rich":
+        assert told["limit"] == pytest.approx([1e-4, 3.14159]), "it reads the limit where our driver does"
+
+
+def test_a_jump_is_an_error_that_it_reads_and_clears(twin: TwinProcess) -> None:
+    told = run(
+        twin,
+        """
+xarm = arm(report_type="real")
+q = servo(xarm)
+jumped = xarm.set_servo_angle_j([q[0] + 1.0, *q[1:]])
+again = xarm.set_servo_angle_j(q)
+codes = xarm.get_err_warn_code()
+xarm.clean_error()
+servo(xarm)
+xarm.set_state(4)
+end(jumped=jumped, again=again, codes=codes, cleared=xarm.get_err_warn_code(), state=xarm.get_state()[1])
+""",
+    )
+    assert told["jumped"] == told["again"] == 1
+    assert told["codes"] == [0, [24, 0]] and told["cleared"] == [0, [0, 0]]
+    assert told["state"] == 4
+
+
+def test_a_velocity_ends_with_its_duration(twin: TwinProcess) -> None:
+    told = run(
+        twin,
+        """
+xarm = arm(report_type="real")
+assert xarm.motion_enable(True) == 0 and xarm.set_mode(4) == 0 and xarm.set_state(0) == 0
+until(lambda: xarm.mode == 4)
+q = xarm.get_servo_angle()[1][0]
+code = xarm.vc_set_joint_velocity([0.5, 0, 0, 0, 0, 0, 0], duration=0.3)
+time.sleep(0.8)
+end(code=code, moved=xarm.get_servo_angle()[1][0] - q)
+""",
+    )
+    assert told["code"] == 0
+    assert 0.1 < told["moved"] < 0.25
+
+
+def test_two_arms_at_once_and_a_newer_firmware(twin: TwinProcess, tmp_path: Path) -> None:
+    options = {"firmware": "2.5.0", "serial": "XF1305000001"}
+    with TwinProcess(tmp_path, "xarm7", "xarm", options=options) as other:
+        assert other.port != twin.port
+        told = run(
+            twin,
+            """
+one = arm()
+XCONF.SocketConf.TCP_CONTROL_PORT = int(sys.argv[4])
+two = arm(sys.argv[3])
+p, q = servo(one), servo(two)
+for at in range(40):
+    assert one.set_servo_angle_j([p[0] + 0.004 * (at + 1), *p[1:]]) == 0
+    assert two.set_servo_angle_j([q[0] - 0.004 * (at + 1), *q[1:]]) == 0
+    time.sleep(0.01)
+until(lambda: one.get_servo_angle()[1][0] - p[0] > 0.14)
+until(lambda: two.get_servo_angle()[1][0] - q[0] < -0.14)
+one.emergency_stop()
+two.emergency_stop()
+end(versions=[one.version_number, two.version_number], states=[one.state, two.state])
+""",
+            *other.port.split(":"),
+        )
+    assert told == {"versions": [[1, 12, 10], [2, 5, 0]], "states": [4, 4]}

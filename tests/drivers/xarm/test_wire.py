@@ -1,0 +1,511 @@
+"""The wire in virtual time, on the twin's controller: what is written, in which order, and what is believed."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm.protocol import Register, State
+from strands_actors.drivers.xarm.wire import QUIET_S, XArmWire
+from tests.drivers.common.memory_port import Permission, virtual
+
+from .rig import World
+
+
+def in_virtual_time(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    @functools.wraps(test)
+    def run(*args: Any, **kwargs: Any) -> None:
+        virtual(functools.partial(test, *args, **kwargs))
+
+    return run
+
+
+async def armed(world: World) -> XArmWire:
+    wire = world.wire()
+    await wire.open()
+    await wire.arm(Permission())
+    return wire
+
+
+async def cycle(wire: XArmWire, cycles: int = 1) -> None:
+    for _ in range(cycles):
+        await trio.sleep(0.01)
+        await wire.read()
+
+
+def stepped(world: World, rad: float) -> tuple[float, ...]:
+    at = world.controller.plant.position_rad
+    return (at[0] + rad, *at[1:])
+
+
+# -- opening
+
+
+@in_virtual_time
+async def test_opening_reads_and_writes_nothing_else() -> None:
+    world = World(firmware="2.5.0", arm_type=3, serial="XF1000000001", speed_limit_rad_s=1.5)
+    facts = await world.wire().open()
+    assert set(world.kinds()) == {"read"}
+    assert facts == {
+        "address": "192.0.2.1:502",
+        "firmware": "2.5.0",
+        "arm_type": 3,
+        "serial": "XF1000000001",
+        "speed_limit_rad_s": 1.5,
+        "speed_limit": "the controller's",
+    }
+
+
+@in_virtual_time
+async def test_a_limit_that_is_not_told_is_the_tables_and_said_so() -> None:
+    world = World()
+    world.no_rich = True
+    wire = world.wire()
+    facts = await wire.open()
+    assert facts["speed_limit_rad_s"] == 3.14
+    assert "assumed" in facts["speed_limit"]
+    assert (await wire.read()).sensors["speed_limit_rad_s"] == (3.14,)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("6,6,XF1300012345,AC1300012345,v1.12.10", "has 6 joints and is of type 6. xarm7 has 7, of type 3, 7, 13"),
+        ("7,4,XF1300012345,AC1300012345,v1.12.10", "has 7 joints and is of type 4"),
+        ("v0.9.1", "names no type and firmware. Update its firmware"),
+    ],
+)
+@in_virtual_time
+async def test_another_arm_is_named(text: str, says: str) -> None:
+    world = World()
+    world.controller.version_text = text
+    with pytest.raises(WireDown, match=says):
+        await world.wire().open()
+    assert world.connections[-1].closed
+
+
+@in_virtual_time
+async def test_a_controller_that_opens_and_says_nothing_is_named() -> None:
+    world = World()
+    world.deaf = True
+    with pytest.raises(WireDown, match="connected, but no answer"):
+        await world.wire().open()
+    world.deaf = False
+
+    def on_reply(count: int) -> None:
+        world.deaf = True
+
+    world.on_reply = on_reply
+    with pytest.raises(WireDown, match="does not say its errors"):
+        await world.wire().open()
+    world.on_reply = lambda count: None
+    world.deaf, world.mute = False, True
+    with pytest.raises(WireDown, match="30003: connected, but no report"):
+        await world.wire().open()
+    assert all(connection.closed for connection in world.connections)
+
+
+# -- arming
+
+
+@in_virtual_time
+async def test_saf_011_arming_begins_where_the_arm_is() -> None:
+    world = World()
+    wire = await armed(world)
+    assert world.kinds("read") == ["enable", "enable", "enable", "safe"]
+    assert [body[0] for body in world.bodies("enable")] == [11, 19, 12]
+    (first,) = world.bodies("safe")
+    told = p.unpack_floats(first[1:], 7)
+    assert told == pytest.approx(world.controller.plant.position_rad, abs=1e-6)
+    assert (await wire.read()).sensors["mode"] == (1.0,)
+
+
+@in_virtual_time
+async def test_an_error_is_refused_before_anything_is_energised() -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    world.controller.fail(31)
+    with pytest.raises(WireDown, match=r"enable: controller holds error 31 \(collision\)"):
+        await wire.arm(Permission())
+    assert set(world.kinds()) == {"read"}
+    world.controller.obey(Register.CLEAR_ERROR, b"")
+    await wire.arm(Permission())
+
+
+@in_virtual_time
+async def test_an_error_that_comes_while_it_is_enabled_ends_it() -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    world.controller._enable = lambda joint, on: world.controller.fail(13)  # type: ignore[method-assign]
+    with pytest.raises(WireDown, match=r"error 13 \(servo motor 3\)"):
+        await wire.arm(Permission())
+    assert world.kinds("read") == ["enable"], "neither mode nor state are set any more"
+
+
+@pytest.mark.parametrize("denied_at", range(12))
+@in_virtual_time
+async def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    permission = Permission(denied_at=denied_at)
+    seen: list[int] = []
+
+    class Watched:
+        def check(self) -> None:
+            seen.append(len(world.kinds("read")))
+            permission.check()
+
+    try:
+        await wire.arm(Watched())
+    except PermitDenied:
+        assert len(world.kinds("read")) == seen[-1], "nothing is written after the denial"
+    else:
+        assert len(seen) <= denied_at
+    motors = await wire.make_safe("stop")
+    assert all(motor.safe for motor in motors)
+    assert world.controller.state == State.STOPPED
+
+
+class Stoppable:
+    """A permit that is gone from some moment on."""
+
+    def __init__(self) -> None:
+        self.gone = False
+
+    def check(self) -> None:
+        if self.gone:
+            raise PermitDenied
+
+
+@pytest.mark.parametrize("replies", range(1, 6))
+@in_virtual_time
+async def test_saf_009_a_stop_that_comes_with_a_reply_wins_before_the_next_frame(replies: int) -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    permit, before = Stoppable(), world.replies
+    written: list[int] = []
+
+    def on_reply(count: int) -> None:
+        if count == before + replies:
+            permit.gone = True
+            written.append(len(world.written))
+
+    world.on_reply = on_reply
+    if replies < 5:
+        with pytest.raises(PermitDenied):
+            await wire.arm(permit)
+        assert len(world.written) == written[0]
+    else:
+        await wire.arm(permit)
+        assert world.kinds()[-1] == "safe", "that was the last one"
+
+
+@in_virtual_time
+async def test_saf_009_a_stop_does_not_wait_for_motors_that_take_long_nor_for_an_arm_that_is_not_ready() -> None:
+    for hang in ("deaf", "stubborn"):
+        world = World()
+        wire = world.wire()
+        await wire.open()
+        permit, before = Stoppable(), world.replies
+
+        def on_reply(count: int, world: World = world, hang: str = hang, before: int = before) -> None:
+            world.deaf = hang == "deaf" and count == before + 1
+
+        world.on_reply = on_reply
+        if hang == "stubborn":
+            world.controller.set_mode = lambda mode: None  # type: ignore[method-assign]
+        async with trio.open_nursery() as nursery:
+
+            async def arm(wire: XArmWire = wire, permit: Stoppable = permit) -> None:
+                with pytest.raises(PermitDenied):
+                    await wire.arm(permit)
+
+            nursery.start_soon(arm)
+            await trio.sleep(0.5)
+            permit.gone, began_s = True, trio.current_time()
+        assert trio.current_time() - began_s < 0.05
+
+
+@in_virtual_time
+async def test_an_arm_that_does_not_take_where_it_is_as_its_target_is_not_armed() -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    obey = world.controller.obey
+
+    def refuse_servo(register: int, data: bytes) -> tuple[int, bytes]:
+        return (p.NOT_READY, b"") if register == Register.SERVO_JOINT else obey(register, data)
+
+    world.controller.obey = refuse_servo  # type: ignore[method-assign]
+    with pytest.raises(WireDown, match="does not take its position as target"):
+        await wire.arm(Permission())
+
+
+@in_virtual_time
+async def test_an_arm_that_does_not_get_ready_is_named() -> None:
+    world = World()
+    wire = world.wire()
+    await wire.open()
+    world.controller.set_mode = lambda mode: None  # type: ignore[method-assign]
+    with pytest.raises(WireDown, match=r"state 2, mode 0 after 2 s, not ready in servo mode"):
+        await wire.arm(Permission())
+    assert trio.current_time() < 3.0
+
+
+# -- setpoints
+
+
+@in_virtual_time
+async def test_a_setpoint_leaves_at_once_and_the_arm_follows() -> None:
+    world = World()
+    wire = await armed(world)
+    for _ in range(20):
+        await wire.write(stepped(world, 0.02), Permission())
+        await cycle(wire)
+    assert len(world.bodies("setpoint")) == 20
+    assert world.controller.plant.position_rad[0] > 0.04
+
+
+@in_virtual_time
+async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave() -> None:
+    world = World()
+    wire = await armed(world)
+    with pytest.raises(PermitDenied):
+        await wire.write(stepped(world, 0.02), Permission(denied_at=0))
+    assert not world.bodies("setpoint")
+
+
+@pytest.mark.parametrize("silent", ["mute", "deaf"])
+@in_virtual_time
+async def test_saf_010_nothing_is_written_to_a_controller_that_is_silent(silent: str) -> None:
+    """Reports without replies are no life, nor are replies without reports."""
+    world = World()
+    wire = await armed(world)
+    await cycle(wire, 10)
+    setattr(world, silent, True)
+    end_s = trio.current_time() + 2 * QUIET_S
+    denied = 0
+    while trio.current_time() < end_s:
+        try:
+            await wire.write(stepped(world, 0.001), Permission())
+        except PermitDenied as why:
+            assert "silent for" in str(why)
+            denied += 1
+        await cycle(wire)
+    assert denied >= 3
+    assert len(world.bodies("setpoint")) <= QUIET_S / 0.01 + 2
+    with pytest.raises(WireDown, match="silent for"):
+        await cycle(wire, 40)
+
+
+@in_virtual_time
+async def test_saf_012_what_the_controller_says_is_seen() -> None:
+    world = World()
+    wire = await armed(world)
+    await cycle(wire, 3)
+    world.controller.fail(24)
+    await cycle(wire, 8)
+    seen = await wire.read()
+    assert (seen.sensors["error"], seen.sensors["state"]) == ((24.0,), (4.0,))
+    assert seen.faults == {"controller": "error 24 (speed exceeds limit)"}
+    assert trio.current_time() - seen.t_ns / 1e9 < 0.011
+
+
+@pytest.mark.parametrize("fault", [Fault.INTERMITTENT, Fault.DELAYED, Fault.SLOW])
+@in_virtual_time
+async def test_replies_that_are_late_or_missing_end_nothing(fault: Fault) -> None:
+    world = World()
+    wire = await armed(world)
+    world.faults.set(fault)
+    for _ in range(300):
+        await wire.read()
+        await trio.sleep(0.01)
+    world.faults.set(Fault.OK)
+    await cycle(wire, 20)
+    assert not world.connections[-1].closed
+
+
+@in_virtual_time
+async def test_a_reply_to_nothing_is_late_and_one_to_something_else_is_nonsense() -> None:
+    world = World()
+    wire = await armed(world)
+    stream = world.connections[-1]
+    stream.say(p.frame(60000, bytes((Register.ERRORS, 0, 31, 0))))
+    await cycle(wire)
+    assert (await wire.read()).sensors["error"] == (0.0,), "nor is it believed"
+    world.deaf = True
+    await cycle(wire, 6)
+    stream.say(p.frame(len(world.written), bytes((Register.GET_STATE, 0, 2))))
+    with pytest.raises(WireDown, match="register 13 for 15"):
+        await cycle(wire)
+
+
+@in_virtual_time
+async def test_garbage_ends_the_link() -> None:
+    world = World()
+    wire = await armed(world)
+    world.faults.set(Fault.GARBAGE)
+    with pytest.raises(WireDown, match="understood"):
+        await cycle(wire, 30)
+
+
+# -- safe
+
+
+@in_virtual_time
+async def test_saf_005_a_stop_is_read_back() -> None:
+    world = World()
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    motors = await wire.make_safe("stop")
+    assert [motor.axis for motor in motors] == [f"joint{number}" for number in range(1, 8)]
+    assert all(motor.written and motor.acknowledged and motor.safe for motor in motors)
+    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
+    assert world.bodies("safe")[-1] == b"\x0c\x04"
+
+
+@in_virtual_time
+async def test_saf_005_a_stop_that_nobody_answers_is_tried_again_and_named() -> None:
+    world = World()
+    wire = await armed(world)
+    began_s = trio.current_time()
+    world.deaf = True
+    motors = await wire.make_safe("stop")
+    assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
+    assert {motor.detail for motor in motors} == {"silent"}
+    assert world.bodies("safe")[-3:] == [b"\x0c\x04"] * 3
+    assert trio.current_time() - began_s < world.driver.timing.safe_s
+
+
+@in_virtual_time
+async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
+    world = World()
+    wire = await armed(world)
+    await cycle(wire, 3)
+    assert (await wire.make_safe("hold"))[0].safe
+    world.controller.set_state = lambda state: None  # type: ignore[method-assign]
+    (motor, *_) = await wire.make_safe("stop")
+    assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "its controller says state 2")
+
+
+@in_virtual_time
+async def test_saf_020_a_stop_whose_connection_is_gone_takes_another() -> None:
+    world = World()
+    wire = await armed(world)
+    world.connections[-1].close()
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    assert len(world.connections) == 2
+    assert world.connections[-1].closed == "in order", "so that a frozen controller still gets it"
+    world.gone = True
+    (motor, *_) = await wire.make_safe("stop")
+    assert (motor.written, motor.safe) == (False, False)
+    assert "cannot connect" in motor.detail
+
+
+@in_virtual_time
+async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
+    world = World()
+    wire = await armed(world)
+    wire.close()
+    assert all(motor.safe for motor in await wire.reach("stop"))
+    assert world.controller.state == State.STOPPED
+
+
+@in_virtual_time
+async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
+    world = World()
+    wire = await armed(world)
+    target = stepped(world, 0.03)
+    await wire.write(target, Permission())
+    motors = await wire.make_safe("hold")
+    assert all(motor.safe for motor in motors)
+    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
+    setpoint, hold = world.bodies("setpoint")[-1], world.bodies("safe")[-1]
+    assert setpoint[:29] == hold[:29] and setpoint[29:] != hold[29:]
+    assert world.controller.state in (State.MOVING, State.READY)
+    await wire.write(stepped(world, 0.01), Permission())
+    assert math.isclose(world.controller.plant.position_rad[0], 0.03, abs_tol=0.02)
+
+
+@in_virtual_time
+async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> None:
+    world = World()
+    wire = await armed(world)
+    before = world.replies
+
+    def on_reply(count: int) -> None:
+        if count == before + 1:
+            world.controller.set_state(State.STOPPED)
+
+    world.on_reply = on_reply
+    assert (await wire.make_safe("hold"))[0].safe
+    assert world.bodies("safe")[-1] == b"\x0c\x04", "it is stopped by us, too"
+
+
+@in_virtual_time
+async def test_after_a_stop_there_is_no_target_to_hold() -> None:
+    world = World()
+    wire = await armed(world)
+    await wire.make_safe("stop")
+    told = len(world.written)
+    await wire.make_safe("hold")
+    assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
+
+
+@in_virtual_time
+async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
+    """It is stuck far from its target, or somebody took it out of servo mode."""
+    world = World()
+    wire = await armed(world)
+    world.controller.plant.set_stuck(0, True)
+    await wire.write(stepped(world, 0.2), Permission())
+    motors = await wire.make_safe("hold")
+    assert all(motor.safe for motor in motors)
+    assert world.controller.state == State.STOPPED
+    other = World()
+    wire = await armed(other)
+    other.controller.set_mode(0)
+    assert all(motor.safe for motor in await wire.make_safe("hold"))
+    assert other.bodies("safe")[-1] == b"\x0c\x04"
+
+
+@in_virtual_time
+async def test_not_connected_is_not_safe() -> None:
+    world = World()
+    wire = world.wire()
+    assert {(motor.written, motor.safe, motor.detail) for motor in await wire.make_safe("stop")} == {
+        (False, False, "not connected")
+    }
+    with pytest.raises(WireDown, match="Open it first"):
+        await wire.read()
+
+
+# -- the root's stop channel
+
+
+@in_virtual_time
+async def test_saf_003_the_stop_channel_needs_nothing_of_the_wires() -> None:
+    world = World()
+    await armed(world)
+    channel = world.stop_channel()
+    motors = await channel.make_safe("stop")
+    channel.close()
+    assert all(motor.safe for motor in motors)
+    assert world.connections[-1].closed == "in order"
+    world.deaf = True
+    began_s = trio.current_time()
+    motors = await channel.make_safe("stop")
+    assert all(motor.written and not motor.safe for motor in motors)
+    assert trio.current_time() - began_s < world.driver.timing.safe_s

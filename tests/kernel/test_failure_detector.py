@@ -1,0 +1,205 @@
+"""Frozen, spinning, or starved: told apart in virtual time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from strands_actors.kernel.health.failure_detector import LONGEST_S, FailureDetector
+from strands_actors.kernel.health.processor import Standing, standing, suspected
+
+MS = 1_000_000
+TTL_S = 0.1
+TICK_S = 0.01
+TICK_MS = 10
+
+
+def lost_after_ms(
+    computes: float,
+    waits: float,
+    ready: bool,
+    counted: bool = True,
+    stopped: bool = False,
+    stolen: tuple[float, ...] = (),
+) -> int:
+    """When a peer that has fallen silent counts as lost, from the share of its time it computes and stands in
+    line. ``counted``: the system counts waits as they go, not only once they are over. ``stolen``: the share of
+    each processor's time that the hypervisor takes, told in its steps."""
+    now_ms = 0
+
+    def look() -> Standing:
+        waited = round(waits * now_ms * MS) if counted else 0
+        taken = tuple(int(share * now_ms) // 10 * 10 * MS for share in stolen)
+        return Standing(round(computes * now_ms * MS), waited, ready, stopped, taken)
+
+    failure_detector = FailureDetector(TTL_S, TICK_S, look)
+    failure_detector.heard(1)
+    while now_ms < 10_000:
+        now_ms += TICK_MS
+        if failure_detector.tick(now_ms * MS + 1):
+            return now_ms
+    return now_ms
+
+
+def test_a_stopped_process_is_lost_in_time() -> None:
+    assert lost_after_ms(0.0, 0.0, ready=False) == 110
+
+
+def test_a_spinning_process_is_lost_in_time() -> None:
+    assert lost_after_ms(1.0, 0.0, ready=True) == 110
+
+
+def test_what_it_stood_in_line_for_is_not_counted() -> None:
+    assert lost_after_ms(0.0, 0.5, ready=False) == pytest.approx(160, abs=20)
+    assert lost_after_ms(0.5, 0.5, ready=True) == pytest.approx(160, abs=20)
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_a_starved_process_has_longer_and_not_for_ever(counted: bool) -> None:
+    after_ms = lost_after_ms(0.0, 1.0, ready=True, counted=counted)
+    assert LONGEST_S * 1e3 < after_ms <= LONGEST_S * 1e3 + TICK_MS
+
+
+def test_what_the_hypervisor_took_from_a_processor_is_not_counted() -> None:
+    """A thread that sleeps there does not wake, and is not in line either."""
+    assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.0, 0.0)) == 110
+    assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.0, 0.5)) == pytest.approx(160, abs=20)
+    assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.25, 0.25)) == pytest.approx(120, abs=10), "not their sum"
+
+
+def test_a_machine_that_is_taken_away_is_not_waited_for_for_ever() -> None:
+    assert LONGEST_S * 1e3 < lost_after_ms(0.0, 0.0, ready=False, stolen=(1.0,)) <= LONGEST_S * 1e3 + TICK_MS
+
+
+def test_a_stopped_process_is_lost_in_time_on_a_machine_that_is_taken_away() -> None:
+    assert lost_after_ms(0.0, 0.5, ready=False, stopped=True, stolen=(1.0,)) == 110
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        (Standing(0, 0, False), Standing(0, 0, False), "it computed for 0 and stood in line for 0"),
+        (Standing(0, 0, True), Standing(50 * MS, 0, False), "it computed for 50 and stood in line for 0"),
+        (Standing(0, 0, True), Standing(10 * MS, 40 * MS, False), "it computed for 10 and stood in line for 40"),
+        (
+            Standing(0, 0, False, False, (70 * MS, 0)),
+            Standing(0, 0, False, False, (90 * MS, 10 * MS)),
+            "it computed for 0 and stood in line for 0; this virtual machine lost a processor for 20",
+        ),
+        (
+            Standing(0, 0, False, False, (0,)),
+            Standing(0, 0, False, True, (20 * MS,)),
+            "it computed for 0 and stood in line for 0: it is stopped",
+        ),
+    ],
+)
+def test_what_a_silent_process_did_is_told(before: Standing, after: Standing, says: str) -> None:
+    now_ms = 0
+    failure_detector = FailureDetector(TTL_S, TICK_S, lambda: before if now_ms < 100 else after)
+    failure_detector.heard(1)
+    for now_ms in range(10, 120, 10):
+        failure_detector.tick(now_ms * MS + 1)
+    assert failure_detector.told(now_ms * MS + 1) == f"silent for 110 ms; in the last 50 {says}"
+
+
+def test_where_nobody_tells_only_the_silence_is_told() -> None:
+    failure_detector = FailureDetector(TTL_S, TICK_S)
+    failure_detector.heard(1)
+    for ms in range(10, 120, 10):
+        failure_detector.tick(ms * MS + 1)
+    assert failure_detector.told(110 * MS + 1) == "silent for 110 ms"
+
+
+def test_where_nobody_can_tell_silence_is_silence() -> None:
+    failure_detector = FailureDetector(TTL_S, TICK_S)
+    failure_detector.heard(1)
+    assert [failure_detector.tick(ms * MS) for ms in range(10, 120, 10)] == [False] * 10 + [True]
+
+
+def test_a_pause_of_our_own_is_not_the_peers() -> None:
+    failure_detector = FailureDetector(TTL_S, TICK_S)
+    failure_detector.heard(1)
+    assert [failure_detector.tick((1000 + 10 * n) * MS) for n in range(10)] == [False] * 9 + [True]
+
+
+def test_a_tick_of_ours_counts_for_no_more_than_its_period() -> None:
+    """Ours come as late as the peer's: only as many as its lifetime has make it silent."""
+    failure_detector = FailureDetector(TTL_S, TICK_S)
+    failure_detector.heard(1)
+    assert [failure_detector.tick(17 * n * MS) for n in range(1, 11)] == [False] * 9 + [True]
+
+
+def test_a_word_begins_anew() -> None:
+    looks: list[int] = []
+
+    def look() -> Standing:
+        looks.append(1)
+        return Standing(0, 0, False)
+
+    failure_detector = FailureDetector(TTL_S, TICK_S, look)
+    assert not failure_detector.tick(10_000 * MS)  # nobody has been heard yet: nobody can be lost
+    for ms in range(10, 2000, 10):
+        if ms % 40 == 0:
+            failure_detector.heard(ms * MS)
+        assert not failure_detector.tick(ms * MS)
+    assert not looks, "a peer that answers is not looked at"
+
+
+# -- the real thing
+
+
+def test_a_sleeping_a_stopped_and_a_spinning_process() -> None:
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as sleeper:
+        before = settled(sleeper.pid, ready=False)
+        time.sleep(0.2)
+        after = settled(sleeper.pid, ready=False)
+        sleeper.send_signal(signal.SIGSTOP)
+        stopped = settled(sleeper.pid, ready=False, stopped=True)
+        sleeper.kill()
+    assert stopped.stopped and not after.stopped
+    assert after.computed_ns - before.computed_ns < 100 * MS
+    assert stopped.waited_ns - before.waited_ns < 100 * MS
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as spinner:
+        before = settled(spinner.pid, ready=True)
+        began_ns = time.monotonic_ns()
+        time.sleep(0.2)
+        after = settled(spinner.pid, ready=True)
+        passed_ns = time.monotonic_ns() - began_ns
+        spinner.kill()
+    assert after.computed_ns + after.waited_ns - before.computed_ns - before.waited_ns > passed_ns // 3
+
+
+def settled(pid: int, ready: bool, stopped: bool = False) -> Standing:
+    until_s = time.monotonic() + 10.0
+    while (now := standing(pid)) is None or (now.ready, now.stopped) != (ready, stopped):
+        assert time.monotonic() < until_s, now
+        time.sleep(0.005)
+    return now
+
+
+def test_of_one_thread() -> None:
+    here = standing(os.getpid(), threading.get_native_id())
+    assert here is not None
+    assert here.ready
+
+
+def test_a_suspected_process_comes_with_what_the_hypervisor_took_from_each_processor() -> None:
+    """As proc(5) tells it: the eighth figure behind a processor's name, in hundredths of a second."""
+    with open("/proc/stat") as stat:
+        rows = [line.split() for line in stat if line.startswith("cpu") and line[3].isdigit()]
+    seen = suspected(os.getpid())
+    assert seen is not None and len(seen.stolen_ns) == len(rows) >= 1
+    tick_ns = 10**9 // os.sysconf("SC_CLK_TCK")
+    assert all(0 <= now - int(row[8]) * tick_ns < 10**9 for now, row in zip(seen.stolen_ns, rows, strict=True))
+
+
+def test_nobody_stands_where_there_is_no_process() -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+        assert standing(ended.pid) is None and suspected(ended.pid) is None

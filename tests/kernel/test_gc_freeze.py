@@ -1,0 +1,66 @@
+"""Which part of the heap a collection leaves alone, and until when. In processes of their own: it is the
+interpreter's state."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+OVERLAPPING = """
+import gc
+from strands_actors.kernel.health.gc_freeze import left_alone
+one, other = left_alone(), left_alone()
+frozen = [gc.get_freeze_count()]
+one.__enter__()
+frozen.append(gc.get_freeze_count())
+later = [[] for _ in range(1000)]
+other.__enter__()
+frozen.append(gc.get_freeze_count())
+one.__exit__(None, None, None)
+frozen.append(gc.get_freeze_count())
+other.__exit__(None, None, None)
+frozen.append(gc.get_freeze_count())
+before, first, second, between, after = frozen
+assert before == after == 0 < first < second - 1000 and between == second, frozen
+"""
+
+GARBAGE = """
+import gc, weakref
+from strands_actors.kernel.health.gc_freeze import left_alone
+class Node: pass
+def ring():
+    node = Node()
+    node.self = node
+    return weakref.ref(node)
+before = ring()
+with left_alone():
+    meanwhile = ring()
+    gc.collect()
+    assert meanwhile() is None and before() is not None
+gc.collect()
+assert before() is None
+"""
+
+FROZEN_BY_THE_PROGRAM = """
+import gc
+from strands_actors.kernel.health.gc_freeze import left_alone
+gc.freeze()
+with left_alone():
+    pass
+assert gc.get_freeze_count() > 0
+"""
+
+AN_ERROR_INSIDE = """
+import contextlib, gc
+from strands_actors.kernel.health.gc_freeze import left_alone
+with contextlib.suppress(KeyError), left_alone():
+    raise KeyError
+assert gc.get_freeze_count() == 0
+"""
+
+
+@pytest.mark.parametrize("program", [OVERLAPPING, GARBAGE, FROZEN_BY_THE_PROGRAM, AN_ERROR_INSIDE])
+def test_what_was_there_before_is_left_alone_until_the_last_block_ends(program: str) -> None:
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

@@ -1,0 +1,60 @@
+"""Beats that two processes note on a page both have."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from strands_actors.kernel.health.heartbeat import new_page, on_page, pair
+from tests.answers import until
+
+BEATING = """
+import sys, time
+from strands_actors.kernel.health.heartbeat import on_page
+heartbeat = on_page(int(sys.argv[1]), 1)
+while True:
+    heartbeat.beat(time.monotonic_ns())
+    time.sleep(0.001)
+"""
+
+
+def test_each_end_hears_the_other_and_not_itself() -> None:
+    one, other = pair()
+    assert one.heard_ns == other.heard_ns == 0
+    one.beat(7)
+    assert (one.heard_ns, other.heard_ns) == (0, 7)
+    other.beat(2**62)
+    assert (one.heard_ns, other.heard_ns) == (2**62, 7)
+    one.forget()
+    assert (one.heard_ns, other.heard_ns) == (0, 7)
+
+
+def test_a_page_outlives_its_descriptor_and_begins_without_a_beat() -> None:
+    fd = new_page()
+    one, other = on_page(fd, 0), on_page(fd, 1)
+    os.close(fd)
+    assert one.heard_ns == other.heard_ns == 0
+    other.beat(11)
+    assert one.heard_ns == 11
+
+
+def test_a_process_is_heard_until_it_is_stopped_and_when_it_goes_on() -> None:
+    fd = new_page()
+    heartbeat = on_page(fd, 0)
+    began_ns = time.monotonic_ns()
+    with subprocess.Popen([sys.executable, "-c", BEATING, str(fd)], pass_fds=(fd,)) as child:
+        try:
+            until(lambda: heartbeat.heard_ns > began_ns, "it beats")
+            child.send_signal(signal.SIGSTOP)
+            os.waitid(os.P_PID, child.pid, os.WSTOPPED)
+            last_ns = heartbeat.heard_ns
+            time.sleep(0.05)
+            assert heartbeat.heard_ns == last_ns <= time.monotonic_ns()
+            child.send_signal(signal.SIGCONT)
+            until(lambda: heartbeat.heard_ns > last_ns, "it goes on")
+        finally:
+            child.kill()
+            os.close(fd)

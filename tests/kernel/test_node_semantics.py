@@ -1,0 +1,352 @@
+"""Two nodes behave the same however they are joined: in memory, by zenoh, by a link."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.frames import DOWN, Down, frame
+from strands_actors.kernel.messages import MAX_MESSAGE_BYTES, Message
+from strands_actors.kernel.node import AskTimeout, Unreachable
+
+from .joints import Joint, Pair, code_of, reachable
+from .kernel import (
+    Alarm,
+    Block,
+    Boom,
+    LateAnswer,
+    Never,
+    Newest,
+    Number,
+    Recorder,
+    Table,
+    local_pair,
+    real_time,
+    until,
+    virtual_time,
+)
+
+encode = msgspec.msgpack.encode
+
+BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
+
+
+class Watcher(Actor):
+    """Watches one address and keeps what it hears."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self.downs: list[Down] = []
+        self.heard = trio.Event()
+
+    async def started(self) -> None:
+        self.context.watch(self._address)
+
+    def receive(self, message: Down | Alarm) -> Alarm | None:
+        if isinstance(message, Alarm):
+            return message
+        self.downs.append(message)
+        self.heard.set()
+        return None
+
+
+async def watch(pair: Pair, address: str) -> Watcher:
+    """A watcher here, whose request has arrived there."""
+    watcher = Watcher(address)
+    await pair.host("watcher", lambda: watcher, pair.here)
+    await reachable(pair.here, pair.there.address)  # sent after the request, answered after it
+    return watcher
+
+
+# -- tell and ask
+
+
+@real_time
+async def test_tell_and_ask(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, log = await pair.record()
+        ref = pair.here.ref(cell.address, Recorder)
+        ref.tell(Number(1))
+        assert await ref.ask(Number(2), 5.0) == Number(2)
+        answer = await ref.ask(Table({"a": [1, None, {"b": 0.5}]}, ("x",)), 5.0)
+        assert answer == Table({"a": [1, None, {"b": 0.5}]}, ("x",))
+        assert await ref.ask(LateAnswer(), 5.0) is None
+        assert log[:2] == [Number(1), Number(2)]
+        assert pair.here.pending == {}
+        assert pair.there.refused_count == 0
+
+
+@real_time
+async def test_without_the_protocol_an_answer_is_only_a_receipt(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        assert await pair.here.ref(cell.address).ask(Number(2), 5.0) is None
+
+
+@real_time
+async def test_many_asks_at_once_get_their_own_answers(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        ref = pair.here.ref(cell.address, Recorder)
+        answers: dict[int, Message | None] = {}
+
+        async def ask(value: int) -> None:
+            answers[value] = await ref.ask(Number(value), 10.0)
+
+        async with trio.open_nursery() as nursery:
+            for value in range(200):
+                nursery.start_soon(ask, value)
+        assert answers == {value: Number(value) for value in range(200)}
+
+
+@real_time
+async def test_an_answer_after_the_deadline_is_a_dead_letter(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        ref = pair.here.ref(cell.address, Recorder)
+        start = trio.current_time()
+        with pytest.raises(AskTimeout, match=r"no answer within 0\.05 s"):
+            await ref.ask(Never(), 0.05)
+        assert 0.05 <= trio.current_time() - start < 5.0
+        assert pair.here.pending == {}
+        ref.tell(LateAnswer())
+        await until(lambda: pair.here.dead_letter_count > 0)
+        assert pair.here.dead_letters[-1].why == "the asker no longer waits"
+        assert await ref.ask(Number(1), 5.0) == Number(1)
+
+
+@real_time
+async def test_nobody_hosts_it(joint: Joint) -> None:
+    async with joint() as pair:
+        ref = pair.here.ref("strands/r/actor/none", Recorder)
+        with pytest.raises(Unreachable, match="nobody hosts strands/r/actor/none"):
+            await ref.ask(Number(1), 5.0)
+        ref.tell(Number(1))
+        assert [letter.why for letter in pair.here.dead_letters] == ["nobody hosts it"]
+        assert pair.here.pending == {}
+
+
+@real_time
+async def test_an_address_given_up_is_unreachable(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        ref = pair.here.ref(cell.address, Recorder)
+        pair.there.release(cell)
+        with trio.fail_after(5), pytest.raises(Unreachable):
+            while True:
+                with suppress(AskTimeout):  # what was under way meanwhile may be lost
+                    await ref.ask(Number(1), 0.1)
+
+
+@real_time
+async def test_a_crash_is_told_to_the_asker(joint: Joint) -> None:
+    async with joint() as pair:
+        log: list[Message] = []
+        cell = pair.there.cell("r/actor/recorder", lambda: Recorder(log))
+
+        async def keep(task_status: trio.TaskStatus[None]) -> None:
+            try:
+                await cell.run(task_status)
+            except* ValueError:
+                await cell.run()
+
+        await pair.nursery.start(keep)
+        await reachable(pair.here, cell.address)
+        ref = pair.here.ref(cell.address, Recorder)
+        assert code_of(await ref.ask(Boom("no fuse"), 5.0)) == "crashed"
+        assert await ref.ask(Number(1), 5.0) == Number(1)
+        assert cell.incarnations == 2
+
+
+# -- lanes
+
+
+@real_time
+async def test_messages_of_one_sender_keep_their_order(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, log = await pair.record()
+        cell.mailbox.capacity = 10_000
+        a, b = (pair.here.ref(cell.address, Recorder, sender=sender) for sender in "ab")
+        for value in range(1000):
+            a.tell(Number(value))
+            b.tell(Number(10_000 + value))
+        assert await a.ask(Number(1000), 10.0) == Number(1000)  # an ask does not overtake a tell
+        values = [message.value for message in log if isinstance(message, Number)]
+        assert [value for value in values if value < 10_000] == list(range(1001))
+        assert [value for value in values if value >= 10_000] == list(range(10_000, 11_000))
+
+
+@real_time
+async def test_of_the_latest_only_the_newest_is_read(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, log = await pair.record()
+        assert isinstance(cell.actor, Recorder)
+        a, b = (pair.here.ref(cell.address, Recorder, sender=sender) for sender in "ab")
+        a.tell(Block())
+        await cell.actor.blocked.wait()
+        answers: list[str] = []
+
+        async def ask() -> None:
+            answers.append(code_of(await a.ask(Newest(-1), 10.0)))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(ask)
+            await until(lambda: len(cell.mailbox) == 1)
+            for value in range(200):
+                a.tell(Newest(value))
+                b.tell(Newest(1000 + value))
+        b.tell(Number(1))
+        await until(lambda: len(cell.mailbox) == 3)
+        assert answers == ["superseded"]
+        assert cell.mailbox.conflated == 399
+        cell.actor.release.set()
+        assert await a.ask(Number(2), 10.0) == Number(2)
+        assert log == [Block(), Newest(199), Newest(1199), Number(1), Number(2)]
+
+
+@real_time
+async def test_urgent_overtakes_and_a_full_queue_refuses_the_rest(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, log = await pair.record()
+        assert isinstance(cell.actor, Recorder)
+        ref = pair.here.ref(cell.address, Recorder)
+        ref.tell(Block())
+        await cell.actor.blocked.wait()
+        for value in range(1024):
+            ref.tell(Number(value))
+        assert code_of(await ref.ask(Number(-1), 10.0)) == "mailbox_full"
+        assert pair.there.refused_count == 1
+        ref.tell(Alarm(1))
+        await until(lambda: cell.mailbox.urgent_waiting)
+        cell.actor.release.set()
+        await until(lambda: len(log) == 1026)
+        assert log == [Block(), Alarm(1), *map(Number, range(1024))]
+
+
+# -- watching
+
+
+@real_time
+async def test_the_end_of_an_actor_is_told_with_its_reason(joint: Joint) -> None:
+    async with joint() as pair:
+        log: list[Message] = []
+        cell = pair.there.cell("r/actor/recorder", lambda: Recorder(log))
+
+        async def run(task_status: trio.TaskStatus[None]) -> None:
+            try:
+                await cell.run(task_status)
+            except* ValueError:
+                pass
+
+        await pair.nursery.start(run)
+        await reachable(pair.here, cell.address)
+        watcher = await watch(pair, cell.address)
+        assert watcher.downs == []
+        pair.here.ref(cell.address).tell(Boom("no fuse"))
+        await watcher.heard.wait()
+        assert watcher.downs == [Down(cell.address, "ValueError: no fuse")]
+
+
+@real_time
+async def test_the_end_of_a_node_is_told(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        watcher = await watch(pair, cell.address)
+        pair.sever()
+        await watcher.heard.wait()
+        assert watcher.downs == [Down(cell.address, "unreachable")]
+        with pytest.raises(Unreachable):
+            await pair.here.ref(cell.address, Recorder).ask(Number(1), 5.0)
+
+
+@real_time
+async def test_who_watches_nobody_is_told_at_once(joint: Joint) -> None:
+    async with joint() as pair:
+        watcher = Watcher("strands/r/actor/none")
+        await pair.host("watcher", lambda: watcher, pair.here)
+        await watcher.heard.wait()
+        assert watcher.downs == [Down("strands/r/actor/none", "nobody hosts it")]
+
+
+@real_time
+async def test_a_down_nobody_asked_for_is_not_delivered(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        watcher = Watcher(pair.here.cells.get("", cell).address)
+        await pair.host("watcher", lambda: watcher)
+        address = "strands/r/actor/watcher"
+        pair.raw(frame(address, DOWN, 0, "strands/r/actor/none", "", Down("strands/r/actor/none", "a lie")))
+        await reachable(pair.here, address)
+        assert watcher.downs == []
+
+
+# -- the network in memory
+
+
+@virtual_time
+async def test_a_cut_node_is_gone_for_both_sides_until_it_is_healed() -> None:
+    network, here, there = local_pair()
+    async with trio.open_nursery() as nursery:
+        logs: dict[str, list[Message]] = {}
+        watchers: dict[str, Watcher] = {}
+        for node in (here, there):
+            await nursery.start(node.run)
+            log = logs[node.name] = []
+            await nursery.start(node.cell(f"r/actor/{node.name}", lambda log=log: Recorder(log)).run)
+        for node, other in ((here, there), (there, here)):
+            watcher = watchers[node.name] = Watcher(f"strands/r/actor/{other.name}")
+            await nursery.start(node.cell(f"r/actor/watch-{node.name}", lambda watcher=watcher: watcher).run)
+        network.cut(there)
+        for node, other in ((here, there), (there, here)):
+            await watchers[node.name].heard.wait()
+            assert watchers[node.name].downs == [Down(f"strands/r/actor/{other.name}", "unreachable")]
+            with pytest.raises(Unreachable):
+                await node.ref(f"strands/r/actor/{other.name}", Recorder).ask(Number(1), 1.0)
+            node.ref(f"strands/r/actor/{other.name}").tell(Number(2))
+            assert node.dead_letters[-1].why == "nobody hosts it"
+        network.heal(there)
+        for node, other in ((here, there), (there, here)):
+            answer = await node.ref(f"strands/r/actor/{other.name}", Recorder).ask(Number(3), 1.0)
+            assert answer == Number(3)
+            assert logs[other.name] == [Number(3)]  # what was lost is not replayed
+        nursery.cancel_scope.cancel()
+
+
+@virtual_time
+async def test_an_answer_cut_off_is_a_timeout() -> None:
+    network, here, there = local_pair()
+    async with trio.open_nursery() as nursery:
+        for node in (here, there):
+            await nursery.start(node.run)
+        log: list[Message] = []
+        await nursery.start(there.cell("r/actor/recorder", lambda: Recorder(log)).run)
+        start = trio.current_time()
+
+        async def cut() -> None:
+            await trio.sleep(0.5)
+            network.cut(there)
+            there.ref("strands/r/actor/recorder").tell(LateAnswer())
+
+        nursery.start_soon(cut)
+        with pytest.raises(AskTimeout):
+            await here.ref("strands/r/actor/recorder", Recorder).ask(Never(), 1.0)
+        assert trio.current_time() - start == pytest.approx(1.0)
+        nursery.cancel_scope.cancel()
+
+
+@virtual_time
+async def test_a_closed_mesh_is_gone_for_those_who_watch() -> None:
+    _, here, there = local_pair()
+    async with trio.open_nursery() as nursery:
+        log: list[Message] = []
+        await nursery.start(there.cell("r/actor/recorder", lambda: Recorder(log)).run)
+        watcher = Watcher("strands/r/actor/recorder")
+        await nursery.start(here.cell("r/actor/watcher", lambda: watcher).run)
+        there.mesh.close()  # type: ignore[union-attr]
+        await watcher.heard.wait()
+        assert watcher.downs == [Down("strands/r/actor/recorder", "unreachable")]
+        nursery.cancel_scope.cancel()

@@ -1,0 +1,300 @@
+"""Real children: how they start, what passes between, and how every end of theirs is seen."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import signal
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors.kernel.channels.link import BACKLOG_BYTES, Link
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes import process as process_module
+from strands_actors.kernel.processes.process import ChildProcess, start, wait_for_end_of
+
+from . import children
+from .children import ECHO, Ask, Echo, Give, Told
+from .kernel import PATIENCE_S, real_time, until
+
+
+@asynccontextmanager
+async def child(entry: str, **args: object) -> AsyncIterator[ChildProcess]:
+    process = start(f"{children.__name__}:{entry}", args)
+    try:
+        yield process
+    finally:
+        await process.fence()
+        process.socket.close()
+
+
+@asynccontextmanager
+async def linked() -> AsyncIterator[tuple[ChildProcess, Ref, Link, Node]]:
+    """A child that echoes, and a reference to its actor, answering."""
+    node = Node("parent", MonotonicClock())
+    async with child("echo") as process, trio.open_nursery() as nursery:
+        link = process.link(node)
+        await nursery.start(node.run)
+        await nursery.start(link.run)
+        ref = node.ref(ECHO, Echo)
+        with trio.fail_after(PATIENCE_S):
+            while True:
+                with suppress(Unreachable):
+                    await ref.ask(Ask(""), PATIENCE_S)
+                    break
+                await trio.sleep(0.002)
+        yield process, ref, link, node
+        nursery.cancel_scope.cancel()
+
+
+async def read_all(fd: int) -> bytes:
+    data = b""
+    while True:
+        await trio.lowlevel.wait_readable(fd)
+        if not (piece := os.read(fd, 100)):
+            return data
+        data += piece
+
+
+# -- start and talk
+
+
+@real_time
+async def test_a_child_answers_over_its_link() -> None:
+    async with linked() as (process, ref, _, _):
+        answer = await ref.ask(Ask("hello"), 5.0)
+        assert answer == Told("hello", process.pid)
+        assert process.alive
+        assert process.pid != os.getpid()
+
+
+@real_time
+async def test_descriptors_arrive_usable() -> None:
+    async with linked() as (process, ref, _, _):
+        read, write = os.pipe()
+        answer = await ref.ask(Give((write, write), "hello"), 5.0)
+        os.close(write)
+        assert answer == Told("hello", process.pid)
+        assert await read_all(read) == b"hellohello"  # and the child has closed what it was given
+        os.close(read)
+
+
+@real_time
+async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> None:
+    read, write = os.pipe()
+    fd = fcntl.fcntl(write, fcntl.F_DUPFD, 200)  # a number the child has no other use for
+    os.close(write)
+    args = {"fds": [fd], "word": "hello", "nested": {"a": [1, 2]}}
+    process = start(f"{children.__name__}:speaks", args, pass_fds=[fd])
+    assert await process.wait() == 0
+    assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: a process group of its own
+    process.socket.close()
+    assert os.get_inheritable(fd)
+    async with child("speaks", **args) as process:
+        assert await process.wait() == 1
+    os.close(fd)
+    os.close(read)
+
+
+# -- ends
+
+
+@pytest.mark.parametrize(
+    ("args", "code"),
+    [
+        ({"how": "return"}, 0),
+        ({"how": "raise"}, 1),
+        ({"how": "exit", "code": 0}, 0),
+        ({"how": "exit", "code": 7}, 7),
+        ({"how": "exit", "code": None}, 0),
+        ({"how": "exit", "code": "no fuse"}, 1),
+        ({"how": "return", "deaf": True}, 0),
+        ({"how": "exit", "code": 7, "deaf": True}, 7),
+        ({"how": "exit in a task", "code": 7}, 7),
+        ({"how": "raise in a task"}, 1),
+    ],
+    ids=str,
+)
+@real_time
+async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
+    args: dict[str, object], code: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async with child("ends", **args) as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == code
+        assert await process.wait() == code
+        assert not process.alive
+    said = capfd.readouterr().err
+    assert ("RuntimeError: a fault of the child" in said) is str(args["how"]).startswith("raise")
+    assert ("no fuse" in said) is (args.get("code") == "no fuse")
+
+
+@real_time
+async def test_a_child_that_fails_says_where_and_reads_no_source_for_it(capfd: pytest.CaptureFixture[str]) -> None:
+    async with child("ends", how="raise in a task") as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == 1
+    said = capfd.readouterr().err
+    assert re.search(r'File ".*/children.py", line \d+, in _fails\n +RuntimeError: a fault of the child', said)
+    assert "ExceptionGroup: Exceptions from Trio nursery" in said
+    assert "start_soon(" not in said and 'raise RuntimeError("' not in said
+    assert "KeyError" not in said  # raised ``from None``
+
+
+@real_time
+async def test_standard_output_is_the_programs_own(capfd: pytest.CaptureFixture[str]) -> None:
+    async with child("prints") as process:
+        with trio.fail_after(PATIENCE_S):
+            assert await process.wait() == -signal.SIGKILL
+    assert capfd.readouterr() == ("", "by Python\nby C\n")
+
+
+@pytest.mark.parametrize("entry", [f"{children.__name__}:none", "there.is.none:main"])
+@real_time
+async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.CaptureFixture[str]) -> None:
+    process = start(entry, {})
+    assert await process.wait() == 1
+    process.socket.close()
+    assert "Error: " in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("sig", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@real_time
+async def test_a_signal_is_the_end_and_is_seen_at_once(sig: signal.Signals) -> None:
+    async with linked() as (process, _, link, _):
+        killed_at = trio.current_time()
+        process.kill(sig)
+        assert await process.wait() == -sig
+        seen_s = trio.current_time() - killed_at
+        assert seen_s < 0.5
+        assert not process.alive
+        process.kill()  # harmless
+        await until(lambda: link.closed)
+
+
+@real_time
+async def test_everybody_who_waits_is_told() -> None:
+    async with linked() as (process, _, _, _):
+        codes: list[int] = []
+
+        async def wait() -> None:
+            codes.append(await process.wait())
+
+        async with trio.open_nursery() as nursery:
+            for _ in range(3):
+                nursery.start_soon(wait)
+            nursery.start_soon(wait_for_end_of, process.pid)
+            await trio.testing.wait_all_tasks_blocked()
+            process.kill()
+        assert codes == [-9, -9, -9]
+        await wait_for_end_of(process.pid)  # of one that is long gone: at once
+
+
+@real_time
+async def test_a_fence_ends_even_a_frozen_child_and_waits_for_it() -> None:
+    async with linked() as (process, _, _, _):
+        process.kill(signal.SIGSTOP)
+        with trio.CancelScope() as scope:
+            scope.cancel()
+            await process.fence()  # even when whoever fences is cancelled
+        assert not process.alive
+        assert await process.wait() == -signal.SIGKILL
+
+
+@real_time
+async def test_a_child_without_descriptors_of_processes_is_awaited_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on macOS."""
+    monkeypatch.delattr(os, "pidfd_open")
+    async with linked() as (process, _, _, _):
+        process.kill()
+        assert await process.wait() == -9
+
+
+@real_time
+async def test_the_end_of_the_parent_is_the_end_of_the_link() -> None:
+    async with child("family") as parent:
+        grandchild = int(parent.socket.recv(100))
+        assert os.getpgid(grandchild) == grandchild
+        parent.kill()
+        with trio.fail_after(PATIENCE_S):
+            await wait_for_end_of(grandchild)
+
+
+@real_time
+async def test_an_interrupt_of_the_terminal_reaches_only_the_parent() -> None:
+    async with child("family") as parent:
+        grandchild = int(parent.socket.recv(100))
+        fd = os.pidfd_open(grandchild)
+        try:
+            os.killpg(parent.pid, signal.SIGINT)
+            with trio.fail_after(PATIENCE_S):
+                await trio.lowlevel.wait_readable(parent.socket)
+            assert parent.socket.recv(100) == b"interrupted"
+            assert parent.alive
+            with trio.move_on_after(0.2) as scope:
+                await trio.lowlevel.wait_readable(fd)
+            assert scope.cancelled_caught  # the grandchild lives
+        finally:
+            os.close(fd)
+
+
+# -- a peer that is frozen
+
+
+@real_time
+async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
+    async with linked() as (process, ref, link, _):
+        process.kill(signal.SIGSTOP)
+        text = "x" * 1000
+        slowest_s, sent = 0.0, 3000
+        for _ in range(sent):
+            before = time.monotonic()
+            ref.tell(Ask(text))
+            slowest_s = max(slowest_s, time.monotonic() - before)
+        assert slowest_s < 0.5
+        assert 0 < link.dropped < sent
+        assert link._backlog_bytes <= BACKLOG_BYTES
+        with pytest.raises(AskTimeout):
+            await ref.ask(Ask("anybody?"), 0.05)
+        dropped = link.dropped
+        process.kill(signal.SIGCONT)
+        answer = None
+        with trio.fail_after(PATIENCE_S):
+            while answer is None:  # the backlog goes out first; until then more is dropped
+                with suppress(AskTimeout):
+                    answer = await ref.ask(Ask("hello"), 0.5)
+        assert answer == Told("hello", process.pid)
+        assert dropped <= link.dropped <= dropped + 20
+
+
+@real_time
+async def test_an_end_is_told_before_the_child_is_buried_and_by_another_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """SAF-003: to bury a process may take the kernel long; a root that runs before everything else does not wait
+    for that before it makes safe."""
+    monkeypatch.setattr(process_module, "runs_first", lambda: True)
+    async with child("echo") as process:
+        process.kill()
+        assert await process.wait() == -signal.SIGKILL
+        assert state_of(process.pid) == "Z"
+        assert not process.alive
+        process.kill()  # harmless
+        await until(lambda: state_of(process.pid) == "")
+
+
+def state_of(pid: int) -> str:
+    """The letter of /proc; empty when there is no such process."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
+    except (FileNotFoundError, ProcessLookupError):
+        return ""

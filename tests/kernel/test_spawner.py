@@ -1,0 +1,93 @@
+"""The process that starts others: what it starts, and what becomes of a start when it is frozen or dead."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors.kernel.processes import spawner as spawner_module
+from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.processes.spawner import Spawner
+
+from . import children
+from .kernel import PATIENCE_S, real_time, until
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+"""A root forks its spawner while it has one thread; who runs tests may have more."""
+
+
+@asynccontextmanager
+async def spawner() -> AsyncIterator[Spawner]:
+    made = Spawner()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(made.run)
+        yield made
+        nursery.cancel_scope.cancel()
+    await made._server.process.wait()
+
+
+async def end(child: ChildProcess) -> None:
+    assert await child.fence(PATIENCE_S)
+    child.socket.close()
+
+
+@real_time
+async def test_a_child_is_started_signalled_and_its_code_told() -> None:
+    async with spawner() as made:
+        child = await made.start(f"{children.__name__}:wait", {})
+        assert child.alive
+        child.kill(signal.SIGTERM)
+        with trio.fail_after(PATIENCE_S):
+            assert await child.wait() == -signal.SIGTERM
+        assert not child.alive
+        child.kill()  # harmless: it names that process, whoever has its number now
+        await end(child)
+
+
+@real_time
+async def test_saf_010_a_frozen_spawner_starts_nothing_later(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(spawner_module, "ANSWER_S", 0.2)
+    mark = tmp_path / "ran"
+    async with spawner() as made:
+        frozen = made._server.process.pid
+        os.kill(frozen, signal.SIGSTOP)
+        with pytest.raises(OSError, match="did not answer"):
+            await made.start(f"{children.__name__}:touch", {"path": str(mark)})
+        await until(lambda: not Path(f"/proc/{frozen}").exists())
+        child = await made.start(f"{children.__name__}:wait", {})  # by the one that replaces it
+        assert child.alive and made._server.process.pid != frozen
+        assert not mark.exists()
+        await end(child)
+
+
+@real_time
+async def test_a_dead_spawner_is_replaced() -> None:
+    async with spawner() as made:
+        made._server.process.kill()
+        await until(lambda: made._server.gone)
+        child = await made.start(f"{children.__name__}:wait", {})
+        assert child.alive
+        await end(child)
+
+
+@real_time
+async def test_a_spawner_that_dies_while_it_is_asked_is_no_reason_to_wait() -> None:
+    async with spawner() as made:
+        os.kill(made._server.process.pid, signal.SIGSTOP)
+
+        async def kill() -> None:
+            await trio.sleep(0.05)
+            made._server.process.kill()
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(kill)
+            with trio.fail_after(PATIENCE_S), pytest.raises(OSError, match="has ended"):
+                await made.start(f"{children.__name__}:wait", {})

@@ -1,0 +1,242 @@
+"""A thread asks an actor of another process by itself, and has the answer to its own question or none."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+
+import pytest
+import trio
+
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.frames import ASK, REPLY, TELL, Frame, decode_frame, frame, protocol_of
+from strands_actors.kernel.messages import MAX_MESSAGE_BYTES, Message, Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.thread_asks import ThreadAsks
+
+from .joints import by_zenoh
+from .kernel import Alarm, real_time
+
+PATIENCE_S = 20.0
+OWN, TO, OTHER = "strands/node/here/threads", "strands/r/actor/there", "strands/r/actor/other"
+
+
+class Ping(Message, frozen=True):
+    text: str = ""
+
+
+class Pong(Message, frozen=True):
+    number: int
+
+
+class There(Actor):
+    def __init__(self, silent: bool = False) -> None:
+        self._silent = silent
+
+    async def receive(self, message: Ping | Alarm) -> Pong:
+        match message:
+            case Ping() if self._silent:
+                await trio.sleep_forever()
+            case Ping():
+                return Pong(len(message.text))
+        return Pong(0)
+
+
+decode = protocol_of(There).decode_reply
+
+
+class World:
+    """The asks of this process, and what has left."""
+
+    def __init__(self) -> None:
+        self.asks = ThreadAsks(OWN)
+        self.sent: list[Frame] = []
+        self.there = True
+
+    def put(self, to: str, data: bytes) -> bool:
+        if self.there:
+            self.sent.append(decode_frame(data))
+        return self.there
+
+    def ask(self, message: Message, deadline_s: float = PATIENCE_S, to: str = TO) -> Message | None:
+        return self.asks.ask(self.put, to, "me", message, decode, deadline_s)
+
+    def soon(self, message: Message, to: str = TO) -> tuple[Frame, Future[Message | None]]:
+        """Asked in a thread of its own."""
+        before = len(self.sent)
+        future = soon(lambda: self.ask(message, to=to))
+        until_s = time.monotonic() + PATIENCE_S
+        while len(self.sent) == before:
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
+        return self.sent[-1], future
+
+    def answer(self, cid: int, body: Message, kind: int = REPLY) -> None:
+        self.asks.take(frame(OWN, kind, cid, "", TO, body))
+
+
+def soon(function: Callable[[], Message | None]) -> Future[Message | None]:
+    future: Future[Message | None] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(function())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return future
+
+
+def test_a_thread_has_the_answer_to_its_own_question_whatever_else_comes() -> None:
+    world = World()
+    for number in range(1, 4):
+        head, asked = world.soon(Ping("hello"))
+        assert (head.to, head.kind, head.sender, head.reply_to) == (TO, ASK, "me", OWN)
+        for noise in (b"", b"\xc1", b"\x96\x01", bytes(300)):
+            world.asks.take(noise)
+        world.answer(head.cid + 7, Pong(-1))
+        world.answer(head.cid, Pong(-2), TELL)
+        assert not asked.done()
+        world.answer(head.cid, Pong(number))
+        world.answer(head.cid, Pong(-3))  # twice
+        assert asked.result(PATIENCE_S) == Pong(number)
+
+
+def test_threads_that_ask_at_once_get_their_own_answers_in_any_order() -> None:
+    world = World()
+    asked = [world.soon(Ping(str(number))) for number in range(8)]
+    for number, (head, _) in reversed([*enumerate(asked)]):
+        world.answer(head.cid, Pong(number))
+    assert [future.result(PATIENCE_S) for _, future in asked] == [Pong(number) for number in range(8)]
+
+
+def test_saf_010_what_is_not_answered_in_time_is_never_answered() -> None:
+    """The late answer must not be taken for that to the next question."""
+    world = World()
+    began_s = time.monotonic()
+    with pytest.raises(AskTimeout, match=r"0\.05 s"):
+        world.ask(Ping(), 0.05)
+    assert time.monotonic() - began_s >= 0.05
+    head, asked = world.soon(Ping())
+    world.answer(world.sent[0].cid, Pong(1))
+    time.sleep(0.02)
+    assert not asked.done()
+    world.answer(head.cid, Pong(2))
+    assert asked.result(PATIENCE_S) == Pong(2)
+
+
+def test_nobody_there_is_said_at_once() -> None:
+    world = World()
+    world.there = False
+    with pytest.raises(Unreachable, match=TO):
+        world.ask(Ping())
+
+
+def test_who_waits_for_an_actor_that_is_gone_is_told_and_nobody_else() -> None:
+    world = World()
+    _, lost = world.soon(Ping())
+    head, other = world.soon(Ping(), to=OTHER)
+    world.asks.fail(TO, "it went away")
+    assert isinstance(error := lost.exception(PATIENCE_S), Unreachable) and "went away" in str(error)
+    assert not other.done()
+    world.answer(head.cid, Pong(1))
+    assert other.result(PATIENCE_S) == Pong(1)
+
+
+def test_when_the_session_ends_who_waits_is_told_and_who_asks_later_too() -> None:
+    world = World()
+    waiting = [world.soon(Ping(), to)[1] for to in (TO, OTHER, TO)]
+    world.asks.close("the mesh was left")
+    for future in waiting:
+        assert isinstance(future.exception(PATIENCE_S), Unreachable)
+    with pytest.raises(Unreachable, match="left"):
+        world.ask(Ping())
+
+
+def test_an_answer_of_no_known_type_is_refused_by_name() -> None:
+    world = World()
+    head, asked = world.soon(Ping())
+    world.answer(head.cid, Ping("what"))
+    answer = asked.result(PATIENCE_S)
+    assert isinstance(answer, Refused)
+    assert answer.code == "malformed_reply"
+
+
+def test_what_is_too_long_is_refused_and_not_sent() -> None:
+    world = World()
+    answer = world.ask(Ping("x" * MAX_MESSAGE_BYTES))
+    assert isinstance(answer, Refused)
+    assert answer.code == "oversized"
+    assert not world.sent
+
+
+def test_a_wait_that_is_interrupted_leaves_nothing_behind() -> None:
+    world = World()
+
+    def interrupted(to: str, data: bytes) -> bool:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        world.asks.ask(interrupted, TO, "me", Ping(), decode, PATIENCE_S)
+    assert not world.asks._waiting
+
+
+def test_a_forked_process_keeps_off_its_parents_session() -> None:
+    world = World()
+    child = os.fork()
+    if child == 0:
+        try:
+            world.ask(Ping(), 1.0)
+        except Unreachable as error:
+            os._exit(7 if "forked" in str(error) and not world.sent else 2)
+        finally:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+
+
+@real_time
+async def test_over_zenoh_a_thread_is_answered_and_told_of_the_end() -> None:
+    async with by_zenoh() as pair:
+        ours = pair.way
+        assert isinstance(ours, ZenohMesh)
+        ours.serve_threads()
+        curious = ours._session.declare_subscriber("strands/**", lambda sample: None)  # hosts nothing
+        cells = await pair.host("quick", There), await pair.host("silent", lambda: There(silent=True))
+        quick, silent = (pair.here.ref(cell.address, There) for cell in cells)
+        with trio.fail_after(PATIENCE_S):
+            while True:
+                try:
+                    answer = await trio.to_thread.run_sync(quick.ask_here, Ping("four"), PATIENCE_S)
+                except Unreachable:
+                    await trio.sleep(0.002)
+                else:
+                    break
+        assert answer == Pong(4)
+        with pytest.raises(AskTimeout):
+            await trio.to_thread.run_sync(silent.ask_here, Ping(), 0.05)
+        assert await trio.to_thread.run_sync(quick.ask_here, Ping("seven.."), PATIENCE_S) == Pong(7)
+        async with trio.open_nursery() as nursery:
+            asked = trio.Event()
+
+            async def end() -> None:
+                await asked.wait()
+                await trio.sleep(0.1)
+                await trio.to_thread.run_sync(pair.sever)
+
+            nursery.start_soon(end)
+            asked.set()
+            began_s = time.monotonic()
+            with pytest.raises(Unreachable, match="went away"):
+                await trio.to_thread.run_sync(silent.ask_here, Ping(), PATIENCE_S)
+            assert time.monotonic() - began_s < PATIENCE_S / 2
+        for ask in (quick.ask_here, silent.ask_here):
+            with pytest.raises(Unreachable, match="nobody hosts"):
+                await trio.to_thread.run_sync(ask, Ping(), PATIENCE_S)
+        with pytest.raises(Unreachable, match="nobody hosts"):
+            await quick.ask(Ping(), PATIENCE_S)
+        curious.undeclare()  # type: ignore[no-untyped-call]

@@ -1,0 +1,161 @@
+"""A wire with an SDK: it may say for how long its process will be silent, and that it needs a new one."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.driver import ProcessSpent
+from strands_actors.kernel.supervisor import Budget
+from strands_actors.supervisors.messages import Accepted, RootGone, SilentUntil
+from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
+
+from .writer import armed, freeze
+
+MS = 1_000_000
+FENCED_MS = 250
+"""From the last beat to the stop channel's frame, at most."""
+
+
+@pytest.fixture
+def silent_s(monkeypatch: pytest.MonkeyPatch) -> float:
+    """A driver that declares that its wire may be silent for one second."""
+    monkeypatch.setattr(FakeDriver, "timing", msgspec.structs.replace(FakeDriver.timing, silent_s=1.0))
+    return 1.0
+
+
+async def silence(tree: InlineTree, for_s: float) -> int:
+    """The wire announces it and then answers nobody. When that was."""
+    now_ns = tree.node.clock.now_ns()
+    tree.guardian.tell(SilentUntil(now_ns + round(for_s * 1e9)))
+    await trio.sleep(0.001)
+    freeze(tree, "gate")
+    return now_ns
+
+
+async def fenced_after_ms(tree: InlineTree, since_ns: int) -> float:
+    with trio.fail_after(120):
+        while not tree.hardware.of("safe", since_ns):  # noqa: ASYNC110  # there is no event for it
+            await trio.sleep(0.005)
+    return (tree.hardware.of("safe", since_ns)[0].t_ns - since_ns) / MS
+
+
+def test_an_announced_silence_is_no_freeze_until_it_is_over(silent_s: float) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            since_ns = await silence(tree, 0.5)
+            assert 500 <= await fenced_after_ms(tree, since_ns) < 500 + FENCED_MS
+
+    run_virtual(run)
+
+
+def test_the_root_believes_what_the_driver_declares_and_no_more(silent_s: float) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            since_ns = await silence(tree, 60.0)
+            assert 1000 <= await fenced_after_ms(tree, since_ns) < 1000 + FENCED_MS
+
+    run_virtual(run)
+
+
+def test_a_driver_that_declares_no_silence_has_none() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            since_ns = await silence(tree, 60.0)
+            assert await fenced_after_ms(tree, since_ns) < FENCED_MS
+
+    run_virtual(run)
+
+
+def test_the_end_of_a_silence_is_announced_too(silent_s: float) -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.guardian.tell(SilentUntil(tree.node.clock.now_ns() + round(1e9)))
+            await trio.sleep(0.1)
+            tree.guardian.tell(SilentUntil(0))
+            await trio.sleep(0.001)
+            freeze(tree, "gate")
+            assert await fenced_after_ms(tree, tree.node.clock.now_ns()) < FENCED_MS
+
+    run_virtual(run)
+
+
+def test_opening_and_arming_announce_it(silent_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A guardian that hears nothing while the wire opens and arms waits; afterwards it does not."""
+    from strands_actors.testing import fake
+
+    seen: list[int] = []
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            slow = fake.FakeWire.arm
+
+            async def arm(wire: fake.FakeWire, permit: fake.Permit) -> fake.Observation:
+                await trio.sleep(0.001)
+                seen.append(tree.keeper._silent_until_ns - tree.node.clock.now_ns())
+                return await slow(wire, permit)
+
+            monkeypatch.setattr(fake.FakeWire, "arm", arm)
+            await armed(tree)
+            await trio.sleep(0.001)
+            assert tree.keeper._silent_until_ns == 0
+
+    run_virtual(run)
+    assert 0.9e9 < seen[0] < 1.0e9
+
+
+def test_saf_004_a_spent_process_makes_safe_when_its_root_is_gone_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A root that spins ends nobody. Seen on a UR: the SDK hung, the root did, and no safe frame was written."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+            await trio.sleep(0.05)
+            monkeypatch.setattr(tree.keeper, "_break", lambda *_: None)
+            transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
+
+            async def read() -> None:
+                raise ProcessSpent("the SDK hangs")
+
+            transport._wire.read = read  # type: ignore[attr-defined]
+            await trio.sleep(0.05)
+            since_ns = tree.node.clock.now_ns()
+            assert not tree.hardware.of("setpoint", since_ns)
+            tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
+            await trio.sleep(0.05)
+            assert tree.hardware.of("safe", since_ns)[0].path == "wire"
+            assert not tree.hardware.of("setpoint", since_ns)
+
+    run_virtual(run)
+
+
+def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
+    async def run() -> None:
+        async with open_inline_tree(budget=Budget(restarts=0)) as tree:
+            for life in range(1, 4):
+                writer = await armed(tree)
+                assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+                await trio.sleep(0.05)
+                since_ns = tree.node.clock.now_ns()
+                wire = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor._wire  # type: ignore[attr-defined]
+
+                async def read() -> None:
+                    raise ProcessSpent("the SDK hangs")
+
+                wire.read = read
+                assert await fenced_after_ms(tree, since_ns) < FENCED_MS
+                safe = tree.hardware.of("safe", since_ns)[0]
+                assert (safe.path, safe.safe_state) == ("second", "limp")
+                await tree.until("disarmed")
+                assert len(tree.places) == life + 1
+                assert not tree.hardware.of("setpoint", safe.t_ns + 1), "a restart resumes no motion"
+                assert tree.keeper.last_report is not None
+                assert tree.keeper.last_report.confirmed
+
+    run_virtual(run)
