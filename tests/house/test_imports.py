@@ -205,7 +205,7 @@ def test_a_fault_is_found(name: str, source: str) -> None:
         ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
         (
             "strands_actors.supervisors.gate.gate",
-            "from strands_actors.kernel.actor import Actor\nfrom .lease import Lease",
+            "from ...kernel.actor import Actor\nfrom .lease import Lease",
         ),
         ("strands_actors.drivers.feetech.wire", "from ..common.half_duplex import X\nfrom .protocol import Y"),
         ("strands_actors.caller.tree", "from ..drivers import WIRES\nfrom ..supervisors.gate.gate import Gate"),

@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from twin_process import TwinProcess
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
+from tests.drivers.common.twin_process import TwinProcess
 
 from .arms_on_twins import arm_on, away, cycle_of, is_at, pid, wait_at
 

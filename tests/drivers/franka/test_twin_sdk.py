@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from twin_process import PATIENCE_S, TwinProcess
+
+from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess
 
 PRELUDE = """
 import json, math, os, sys, time, warnings

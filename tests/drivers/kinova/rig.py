@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import trio
-from memory_port import MemoryPort, Permission
 
 from strands_actors.contract.driver import MotorReport, Observation
 from strands_actors.drivers.kinova.driver import Kinova
@@ -15,6 +14,7 @@ from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
 from strands_actors.drivers.kinova.twin import KinovaTwin, KortexSession, twin_of
 from strands_actors.drivers.kinova.wire import KinovaWire
 from strands_actors.kernel.clock import VirtualClock
+from tests.drivers.common.memory_port import MemoryPort, Permission
 
 HOST = "192.0.2.10"
 

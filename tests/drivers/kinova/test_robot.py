@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from twin_process import TwinProcess
 
 from strands_actors import Robot
 from strands_actors.caller.plan import plan
@@ -24,6 +23,7 @@ from strands_actors.supervisors.loading import describe_driver, without_secrets
 from strands_actors.surfaces.drill.certificate import TWIN, config_of
 from strands_actors.surfaces.recording import read, replay
 from tests.answers import json_of, status, until, why
+from tests.drivers.common.twin_process import TwinProcess
 
 PASSWORD = "hunter2"
 RECORDER = "from strands_actors.surfaces.cli import main; main()"

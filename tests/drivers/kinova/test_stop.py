@@ -7,7 +7,6 @@ from contextlib import asynccontextmanager
 
 import pytest
 import trio
-from memory_port import Permission, virtual
 
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
@@ -15,6 +14,7 @@ from strands_actors.drivers.kinova.base import Base, CallFailed, Session
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
+from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig
 

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from twin_process import TwinProcess
 
 from strands_actors import Robot
 from strands_actors.caller.portal import portal
@@ -20,6 +19,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Feedback
 from strands_actors.testing import WireLog
 from tests.answers import json_of, state, status, task_ended, until, why
+from tests.drivers.common.twin_process import TwinProcess
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from twin_process import TwinProcess, wait_until
+
+from tests.drivers.common.twin_process import TwinProcess, wait_until
 
 from .kortex_client import Client, KortexError, number
 

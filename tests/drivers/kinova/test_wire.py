@@ -6,13 +6,13 @@ import math
 
 import pytest
 import trio
-from memory_port import Permission, virtual
 
 from strands_actors.contract.driver import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
 from strands_actors.drivers.kinova.protocol import ArmState, Call, ServoingMode
 from strands_actors.drivers.kinova.wire import unwrap
+from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig
 
