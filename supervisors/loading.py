@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateState
+from strands_actors.contract.loading import load, place_of
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
 
@@ -21,20 +21,6 @@ def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> 
     return {**description, "options": options}
 
 
-def place_of(thing: type[Any]) -> str:
-    """Where ``load`` finds it."""
-    return f"{thing.__module__}:{thing.__qualname__}"
-
-
-def load(where: str) -> Any:
-    """The object at ``module:qualified.name``."""
-    module, _, name = where.partition(":")
-    found: Any = importlib.import_module(module)
-    for part in name.split("."):
-        found = getattr(found, part)
-    return found
-
-
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
     """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or misspelt."""
     driver = driver_class(robot, port, options)
@@ -43,7 +29,7 @@ def build_driver(driver_class: type[Driver], robot: str, port: str, options: Map
 
 
 def load_driver(description: dict[str, Any]) -> Driver:
-    """For a process that is going to use it: with what it needs imported."""
+    """Return the driver that a description names, with what it needs imported."""
     driver_class = load(description["class"])
     driver = build_driver(driver_class, description["robot"], description["port"], description["options"])
     if "drill" in description:

@@ -4,7 +4,7 @@ root's stop channel."""
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import trio
 
@@ -15,10 +15,8 @@ from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .arms import AXES
+from .config import XArmConfig
 from .protocol import Register, State
-
-if TYPE_CHECKING:
-    from .driver import XArm
 
 ATTEMPTS = 3
 ACKNOWLEDGE_S, CONFIRM_S = 0.1, 0.2
@@ -130,13 +128,13 @@ class Control:
             self._awaited[reply.number] = reply
 
 
-async def open_control(driver: XArm, clock: Clock, open_stream: OpenStream) -> Control:
+async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Control:
     """Connect to the control port. Raise ``WireDown``."""
     try:
-        host, port = driver.address()
+        host, port = config.address()
     except ValueError as error:
         raise WireDown(str(error)) from None
-    return Control(await open_stream(host, port), f"{driver.robot} at {host}:{port}", clock)
+    return Control(await open_stream(host, port), f"{config.robot} at {host}:{port}", clock)
 
 
 class Outcome(NamedTuple):
@@ -172,10 +170,10 @@ async def stop(control: Control) -> Outcome:
     return Outcome(written, acknowledged, detail)
 
 
-async def stop_anew(driver: XArm, clock: Clock, open_stream: OpenStream) -> Outcome:
+async def stop_anew(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Outcome:
     """Do as ``stop``, over a connection of its own."""
     try:
-        control = await open_control(driver, clock, open_stream)
+        control = await open_control(config, clock, open_stream)
     except WireDown as down:
         return Outcome(False, False, str(down))
     try:

@@ -8,23 +8,17 @@ as they are.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, StopChannel, Timing, WireDown
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.kernel.clock import Clock
 
-from .arms import TABLES, ArmType, arm_of, axes_of
+from .arms import TABLES, arm_of, axes_of
+from .config import XArmConfig
 from .gates import CONDITIONS, all_gates
-from .protocol import CONTROL_PORT, JOINTS, Version
-
-if TYPE_CHECKING:
-    from .wire import XArmWire
 
 
 class XArmOptions(DriverOptions, frozen=True):
@@ -38,6 +32,8 @@ class XArm(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"xyz": "tcp_xyz_m", "rpy": "tcp_rpy_rad"}),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
@@ -48,8 +44,6 @@ class XArm(Driver):
         "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
     )
     conditions = CONDITIONS
-    silent_s = 0.3
-    """Without a report, or a reply that is owed, for so long the link counts as lost."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,8 +52,8 @@ class XArm(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         hz = read_options(robot, XArmOptions, options).control_frequency
         self.robot = TABLES.canonical(robot)
-        self.port = port
         self.arm = arm_of(robot)
+        self.config = XArmConfig(self.robot, port, self.arm)
         self.declare(Part(PartKind.ARM, axes_of(self.arm)))
         self.timing = Timing(
             control_hz=hz,
@@ -76,35 +70,3 @@ class XArm(Driver):
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"robot": self.robot, "joints": {axis: target[axis] for axis in self.axes if axis in named}}
-
-    def kind_of(self, version: Version) -> ArmType:
-        """Return an arm's type. Raise ``WireDown`` for an arm that is another than it should be."""
-        at = self.arm.type_at(version)
-        if at is None:
-            known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
-            raise WireDown(
-                f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
-                f"{self.robot} has {JOINTS}, of type {known}"
-            )
-        return self.arm.types[at]
-
-    def address(self) -> tuple[str, int]:
-        """Return host and control port. Raise ``ValueError`` for a ``port`` that is no address."""
-        return parse_address(self.port, CONTROL_PORT)
-
-    @property
-    def host(self) -> str:
-        return self.address()[0]
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-
-    def open_wire(self, clock: Clock) -> XArmWire:
-        from .wire import XArmWire
-
-        return XArmWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .wire import XArmStopChannel
-
-        return XArmStopChannel(self, clock)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import trio
 
@@ -13,11 +13,9 @@ from strands_actors.kernel.clock import NS, Clock
 from . import protocol as p
 from . import reports as r
 from .arms import ArmType
+from .config import XArmConfig
 from .control import Control, OpenStream, Stream, open_control
 from .protocol import Mode, Register, State
-
-if TYPE_CHECKING:
-    from .driver import XArm
 
 HANDSHAKE_S = 0.6
 """More than a controller may be silent: one that opens and does not speak is told as such."""
@@ -86,22 +84,22 @@ class Session:
             raise WireDown(f"{self._name}: its reports cannot be understood ({malformed}). Reconnect") from None
 
 
-async def open_session(driver: XArm, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
+async def open_session(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
     """Connect, ask who it is, hear its first report; return the session and facts for ``status``. Nothing is
     written. Raise ``WireDown``."""
-    control = await open_control(driver, clock, open_stream)
+    control = await open_control(config, clock, open_stream)
     try:
-        version = await _ask_version(driver, control)
-        kind = driver.kind_of(version)
+        version = await _ask_version(config, control)
+        kind = config.kind_of(version)
         if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
-            raise WireDown(f"{driver.robot} at {driver.port}: does not say its errors. Restart the controller")
-        told = await _read_speed_limit(driver, open_stream)
-        limit_rad_s = told or driver.arm.speed_rad_s
-        stream = await open_stream(driver.host, r.REAL_PORT)
+            raise WireDown(f"{config.robot} at {config.port}: does not say its errors. Restart the controller")
+        told = await _read_speed_limit(config, open_stream)
+        limit_rad_s = told or config.arm.speed_rad_s
+        stream = await open_stream(config.host, r.REAL_PORT)
     except BaseException:
         control.close()
         raise
-    name = f"{driver.robot} at {driver.host}:{r.REAL_PORT}"
+    name = f"{config.robot} at {config.host}:{r.REAL_PORT}"
     session = Session(control, kind, limit_rad_s, stream, name)
     try:
         if not await session.next_report(clock, HANDSHAKE_S):
@@ -110,7 +108,7 @@ async def open_session(driver: XArm, clock: Clock, open_stream: OpenStream) -> t
         session.close()
         raise
     return session, {
-        "address": driver.port,
+        "address": config.port,
         "firmware": version.text,
         "arm_type": version.arm_type,
         "serial": version.serial,
@@ -119,8 +117,8 @@ async def open_session(driver: XArm, clock: Clock, open_stream: OpenStream) -> t
     }
 
 
-async def _ask_version(driver: XArm, control: Control) -> p.Version:
-    name = f"{driver.robot} at {driver.port}"
+async def _ask_version(config: XArmConfig, control: Control) -> p.Version:
+    name = f"{config.robot} at {config.port}"
     reply = await control.ask(Register.VERSION, within_s=HANDSHAKE_S)
     if reply is None:
         raise WireDown(f"{name}: connected, but no answer. Is it an xArm's controller? Restart it")
@@ -130,12 +128,12 @@ async def _ask_version(driver: XArm, control: Control) -> p.Version:
         raise WireDown(f"{name}: {malformed}. Update its firmware") from None
 
 
-async def _read_speed_limit(driver: XArm, open_stream: OpenStream) -> float | None:
+async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> float | None:
     """Return the controller's own, from its rich report; None when it does not tell."""
     decoder = r.ReportDecoder()
     with trio.move_on_after(LIMIT_S):
         try:
-            stream = await open_stream(driver.host, r.RICH_PORT)
+            stream = await open_stream(config.host, r.RICH_PORT)
             try:
                 while True:
                     for report in decoder.feed(await stream.read()):

@@ -6,7 +6,8 @@ arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a deadlin
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import trio
 
@@ -23,12 +24,10 @@ from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
+from .config import XArmConfig
 from .control import CONFIRM_S, OpenStream, Outcome, stop, stop_anew
 from .protocol import Mode, Register, State
 from .session import Session, open_session
-
-if TYPE_CHECKING:
-    from .driver import XArm
 
 ENABLE_S = 5.0
 """The vendor's SDK waits so long for motors to be enabled."""
@@ -47,15 +46,15 @@ _REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
 
 class XArmWire(Wire):
-    def __init__(self, driver: XArm, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
-        self._driver = driver
+    def __init__(self, config: XArmConfig, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._config = config
         self._clock = clock
         self._open_stream = open_stream
         self._session_or_none: Session | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        self._session_or_none, facts = await open_session(self._driver, self._clock, self._open_stream)
+        self._session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
         return facts
 
     async def arm(self, permit: Permit) -> Observation:
@@ -121,11 +120,11 @@ class XArmWire(Wire):
         session.target = ()
         outcome = await stop(session.control)
         if not outcome.written:  # its connection is gone: the arm need not be
-            outcome = await stop_anew(self._driver, self._clock, self._open_stream)
+            outcome = await stop_anew(self._config, self._clock, self._open_stream)
         return outcome.reports()
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
+        return (await stop_anew(self._config, self._clock, self._open_stream)).reports()
 
     def close(self) -> None:
         if self._session_or_none is not None:
@@ -187,9 +186,9 @@ class XArmWire(Wire):
 
     def _check_alive(self, session: Session, now_ns: int) -> None:
         silent_s = session.silent_s(now_ns)
-        if silent_s > self._driver.silent_s:
+        if silent_s > self._config.silent_s:
             raise WireDown(
-                f"read: {self._driver.robot} is silent for {silent_s * 1e3:.0f} ms. "
+                f"read: {self._config.robot} is silent for {silent_s * 1e3:.0f} ms. "
                 "Check the controller and its network"
             )
 
@@ -226,13 +225,15 @@ class XArmStopChannel(StopChannel):
     gone with its process, so a controller that takes one client takes this one. A name for an address has to be
     looked up then, too: a number is quicker."""
 
-    def __init__(self, driver: XArm, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
-        self._driver = driver
+    def __init__(
+        self, config: XArmConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
+    ) -> None:
+        self._config = config
         self._clock = clock
         self._open_stream = open_stream
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop_anew(self._driver, self._clock, self._open_stream)).reports()
+        return (await stop_anew(self._config, self._clock, self._open_stream)).reports()
 
     def close(self) -> None:
         """Nothing is kept open."""

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load, place_of
 from strands_actors.drivers import (
     SIMULATION,
     canonical_name,
@@ -20,7 +21,6 @@ from strands_actors.drivers import (
     list_native_drivers,
     resolve_driver,
 )
-from strands_actors.supervisors.loading import load, place_of
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig

@@ -12,11 +12,11 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.loading import load
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.loading import load
 from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
 
 from .processes import Processes

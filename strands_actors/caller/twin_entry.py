@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Any
 
-from strands_actors.supervisors.loading import load
+from strands_actors.contract.loading import load
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:

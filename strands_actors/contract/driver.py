@@ -25,6 +25,7 @@ from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 
 from .axis import Axis, Part, axes_of, first_target, parse_action
+from .loading import load
 from .sensors import Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -274,6 +275,10 @@ class Driver(ABC):
     PORT_OPTIONAL: ClassVar[bool] = False
     """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
+    WIRE: ClassVar[str] = ""
+    """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process imports it."""
+    STOP_CHANNEL: ClassVar[str] = ""
+    """``module:class`` of the stop channel, made as ``class(config, descriptors, clock)``."""
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
@@ -311,6 +316,8 @@ class Driver(ABC):
     fallbacks: Mapping[Reason, str]
     firmware_watchdog: str  # what the firmware does alone when all of us are gone
     bound_s: float = 0.05  # published: from a death to the safe frame
+    config: Any
+    """What ``WIRE`` and ``STOP_CHANNEL`` know of the robot: a frozen struct. Neither is given the driver itself."""
     gates: tuple[GateCheck, ...]
     conditions: tuple[Condition, ...] = ()
     """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses. Those
@@ -364,21 +371,27 @@ class Driver(ABC):
                 return Refused("bad_argument", why, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
-    def preload(self) -> None:  # noqa: B027  # most have nothing to load
-        """Import what ``open_wire`` and ``stop_channel`` need, if it is small. Called in the root and in the wire
-        process before they begin to beat: on a busy machine an import takes longer than they may be silent."""
+    def preload(self) -> None:
+        """Import what ``stop_channel`` needs. Called in the root and in the wire process before they begin to beat:
+        on a busy machine an import takes longer than they may be silent."""
+        if self.STOP_CHANNEL:
+            load(self.STOP_CHANNEL)
 
-    def preload_wire(self) -> None:  # noqa: B027  # most load the same in both
-        """As ``preload``, of what the root is to be spared: called in the wire process alone."""
+    def preload_wire(self) -> None:
+        """Import what ``open_wire`` needs. Called in the wire process alone: the root is spared SDKs."""
+        if self.WIRE:
+            load(self.WIRE)
 
-    @abstractmethod
     def open_wire(self, clock: Clock) -> Wire:
-        """The wire, not yet opened. Import SDKs here, not at module level."""
+        """Return the wire, not yet opened."""
+        wire: Wire = load(self.WIRE)(self.config, clock)
+        return wire
 
-    @abstractmethod
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
         """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
         was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
+        channel: StopChannel = load(self.STOP_CHANNEL)(self.config, descriptors, clock)
+        return channel
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A row in axis order as the public keys."""

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import trio
 
 from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.process import ChildProcess, start
-from strands_actors.supervisors.loading import load
 
 if TYPE_CHECKING:
     import numpy

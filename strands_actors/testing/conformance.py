@@ -29,9 +29,10 @@ from pathlib import Path
 from typing import Any
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation
+from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.loading import describe_driver, load, load_driver
+from strands_actors.supervisors.loading import describe_driver, load_driver
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 
 from .bench import Bench, driver_of

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
 from strands_actors.drivers import get_native_driver_class, register_native_driver
-from strands_actors.supervisors.loading import load
 
 
 def where_is(driver_class: type[Driver]) -> str:

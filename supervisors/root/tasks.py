@@ -11,6 +11,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Reason
+from strands_actors.contract.loading import load
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
@@ -23,7 +24,6 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 from strands_actors.supervisors.introspection import Introspector
-from strands_actors.supervisors.loading import load
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.messages import (
     Fence,

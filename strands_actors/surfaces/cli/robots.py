@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
 from strands_actors.drivers import (
     canonical_name,
     get_native_driver_class,
     list_driver_coverage,
     list_native_drivers,
 )
-from strands_actors.supervisors.loading import load
 
 from .errors import Problem
 

@@ -49,10 +49,10 @@ class World:
         self.driver = XArm("xarm7", PORT, {})
 
     def wire(self) -> XArmWire:
-        return XArmWire(self.driver, TrioClock(), self.open_stream)
+        return XArmWire(self.driver.config, TrioClock(), self.open_stream)
 
     def stop_channel(self) -> XArmStopChannel:
-        return XArmStopChannel(self.driver, TrioClock(), self.open_stream)
+        return XArmStopChannel(self.driver.config, (), TrioClock(), self.open_stream)
 
     async def open_stream(self, host: str, port: int) -> ControlStream | ReportStream:
         await trio.lowlevel.checkpoint()

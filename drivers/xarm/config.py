@@ -1,0 +1,38 @@
+"""What the wire and the stop channel of an xArm know of it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.tcp_port import parse_address
+
+from .arms import Arm, ArmType
+from .protocol import CONTROL_PORT, JOINTS, Version
+
+
+class XArmConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    arm: Arm
+    silent_s: float = 0.3
+    """Without a report, or a reply that is owed, for so long the link counts as lost."""
+
+    def address(self) -> tuple[str, int]:
+        """Return host and control port. Raise ``ValueError`` for a ``port`` that is no address."""
+        return parse_address(self.port, CONTROL_PORT)
+
+    @property
+    def host(self) -> str:
+        return self.address()[0]
+
+    def kind_of(self, version: Version) -> ArmType:
+        """Return an arm's type. Raise ``WireDown`` for an arm that is another than it should be."""
+        at = self.arm.type_at(version)
+        if at is None:
+            known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
+            raise WireDown(
+                f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
+                f"{self.robot} has {JOINTS}, of type {known}"
+            )
+        return self.arm.types[at]

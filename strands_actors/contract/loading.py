@@ -1,0 +1,20 @@
+"""Names of things that are loaded where they are used: ``module:qualified.name``."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+
+def place_of(thing: type[Any]) -> str:
+    """Return the name under which ``load`` finds a class or function."""
+    return f"{thing.__module__}:{thing.__qualname__}"
+
+
+def load(where: str) -> Any:
+    """Import the module and return the object at ``module:qualified.name``."""
+    module, _, name = where.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
