@@ -205,7 +205,7 @@ def test_an_unknown_keyword_names_the_nearest() -> None:
     [("192.0.2.1", ("192.0.2.1", 502)), ("192.0.2.1:1502", ("192.0.2.1", 1502)), ("arm.local", ("arm.local", 502))],
 )
 def test_the_port_is_an_address(port: str, address: tuple[str, int]) -> None:
-    assert XArm("xarm7", port, {}).address() == address
+    assert XArm("xarm7", port, {}).config.address() == address
 
 
 def test_what_send_action_answers() -> None:
