@@ -53,6 +53,7 @@ class Processes(ABC):
 
     def __init__(self, node: Node, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         self.driver = driver
+        self.patience = self.patience._replace(stop_s=max(self.patience.stop_s, driver.timing.stop_s))
         self.node = node
         self.nursery = nursery
         self.plan = plan

@@ -37,7 +37,8 @@ from .run_directory import Name, Note, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
-FENCE_S = 3.0
+ROOT_MARGIN_S = 1.0
+"""How much longer than a stop by the wire one by the root may take."""
 
 
 class TreeProcesses(Processes):
@@ -50,6 +51,10 @@ class TreeProcesses(Processes):
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._scope: trio.CancelScope | None = None
+
+    @property
+    def _root_s(self) -> float:
+        return self.patience.stop_s + ROOT_MARGIN_S
 
     @property
     def started(self) -> bool:
@@ -142,12 +147,12 @@ class TreeProcesses(Processes):
             # A root that does not answer is fenced at once; the wire then makes itself safe.
             if await self.describe() is not None:
                 with contextlib.suppress(AskTimeout, Unreachable):
-                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
+                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), self._root_s)
                     report = answer if isinstance(answer, StopReport) else None
                 if report is not None and not report.confirmed:
                     self._part(process)
                 else:
-                    with trio.move_on_after(FENCE_S):
+                    with trio.move_on_after(self._root_s):
                         await process.wait()
             await self._discard()
         if self._name is not None:
@@ -163,7 +168,7 @@ class TreeProcesses(Processes):
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
         """By the root, which fences the wire and writes by its own path."""
         try:
-            answer = await self.guardian.ask(Fence(reason, by, lock), FENCE_S)
+            answer = await self.guardian.ask(Fence(reason, by, lock), self._root_s)
         except (AskTimeout, Unreachable) as failure:
             # Neither the wire nor the root answers. Without its root the wire makes itself safe.
             await self._fence()

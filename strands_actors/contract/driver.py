@@ -73,6 +73,11 @@ class Timing(msgspec.Struct, frozen=True):
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
 
+    @property
+    def stop_s(self) -> float:
+        """Return how long who asked for a stop waits for its report: a drone lands first."""
+        return max(2.0, self.safe_s + 0.5)
+
 
 class Service(msgspec.Struct, frozen=True):
     """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name to default."""
@@ -82,6 +87,9 @@ class Service(msgspec.Struct, frozen=True):
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
     in_motion: bool = False  # may be asked for while a target stands
+    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does: never refused,
+    # ahead of everything, and carried out by whoever is left.
+    stops: Reason | None = None
 
 
 class Observation(Message, frozen=True):
@@ -298,6 +306,9 @@ class Driver(ABC):
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    BEFORE_MOTION: ClassVar[str] = ""
+    """Which of them must have been done, after each resume, before the robot takes commands: take off, stand up.
+    Empty: none. A drill and the kill matrix do it, too."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()

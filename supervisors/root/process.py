@@ -67,8 +67,9 @@ from .tasks import Tasks
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
-REPORT_S = 2.0
-"""For the first report of a robot that has to be made safe by the root; who asked waits for one second more."""
+LANDS_S = 2.0
+"""A wire that may take longer than this to make safe is waited for so long: it would be wrong to land twice. One that
+stops answering meanwhile is fenced all the same."""
 LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
 ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
@@ -299,7 +300,7 @@ class Tree:
         report = await self._stop_by_gate(reason, by)
         if self.tasks.process is not None:
             self.tasks.process.kill()
-        with trio.move_on_after(REPORT_S):
+        with trio.move_on_after(self.driver.timing.stop_s):
             await self.guardian.end(reason, by, report is not None)
         if not self.guardian.confirmed or report is None:
             report = self._report_of_guardian(reason)
@@ -315,8 +316,11 @@ class Tree:
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
         """Its report, if every motor is confirmed. From then on it obeys nobody."""
+        safe_s = self.driver.timing.safe_s
         try:
-            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
+            answer = await self.node.ref(self.at.gate, Gate).ask(
+                Stop(reason, by), safe_s if safe_s > LANDS_S else STOP_S
+            )
         except (AskTimeout, Unreachable):
             return None
         if not isinstance(answer, StopReport) or not answer.confirmed:
