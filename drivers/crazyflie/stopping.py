@@ -20,8 +20,10 @@ from . import protocol as p
 from .config import LAND_S
 from .protocol import Bit
 from .robots import AXES
-from .session import AGAIN_S, Session
+from .session import Session
 
+ANSWER_S = 1.0
+"""Within which a question must be answered; it is asked again several times meanwhile."""
 LOOK_S = 0.1
 """Between two looks at the supervisor."""
 STOP_S = 5.5
@@ -100,7 +102,7 @@ class _Descent:
         session = self._session
         if self._taken_s is None:
             await self._say(p.YIELD)
-            if await session.ask(p.land_question(self._land_s), AGAIN_S) is not None:
+            if await session.ask(p.land_question(self._land_s), ANSWER_S) is not None:
                 self._taken_s = trio.current_time()
         bits = await self._look()
         if bits is None:
@@ -116,7 +118,7 @@ class _Descent:
 
     async def _disarm(self) -> str:
         """A robot that is not armed has no motors. One that arms by itself counts as flying for a while."""
-        answer = await self._session.ask(p.DISARM_QUESTION, AGAIN_S)
+        answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:
             if answer is not None and not p.is_armed(answer):
                 self.acknowledged = True
@@ -133,6 +135,6 @@ class _Descent:
         self.written = True
 
     async def _look(self) -> Bit | None:
-        bits = await self._session.supervisor(AGAIN_S)
+        bits = await self._session.supervisor(ANSWER_S)
         self.acknowledged = self.acknowledged or bits is not None
         return bits

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Service, StopChannel
-from strands_actors.drivers.common.simulation_control.protocol import HOLD, LIMP, MOST_STEPS, TIMESTEP_S
+from strands_actors.drivers.common.simulation_control.protocol import HOLD, LAND, LIMP, MOST_STEPS, TIMESTEP_S
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
 """What is declared of the robot, whatever it is made of."""
+
+OFF = "off"
+"""Power cut: nothing is held any more."""
 
 KEEPALIVE_S = 1.0
 """A simulation control loses nothing: the re-send is of no use here, and costs nothing."""
@@ -94,5 +97,6 @@ class SimDriver(Driver):
         return SimStopChannel(self)
 
     def control_safe_state(self, safe_state: str) -> str:
-        """Only a limp robot is let go of; one that is stopped otherwise stays where it is."""
-        return LIMP if safe_state == LIMP else HOLD
+        """Only a robot without power is let go of, and a drone lands; one that is stopped otherwise stays where it
+        is."""
+        return LIMP if safe_state in (LIMP, OFF) else LAND if safe_state == LAND else HOLD

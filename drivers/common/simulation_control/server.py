@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import trio
 
 from . import protocol as p
-from .body import Body, Hand
+from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
 
 if TYPE_CHECKING:
@@ -105,6 +105,8 @@ class SimulationControl:
                     self._taker = None
                 if request.safe_state == p.LIMP:
                     body.take(False)
+                elif request.safe_state == p.LAND and isinstance(body, Flying):
+                    body.land()
                 else:
                     body.hold()
             case p.Reset():

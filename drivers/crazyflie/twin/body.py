@@ -97,8 +97,9 @@ class FlyingBody:
         return math.acos(max(-1.0, min(1.0, 1 - 2 * (x * x + y * y))))
 
     def tip_over(self) -> None:
-        """Turn it on its back, as somebody or a wall would."""
-        self.data.qpos[3:7] = (0.0, 1.0, 0.0, 0.0)
+        """Put it on its back on the floor, as a wall would."""
+        self.data.qpos[2:7] = (2 * self._rest_m, 0.0, 1.0, 0.0, 0.0)
+        self.data.qvel[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
     # -- time
