@@ -144,8 +144,8 @@ class Wire(ABC):
     that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
 
     interruptible: ClassVar[bool] = False
-    """Whether ``arm``, and ``make_safe`` on a safe state that holds, may be cancelled wherever they wait: a
-    stop then cuts them short. Not where an SDK goes on with what it was told."""
+    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land, settle), may be
+    cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:

@@ -68,7 +68,7 @@ WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 STOP_S = 0.25
 """How long the root waits for the wire's own stop before it fences."""
 LANDS_S = 2.0
-"""A wire that may take longer than this to make safe is waited for so long: it would be wrong to land twice. One that
+"""A wire that may take longer than this to make safe is given its time: it would be wrong to land twice. One that
 stops answering meanwhile is fenced all the same."""
 LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
