@@ -29,6 +29,9 @@ class Link(Protocol):
     prompt: bool = True
     """Whether ``write`` and ``read_waiting`` never wait."""
 
+    outlives_a_loss: bool = False
+    """Whether what was lost may carry something again: it has no connection that could be dead."""
+
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
         """Send a packet. ``permit`` is checked as the last thing before."""
         ...
@@ -53,6 +56,8 @@ class Link(Protocol):
 
 
 class UdpLink(Link):
+    outlives_a_loss = True
+
     def __init__(self, port: UdpPort) -> None:
         self._port = port
         self.name = f"udp://{port.name}"

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.driver import MotorReport, ProcessSpent, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
 
@@ -60,10 +60,20 @@ async def bring_down(
                 detail = await descent.step()
                 if not detail:
                     return Outcome(True, True, "")
-            except WireDown as down:
-                detail = str(down)
+            except (WireDown, ProcessSpent) as failure:
+                detail = str(failure)
             await trio.sleep(LOOK_S)
     return Outcome(descent.written, descent.acknowledged, detail)
+
+
+def first_frames(safe_state: str, land_s: float = LAND_S) -> tuple[bytes, ...]:
+    """Return what begins to bring it there, for a link that may carry nothing any more."""
+    match safe_state:
+        case SafeState.OFF:
+            return p.STOP, p.EMERGENCY_STOP
+        case SafeState.LAND:
+            return p.YIELD, p.land(land_s)
+    return (p.STOP,)
 
 
 class _Descent:
@@ -87,7 +97,7 @@ class _Descent:
         return await self._cut()
 
     async def _lock(self) -> str:
-        await self._say(p.STOP, p.EMERGENCY_STOP)
+        await self._say(*first_frames(SafeState.OFF))
         bits = await self._look()
         if bits is None:
             return "silent"

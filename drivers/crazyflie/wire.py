@@ -7,12 +7,21 @@ stops working. Taking off is a service: neither opening nor arming starts a moto
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.driver import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    ProcessSpent,
+    Wire,
+    WireDown,
+)
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
@@ -26,7 +35,7 @@ from .links import Link, open_link
 from .protocol import Bit
 from .robots import VX, VY, VZ, WZ, Z
 from .session import AGAIN_S, Session, handshake
-from .stopping import Outcome, bring_down
+from .stopping import Outcome, bring_down, first_frames
 
 ARM_S = 1.0
 RISE_S = 3.0
@@ -156,27 +165,30 @@ class CrazyflieWire(Wire):
         hover = Hover(self._clock.now_ns(), height_m)
         try:
             await session.link.write(hover.packet(hover.began_ns))
-        except WireDown as down:
-            return Outcome(False, False, str(down)).reports()
+        except (WireDown, ProcessSpent) as failure:
+            return Outcome(False, False, str(failure)).reports()
         self._hover = hover
         return Outcome(True, True, "").reports((0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, over what is open, or over a link that is opened for this."""
+        """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed, and opened
+        anew, since what was lost may be dead, and keeps another from opening."""
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self._session_or_none, None, False
-        link: Link | None = None
+        if session is not None and session.link.outlives_a_loss:
+            return (await bring_down(session, within)).reports()
+        if session is not None:
+            with contextlib.suppress(WireDown, ProcessSpent):
+                await session.say(*first_frames(within))
+            self.close()
         try:
-            if session is None:
-                link = await self._open_link()
-                session = Session(link, self._clock)
-            outcome = await bring_down(session, within)
-        except WireDown as down:
-            outcome = Outcome(False, False, str(down))
+            link = await self._open_link()
+        except (WireDown, ProcessSpent) as failure:
+            return Outcome(False, False, str(failure)).reports()
+        try:
+            return (await bring_down(Session(link, self._clock), within)).reports()
         finally:
-            if link is not None:
-                link.close()
-        return outcome.reports()
+            link.close()
 
     # -- services
 
