@@ -372,9 +372,12 @@ class Guardian(Actor):
         self.idle.set()
 
     async def _fence_place(self, place: Place) -> bool:
-        """Write, then fence: who dies in between leaves a wire that acts by itself, or a robot that was told."""
+        """Write, then fence: a root that dies in between leaves a wire that acts by itself, or a robot that is safe.
+
+        Only where the wire is broken. A root that ends while its wire is well fences first: that wire could write
+        a setpoint after the safe frame. The wire would make safe by itself if the root died before the fence."""
         async with trio.open_nursery() as nursery:
-            if self._stop_channel is not None and place.alive:
+            if self._stop_channel is not None and place.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()

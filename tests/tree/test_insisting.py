@@ -226,7 +226,7 @@ def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() ->
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._silence.heard_ns = 0
+            tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.place
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
@@ -245,7 +245,7 @@ def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadlin
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._silence.heard_ns = 0
+            tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.place
             freeze(tree, "watchdog")
