@@ -198,7 +198,7 @@ def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
             root.die()
             await trio.sleep(0.5)
             assert tree.hardware.energised == LIMP
-            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["stop_channel"]
 
     run_virtual(run)
 
