@@ -109,9 +109,7 @@ def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tm
     guardian = copy / "strands_actors" / "supervisors" / "root" / "guardian.py"
     line = "safe_state = self._driver.fallbacks[Reason.WIRE]"
     assert guardian.read_text().count(line) == 1
-    guardian.write_text(
-        guardian.read_text().replace(line, "safe_state = self._driver.fallbacks[Reason.EXPIRED]")
-    )
+    guardian.write_text(guardian.read_text().replace(line, "safe_state = self._driver.fallbacks[Reason.EXPIRED]"))
     cli.environment["PYTHONPATH"] = str(copy)
     done = cli.run("drill", "so101", "--twin", "--json", cwd=tmp_path)
     assert done.returncode == 1, done.stderr
