@@ -23,7 +23,7 @@ async def picture(port: str, view: str = "front") -> Picture:
     another name, ``WireDown`` when there is no picture."""
     if view not in PICTURES:
         raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
-    host, number = EarthRover("earthrover", port, {}).address()
+    host, number = EarthRover("earthrover", port, {}).config.address()
     client = HttpClient(f"http://{host}:{number}")
     try:
         answer = await client.get(PICTURES[view], PICTURE_S)

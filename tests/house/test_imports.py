@@ -33,7 +33,7 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
 
 
 def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
-    """What a module imports when it runs; what only type checkers read is left out."""
+    """Return what a module imports: when it is loaded, later in a function, and for type checkers alone."""
     yield from _walk(ast.parse(source), name if is_package else name.rpartition(".")[0], is_lazy=False)
 
 
@@ -49,16 +49,9 @@ def _walk(node: ast.AST, package: str, is_lazy: bool) -> Iterator[Import]:
                 base = ".".join([*above, base] if base else above)
             for alias in child.names:
                 yield Import(child.lineno, f"{base}.{alias.name}", is_lazy)
-        elif isinstance(child, ast.If) and _is_type_checking(child.test):
-            for other in child.orelse:
-                yield from _walk(ast.Module([other], []), package, is_lazy)
         else:
             inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             yield from _walk(child, package, is_lazy or inside)
-
-
-def _is_type_checking(test: ast.expr) -> bool:
-    return ast.unparse(test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
 
 
 MODULES = modules_below(ROOT, PACKAGE)

@@ -177,7 +177,7 @@ def test_the_stride_follows_from_the_stream_rate() -> None:
 def test_the_port_is_fixed(port: str, fits: bool) -> None:
     driver = Franka("panda", port, {})
     if fits:
-        assert driver.host == "192.0.2.1"
+        assert driver.config.host == "192.0.2.1"
     else:
         with pytest.raises(ValueError, match="its port is 1337"):
-            _ = driver.host
+            _ = driver.config.host

@@ -211,9 +211,9 @@ def test_a_password_is_in_no_refusal() -> None:
     [("192.168.1.10", ("192.168.1.10", 10000)), ("arm.local:10001", ("arm.local", 10001))],
 )
 def test_the_address(port: str, address: tuple[str, int]) -> None:
-    assert Kinova("kinova_gen3", port, {}).address() == address
+    assert Kinova("kinova_gen3", port, {}).config.address() == address
 
 
 def test_a_port_that_is_no_address_is_refused() -> None:
     with pytest.raises(ValueError, match="Give an address"):
-        Kinova("kinova_gen3", "10.0.0.1:x", {}).address()
+        Kinova("kinova_gen3", "10.0.0.1:x", {}).config.address()
