@@ -13,6 +13,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import __version__
+
 if TYPE_CHECKING:
     from .caller.robot import Robot, open_robot
     from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
@@ -30,6 +32,7 @@ __all__ = [
     "MeshConfig",
     "RecordingError",
     "Robot",
+    "__version__",
     "control",
     "estop",
     "estop_button",
@@ -40,7 +43,6 @@ __all__ = [
     "replay",
     "resume",
 ]
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
@@ -52,4 +54,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return list(__all__)

@@ -149,7 +149,16 @@ def test_a_module_imports_only_what_is_below_it(name: str) -> None:
     assert faults(name, IMPORTS[name]) == []
 
 
+TO_BE_PORTED = ("ur", "robotiq", "unitree")
+"""Wires that still take their driver instead of a frozen config: wire and driver name each other."""
+
+
+def is_to_be_ported(cycle: list[str]) -> bool:
+    return any(all(is_in(name, f"{PACKAGE}.drivers.{wire}") for name in cycle) for wire in TO_BE_PORTED)
+
+
 def test_no_module_imports_itself_by_a_detour() -> None:
+    """Not even for type checkers."""
     lazy = {f"{PACKAGE}"}  # its names are looked up when they are asked for
     graph = {
         name: {
@@ -160,7 +169,8 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         - {name}
         for name, imports in IMPORTS.items()
     }
-    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
+    found = cycles({name: targets & set(graph) for name, targets in graph.items()})
+    assert [cycle for cycle in found if not is_to_be_ported(cycle)] == []
 
 
 # -- the rules themselves
@@ -184,6 +194,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         ("strands_actors.caller.tree", "import drivers.feetech.wire"),
         ("strands_actors.caller.tree", "from supervisors import gate"),
         ("strands_actors.caller.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
+        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
     ],
 )
 def test_a_fault_is_found(name: str, source: str) -> None:
@@ -195,7 +206,6 @@ def test_a_fault_is_found(name: str, source: str) -> None:
     ("name", "source"),
     [
         ("strands_actors.kernel.node", "import trio\nfrom .actor import Actor\nfrom . import link"),
-        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
         (
             "strands_actors.supervisors.gate.gate",
             "from ...kernel.actor import Actor\nfrom .lease import Lease",
@@ -211,3 +221,17 @@ def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:
 def test_a_cycle_is_found() -> None:
     assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c", "b"]]
     assert cycles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_a_cycle_for_type_checkers_is_found() -> None:
+    sources = {"a.b": "if TYPE_CHECKING:\n  from .c import C", "a.c": "from a.b import B"}
+    graph = {
+        name: {target.rpartition(".")[0] for _, target, _ in imports_of(name, False, source)}
+        for name, source in sources.items()
+    }
+    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == [["a.b", "a.c", "a.b"]]
+
+
+def test_no_wire_that_was_ported_is_excused() -> None:
+    assert not is_to_be_ported([f"{PACKAGE}.drivers.xarm.driver", f"{PACKAGE}.drivers.xarm.wire"])
+    assert not is_to_be_ported([f"{PACKAGE}.drivers.ur.driver", f"{PACKAGE}.kernel.node"])
