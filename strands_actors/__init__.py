@@ -17,11 +17,13 @@ from .version import __version__
 
 if TYPE_CHECKING:
     from .caller.robot import Robot, open_robot
+    from .drivers import list_native_drivers, register_native_driver
     from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
     from .surfaces.recording import RecordingError, read, record, replay
 
 _WHERE = {
     "caller.robot": ("Robot", "open_robot"),
+    "drivers": ("list_native_drivers", "register_native_driver"),
     "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
@@ -36,10 +38,12 @@ __all__ = [
     "control",
     "estop",
     "estop_button",
+    "list_native_drivers",
     "open_mesh",
     "open_robot",
     "read",
     "record",
+    "register_native_driver",
     "replay",
     "resume",
 ]

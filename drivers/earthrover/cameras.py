@@ -12,6 +12,8 @@ from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .driver import EarthRover
+
+__all__ = ["picture", "take_picture"]
 from .protocol import NOT_FOUND, OK, PICTURES, Picture, decode_picture
 
 PICTURE_S = 2.0

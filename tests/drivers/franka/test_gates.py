@@ -166,9 +166,9 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 
 
 def test_the_stride_follows_from_the_stream_rate() -> None:
-    assert Franka("panda", "", {}).stride == 33
+    assert Franka("panda", "", {}).config.stride == 33
     fast = Franka("panda", "", {"stream_rate_hz": 100.0})
-    assert (fast.stride, fast.timing.control_hz) == (10, 100.0)
+    assert (fast.config.stride, fast.timing.control_hz) == (10, 100.0)
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_the_clocks_follow_the_control_frequency(hz: float, silent_s: float) -> 
     arm = Kinova("kinova_gen3", "192.0.2.10", Kinova.resolve("kinova_gen3", {"control_frequency": hz}))
     timing = arm.timing
     assert timing.control_hz == hz
-    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.heartbeat_ttl_s, arm.silent_s):
+    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.heartbeat_ttl_s, arm.config.silent_s):
         assert lapse_s == pytest.approx(silent_s)
     assert timing.keepalive_s < 1 / hz
     step = 0.8727 / hz
