@@ -22,8 +22,9 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.node import PREFIX, AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.router import Router
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.gate import Gate
@@ -74,7 +75,7 @@ class FromOutside:
     """The way of frames from other hosts into the root's node, and of answers back. Answers alone: the node tells
     nobody there anything."""
 
-    def __init__(self, node: Node, pubsub: PubSub, robot: str) -> None:
+    def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
         at = addresses.of(robot)
         self.channel: Channel | None = channels.of_elsewhere(robot)
         self._node = node

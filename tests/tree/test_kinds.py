@@ -31,7 +31,7 @@ async def tree_of(kind: type[_Kind]) -> AsyncIterator[tuple[InlineTree, Peer, Wr
     driver = kind(kind.SUPPORTED_ROBOTS[0], port, {})
     try:
         async with open_inline_tree(driver=driver) as tree:
-            yield tree, driver.peer, await armed(tree)
+            yield tree, driver.config.peer, await armed(tree)
     finally:
         PEERS.pop(port, None)
 
