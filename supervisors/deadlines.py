@@ -1,7 +1,8 @@
-"""How long those who order a stop wait: what the driver says that one may take (``Timing.safe_s``), and some room.
+"""How long those who order a stop wait: what the driver says that one may take (``Timing.safe_s``),
+and some room.
 
-A wire that takes long because its robot does (a drone that lands) must not be fenced for it: the stop channel would
-begin anew what the wire has begun.
+A wire that takes long because its robot does (a drone that lands) must not be fenced for it: the
+stop channel would begin anew what the wire has begun.
 """
 
 from __future__ import annotations
