@@ -273,7 +273,7 @@ class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
         return _Connection()
 
     async def make_safe_by(self, port: _Connection, safe_state: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self.config, self.clock, safe_state, "second")
+        return await _make_safe(self.config, self.clock, safe_state, "stop_channel")
 
     def failed(self, why: str, port: _Connection | None = None) -> tuple[MotorReport, ...]:
         return tuple(MotorReport(axis.key, axis.id, False, False, False, why) for axis in self.config.axes)

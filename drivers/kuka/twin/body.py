@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 
 from .controller import Controller
 
 
-class KukaBody(PlantBody):
+class KukaBody(JointedBody):
     """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, controller: Controller) -> None:
