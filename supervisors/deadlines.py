@@ -21,6 +21,8 @@ USUAL_SAFE_S = Timing(control_hz=1.0, keepalive_s=1.0).safe_s
 
 
 class StopDeadlines(NamedTuple):
+    longer_s: float
+    """How much longer than most robots this one needs until it is safe."""
     gate_s: float
     """Who asked the gate."""
     attempt_s: float
@@ -35,8 +37,10 @@ class StopDeadlines(NamedTuple):
     @classmethod
     def of(cls, safe_s: float) -> StopDeadlines:
         attempt_s = safe_s + ROOM_S
-        own_stop_s = OWN_STOP_S + max(0.0, safe_s - USUAL_SAFE_S)
+        longer_s = max(0.0, safe_s - USUAL_SAFE_S)
+        own_stop_s = OWN_STOP_S + longer_s
         return cls(
+            longer_s=longer_s,
             gate_s=safe_s + ROOM_S,
             attempt_s=attempt_s,
             root_s=attempt_s + FENCE_ROOM_S,

@@ -137,7 +137,7 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
-        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"], safe_s=self.driver.timing.safe_s)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(

@@ -173,7 +173,7 @@ def test_a_stop_from_the_mesh_lets_a_drone_land_and_does_not_fence_its_wire() ->
 
 def test_who_waits_for_a_stop_waits_as_long_as_the_robot_may_take() -> None:
     usual, landing = StopDeadlines.of(1.5), StopDeadlines.of(2 * LANDING_S)
-    assert usual == (2.0, 2.0, 3.0, 0.25, 3.25)
+    assert usual == (0.0, 2.0, 2.0, 3.0, 0.25, 3.25)
     assert all(longer - shorter >= 2 * LANDING_S - 1.5 for shorter, longer in zip(usual, landing, strict=True))
     assert landing.end_s >= landing.own_stop_s + landing.attempt_s
 
