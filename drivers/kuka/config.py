@@ -21,12 +21,14 @@ class KukaConfig(msgspec.Struct, frozen=True):
     stream_ttl_s: float
 
     def place(self) -> tuple[str, int]:
-        """Return the controller's address, empty for any, and the UDP port of both ends: the one that ``port``
-        names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no address."""
+        """Return the controller's address, empty for any, and the UDP port of both ends: the one
+        that ``port`` names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no
+        address."""
         return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
 
     def numeric_host(self) -> str:
-        """Return the controller's address if it is given as a number; empty: not known without asking."""
+        """Return the controller's address if it is given as a number; empty: not known without
+        asking."""
         try:
             return str(IPv4Address(self.place()[0]))
         except ValueError:
@@ -42,8 +44,8 @@ class KukaConfig(msgspec.Struct, frozen=True):
 
 
 class KeptPort:
-    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its socket, and
-    another one could not be bound beside that."""
+    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its
+    socket, and another one could not be bound beside that."""
 
     def __init__(self, config: KukaConfig) -> None:
         self._config = config

@@ -21,5 +21,6 @@ class SimConfig(msgspec.Struct, frozen=True):
         return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, self.units, strict=True))
 
     def model(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target in the model's units. What follows the axes (a gripper's speed) has no meaning here."""
+        """Return a target in the model's units. What follows the axes (a gripper's speed) has no
+        meaning here."""
         return tuple((value - zero) / scale for value, (zero, scale) in zip(values, self.units, strict=False))

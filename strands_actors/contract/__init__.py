@@ -1,4 +1,5 @@
-"""What the author of a driver imports. Declarations are pure; the stop channels are the only part with I/O.
+"""What the author of a driver imports. Declarations are pure; the stop channels are the only part
+with I/O.
 
 ``Driver``, ``Wire``, ``StopChannel``   the three classes a driver consists of, beside a twin
 ``Part``, ``Axis``, ``axis_gates``      what can be told to the robot, and what is refused

@@ -1,4 +1,5 @@
-"""Stop channels of four kinds, to be completed with what one robot says. The fifth is ``stop_process.OwnProcess``.
+"""Stop channels of four kinds, to be completed with what one robot says. The fifth is
+``stop_process.OwnProcess``.
 
 ``DuplicateDescriptor``  the descriptor that the wire had open; the port opened anew where that is dead
 ``ConnectWhenNeeded``    a connection of the root's own, made for the stop
@@ -42,8 +43,8 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """A duplicate of the wire's descriptor, used after its owner has ended. Where that is dead, or none was handed
-    over, the port is opened anew, and kept until ``close``."""
+    """A duplicate of the wire's descriptor, used after its owner has ended. Where that is dead, or
+    none was handed over, the port is opened anew, and kept until ``close``."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -85,8 +86,9 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
 
 class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
-    """A connection made for the stop. By then the wire's is gone with its process, so a controller that takes one
-    client takes this one. A name for an address has to be looked up then, too: a number is quicker."""
+    """A connection made for the stop. By then the wire's is gone with its process, so a controller
+    that takes one client takes this one. A name for an address has to be looked up then, too: a
+    number is quicker."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -124,8 +126,8 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """The firmware stops by itself once the wire process is gone. Connect, tell it to stop all the same, and look
-    until every motor is seen to be safe."""
+    """The firmware stops by itself once the wire process is gone. Connect, tell it to stop all the
+    same, and look until every motor is seen to be safe."""
 
     CONFIRM_S: ClassVar[float]
     """For so long."""
@@ -145,8 +147,8 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
 
 
 class KeptSession(StopChannel, Generic[ConfigT, PortT]):
-    """A session of the root's own, opened before the wire counts as up, and kept up until it is used. One that is
-    lost is replaced as soon as another can be opened."""
+    """A session of the root's own, opened before the wire counts as up, and kept up until it is
+    used. One that is lost is replaced as soon as another can be opened."""
 
     AGAIN_S: ClassVar[float] = 0.2
     """Pause before a session is opened in place of one that was lost."""
@@ -167,7 +169,8 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: str) -> Reports:
-        """Do as ``make_safe``. ``session``: nobody else uses it any more; None: there is none. Never raises."""
+        """Do as ``make_safe``. ``session``: nobody else uses it any more; None: there is none.
+        Never raises."""
 
     @property
     def has_other_way(self) -> bool:

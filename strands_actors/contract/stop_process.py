@@ -1,8 +1,9 @@
 """The fifth kind of stop channel: a process of its own, for what needs a vendor's SDK or gRPC.
 
-Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary stop channel, and
-makes safe when it is asked to, one question at a time over a socket pair. A child that does not answer in time (its
-SDK hangs, or keeps the interpreter's lock) is killed, and another one is started and asked.
+Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary
+stop channel, and makes safe when it is asked to, one question at a time over a socket pair. A child
+that does not answer in time (its SDK hangs, or keeps the interpreter's lock) is killed, and another
+one is started and asked.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class _Order(msgspec.Struct, frozen=True):
 
 
 class _Answer(msgspec.Struct, frozen=True):
-    """``trouble``: why the child cannot be used. Without one: it is ready, or what became of each motor."""
+    """``trouble``: why the child cannot be used. Without one: it is ready, or what became of each
+    motor."""
 
     reports: tuple[MotorReport, ...] = ()
     trouble: str = ""
@@ -50,7 +52,8 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     """``config`` is a struct of msgspec: it travels to the child as plain data."""
 
     CHANNEL: ClassVar[str]
-    """``module:class`` of the stop channel, made in the child as ``class(config, descriptors, clock)``."""
+    """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
+    clock)``."""
     START_S: ClassVar[float] = 2.0
     """Within which a child has loaded and connected what it needs."""
     ANSWER_S: ClassVar[float] = 0.6
@@ -240,8 +243,8 @@ async def _answer(channel: StopChannel, frames: _Frames) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End when the root does, whatever an SDK does here: it may hang, or keep the interpreter's lock. Without Linux
-    a child that hangs outlives a root that is killed."""
+    """End when the root does, whatever an SDK does here: it may hang, or keep the interpreter's
+    lock. Without Linux a child that hangs outlives a root that is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != parent:

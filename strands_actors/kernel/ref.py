@@ -115,7 +115,8 @@ class Ref:
             node.dead(self.address, message, "nobody hosts it")
 
     async def ask(self, message: Message, deadline_s: float) -> Message | None:
-        """Send and wait for the answer. Raise ``AskTimeout`` or ``Unreachable``; a refusal is an answer."""
+        """Send and wait for the answer. Raise ``AskTimeout`` or ``Unreachable``; a refusal is an
+        answer."""
         node = self._node
         answer = Answer(self._protocol.decode_reply if self._protocol else None)
         cell = self._local()
@@ -141,8 +142,8 @@ class Ref:
             node.pending.pop(cid, None)
 
     def ask_here(self, message: Message, deadline_s: float) -> Message | None:
-        """As ``ask``, of an actor of another process that is on the mesh: from any thread but the loop's, which it
-        would hold up. The loop has no part in it."""
+        """As ``ask``, of an actor of another process that is on the mesh: from any thread but the
+        loop's, which it would hold up. The loop has no part in it."""
         mesh, protocol = self._node.mesh, self._protocol
         if mesh is None or protocol is None:
             raise Unreachable(f"nobody hosts {self.address}")
@@ -150,8 +151,8 @@ class Ref:
         return mesh.ask(self.address, sender, message, protocol.decode_reply, deadline_s)
 
     def ask_at_once(self, message: Message) -> Sent | None:
-        """From any thread, without its loop: send over a link to the process of the actor. None: there is none, or
-        it has something to send before, and nothing was sent."""
+        """From any thread, without its loop: send over a link to the process of the actor. None:
+        there is none, or it has something to send before, and nothing was sent."""
         node = self._node
         link = node.route(self.address)
         if link is None:

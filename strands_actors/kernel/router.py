@@ -1,8 +1,9 @@
 """Where an address lives, and how a message gets there.
 
-A message to an address of this process goes straight into the mailbox. Otherwise it leaves as a frame: over
-the link (inherited socket) whose other end announced the address, else over the mesh. Semantics are the
-same on every way: ``tell`` never waits, ``ask`` has a deadline, ``watch`` answers with ``Down``.
+A message to an address of this process goes straight into the mailbox. Otherwise it leaves as a
+frame: over the link (inherited socket) whose other end announced the address, else over the mesh.
+Semantics are the same on every way: ``tell`` never waits, ``ask`` has a deadline, ``watch`` answers
+with ``Down``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class DeadLetter(msgspec.Struct, frozen=True):
 
 
 class _RemoteReply:
-    """Over the way by which it was asked: whoever asks names where the answer goes, and could name another."""
+    """Over the way by which it was asked: whoever asks names where the answer goes, and could name
+    another."""
 
     __slots__ = ("_cid", "_node", "_to", "_way")
 

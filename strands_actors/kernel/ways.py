@@ -18,13 +18,14 @@ class Way(Protocol):
     """What may be said over it; None: everything."""
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
-        """Send without waiting; False when nobody there hosts ``to``. The sender keeps its descriptors, the
-        receiver gets duplicates; a way between processes that is no link delivers none. ``urgent``: it may overtake
-        what is not."""
+        """Send without waiting; False when nobody there hosts ``to``. The sender keeps its
+        descriptors, the receiver gets duplicates; a way between processes that is no link
+        delivers none. ``urgent``: it may overtake what is not."""
         ...
 
     def send_at_once(self, data: bytes) -> bool:
-        """From any thread: whole, or not at all. Only a link can, and only when nothing waits to be sent there."""
+        """From any thread: whole, or not at all. Only a link can, and only when nothing waits to be
+        sent there."""
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...

@@ -1,4 +1,5 @@
-"""Whether a setpoint or a service is let through, and if not why. Pure: it is told what the gate knows."""
+"""Whether a setpoint or a service is let through, and if not why. Pure: it is told what the gate
+knows."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ class Known(NamedTuple):
 
 
 class Admitted(NamedTuple):
-    """A setpoint that may go to the wire. ``until_ns``: when what it sets in motion ends; 0: with the lease."""
+    """A setpoint that may go to the wire. ``until_ns``: when what it sets in motion ends; 0: with
+    the lease."""
 
     values: tuple[float, ...]
     until_ns: int
@@ -43,8 +45,8 @@ class Admission:
         self._driver = driver
 
     def setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
-        """Ask in the order in which a person would want to hear it: mode, lease, epoch, deadline, the robot's
-        conditions, its axes, its gates."""
+        """Ask in the order in which a person would want to hear it: mode, lease, epoch, deadline,
+        the robot's conditions, its axes, its gates."""
         refusal = (
             self._refuse_by_mode(known)
             or _refuse_by_lease("move", message, known)
@@ -109,8 +111,8 @@ class Admission:
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False
     ) -> tuple[Condition, Refused] | None:
-        """Return the first condition of the robot that is not true, and why. ``only_always``: of those that are
-        looked at while nothing is live."""
+        """Return the first condition of the robot that is not true, and why. ``only_always``: of
+        those that are looked at while nothing is live."""
         for condition in self._driver.conditions:
             if condition.always or not only_always:
                 refusal = condition.check(observation, now_ns)
@@ -136,7 +138,8 @@ class Admission:
         return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
-        """Refuse a command without an end to a robot that would go on moving by it: a base, a drone, legs."""
+        """Refuse a command without an end to a robot that would go on moving by it: a base, a
+        drone, legs."""
         longest_s = self._driver.timing.oneshot_ttl_s
         if not message.latched or longest_s is None:
             return None

@@ -10,10 +10,11 @@ from strands_actors.supervisors.messages import StopReport
 def held_target(
     driver: Driver, report: StopReport, before: tuple[float, ...], measured: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the target after a hold, so that the next command moves what it names and nothing else.
+    """Return the target after a hold, so that the next command moves what it names and nothing
+    else.
 
-    An axis that could not be held where it is keeps its last target (``before``); one that was held is not sent
-    elsewhere by an older reading (``measured``).
+    An axis that could not be held where it is keeps its last target (``before``); one that was held
+    is not sent elsewhere by an older reading (``measured``).
     """
     aimed = list(measured)
     motors = {motor.axis: motor for motor in report.motors}

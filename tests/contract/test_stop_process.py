@@ -163,6 +163,23 @@ def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> No
     with_channel(tmp_path, test)
 
 
+def test_saf_005_an_sdk_that_hangs_as_it_is_loaded_leaves_nobody_behind(tmp_path: Path) -> None:
+    class Impatient(Channel):
+        START_S: ClassVar[float] = 3.0
+
+    async def main() -> None:
+        folder = Folder(tmp_path)
+        folder.tell("hang-at-start")
+        channel = Impatient(VendorConfig(str(tmp_path), AXES), (), MonotonicClock())
+        reports = await channel.make_safe("stop")
+        assert "did not answer within 3 s" in reports[0].detail
+        for pid in folder.notes("began"):
+            await gone(pid)
+        channel.close()
+
+    trio.run(main)
+
+
 def test_its_end_is_the_end_of_its_child(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         await channel.make_safe("stop")

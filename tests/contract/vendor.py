@@ -1,6 +1,7 @@
 """A stop channel on a vendor's SDK that hangs, for the tests of one in a process of its own.
 
-What it does next is said by the files in its folder: ``hang`` and ``spin`` are obeyed once, ``hang-always`` always.
+What it does next is said by the files in its folder: ``hang``, ``spin`` and ``crash`` are obeyed
+once, the others always.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ class VendorStopChannel(StopChannel):
         self._axes = config.axes
         self._descriptors = descriptors
         self._note("began")
+        if (self._folder / "hang-at-start").exists():
+            time.sleep(3600)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         if (self._folder / "unreachable").exists():

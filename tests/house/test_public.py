@@ -89,6 +89,22 @@ def test_a_driver_can_be_written_on_the_contract_alone(name: str) -> None:
     assert {used.module for used in imports_in(name, MODULES[name].read_text())} == {f"{PACKAGE}.contract"}
 
 
+NAMED = re.compile(
+    r"(?<![\w./<-])((?:tests|supervisors|drivers|strands_actors|benchmarks|examples|kernel|contract|policies)"
+    r"/[\w/.-]+\.(?:py|toml|md|html))"
+)
+
+
+def test_the_files_that_the_docs_name_exist() -> None:
+    missing = [
+        f"{page.relative_to(ROOT)}: {name}"
+        for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
+        for name in NAMED.findall(page.read_text())
+        if not (ROOT / name).exists() and not (ROOT / PACKAGE / name).exists()
+    ]
+    assert missing == []
+
+
 # -- the rules themselves
 
 

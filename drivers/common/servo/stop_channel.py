@@ -1,4 +1,5 @@
-"""The root's way to position servos: the open port of the wire that has ended, else the port opened anew."""
+"""The root's way to position servos: the open port of the wire that has ended, else the port opened
+anew."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
         super().__init__(config, descriptors, clock)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another name when it
-        comes back."""
+        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another
+        name when it comes back."""
         task_status.started()
         if self.port is not None:
             await self.port.hung_up()
