@@ -17,7 +17,7 @@ from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
 
 from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Wanted
-from .tables import LOG, LOG_LAYOUTS, PARAMETERS, checksum, packed
+from .tables import LOG, LOG_LAYOUTS, PARAMETERS, Reading, checksum, packed
 
 LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
 """Of the firmware's commander."""
@@ -33,6 +33,8 @@ DESCENT_S = 2.0
 """Of a landing that a simulation asks for."""
 
 LOG_BYTES = 26
+HOVER_THRUST = 36000.0
+"""In the firmware's units, of 65535 [assumed]."""
 
 
 class Heard(NamedTuple):
@@ -41,18 +43,6 @@ class Heard(NamedTuple):
     kind: str
     replies: tuple[bytes, ...] = ()
     safe_state: str | None = None
-
-
-class Reading(NamedTuple):
-    """What the estimator knows, in the firmware's units."""
-
-    xyz_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float, float]
-    rpy_deg: tuple[float, float, float]
-    wz_deg_s: float
-    battery_v: float
-    battery_state: int
-    bits: int
 
 
 @dataclass
@@ -236,6 +226,7 @@ class Firmware:
             self.battery_v,
             int(state),
             int(self.bits),
+            HOVER_THRUST if self.motors_on else 0.0,
         )
 
     def rows(self) -> Iterator[bytes]:
@@ -243,7 +234,7 @@ class Firmware:
         for number, block in self.blocks.items():
             if block.period_s and self.time_s >= block.due_s:
                 block.due_s = max(block.due_s + block.period_s, self.time_s)
-                values = (packed(LOG_LAYOUTS[kind], LOG[at].read(self)) for at, kind in block.variables)
+                values = (packed(LOG_LAYOUTS[kind], LOG[at].read(self.reading)) for at, kind in block.variables)
                 stamp = (round(self.time_s * 1e3) & 0xFFFFFF).to_bytes(3, "little")
                 yield p.encode(Port.LOG, 2, bytes((number,)) + stamp + b"".join(values))
 

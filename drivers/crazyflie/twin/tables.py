@@ -8,10 +8,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from .firmware import Firmware
+from typing import NamedTuple
 
 LOG_LAYOUTS = {1: "<B", 2: "<H", 3: "<I", 4: "<b", 5: "<h", 6: "<i", 7: "<f", 8: "<e"}
 PARAMETER_LAYOUTS = {0: "<b", 1: "<h", 2: "<i", 6: "<f", 8: "<B", 9: "<H", 10: "<I"}
@@ -21,11 +18,24 @@ _PARAMETER_U8, _PARAMETER_FLOAT = 8, 6
 _READ_ONLY = 0x40
 
 
+class Reading(NamedTuple):
+    """What the estimator knows, in the firmware's units."""
+
+    xyz_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+    rpy_deg: tuple[float, float, float]
+    wz_deg_s: float
+    battery_v: float
+    battery_state: int
+    bits: int
+    thrust: float
+
+
 class Variable(NamedTuple):
     group: str
     name: str
     kind: int
-    read: Callable[[Firmware], float]
+    read: Callable[[Reading], float]
 
     @property
     def full(self) -> str:
@@ -33,23 +43,23 @@ class Variable(NamedTuple):
 
 
 LOG: tuple[Variable, ...] = (
-    Variable("pm", "vbat", _FLOAT, lambda it: it.reading.battery_v),
-    Variable("pm", "state", _U8, lambda it: it.reading.battery_state),
+    Variable("pm", "vbat", _FLOAT, lambda it: it.battery_v),
+    Variable("pm", "state", _U8, lambda it: it.battery_state),
     Variable("pm", "batteryLevel", _U8, lambda it: 80),
-    Variable("stateEstimate", "x", _FLOAT, lambda it: it.reading.xyz_m[0]),
-    Variable("stateEstimate", "y", _FLOAT, lambda it: it.reading.xyz_m[1]),
-    Variable("stateEstimate", "z", _FLOAT, lambda it: it.reading.xyz_m[2]),
-    Variable("stateEstimate", "vx", _FLOAT, lambda it: it.reading.velocity_m_s[0]),
-    Variable("stateEstimate", "vy", _FLOAT, lambda it: it.reading.velocity_m_s[1]),
-    Variable("stateEstimate", "vz", _FLOAT, lambda it: it.reading.velocity_m_s[2]),
-    Variable("stabilizer", "roll", _FLOAT, lambda it: it.reading.rpy_deg[0]),
-    Variable("stabilizer", "pitch", _FLOAT, lambda it: -it.reading.rpy_deg[1]),
-    Variable("stabilizer", "yaw", _FLOAT, lambda it: it.reading.rpy_deg[2]),
-    Variable("stabilizer", "thrust", _FLOAT, lambda it: 36000.0 if it.motors_on else 0.0),
+    Variable("stateEstimate", "x", _FLOAT, lambda it: it.xyz_m[0]),
+    Variable("stateEstimate", "y", _FLOAT, lambda it: it.xyz_m[1]),
+    Variable("stateEstimate", "z", _FLOAT, lambda it: it.xyz_m[2]),
+    Variable("stateEstimate", "vx", _FLOAT, lambda it: it.velocity_m_s[0]),
+    Variable("stateEstimate", "vy", _FLOAT, lambda it: it.velocity_m_s[1]),
+    Variable("stateEstimate", "vz", _FLOAT, lambda it: it.velocity_m_s[2]),
+    Variable("stabilizer", "roll", _FLOAT, lambda it: it.rpy_deg[0]),
+    Variable("stabilizer", "pitch", _FLOAT, lambda it: -it.rpy_deg[1]),
+    Variable("stabilizer", "yaw", _FLOAT, lambda it: it.rpy_deg[2]),
+    Variable("stabilizer", "thrust", _FLOAT, lambda it: it.thrust),
     Variable("gyro", "x", _FLOAT, lambda it: 0.0),
     Variable("gyro", "y", _FLOAT, lambda it: 0.0),
-    Variable("gyro", "z", _FLOAT, lambda it: it.reading.wz_deg_s),
-    Variable("supervisor", "info", _U16, lambda it: it.reading.bits),
+    Variable("gyro", "z", _FLOAT, lambda it: it.wz_deg_s),
+    Variable("supervisor", "info", _U16, lambda it: it.bits),
     Variable("sys", "canfly", _U8, lambda it: 1),
     Variable("radio", "rssi", _U8, lambda it: 45),
     Variable("crtp", "rxRate", _U16, lambda it: 20),
