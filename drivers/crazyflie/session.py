@@ -17,6 +17,8 @@ from .links import Link
 
 AGAIN_S = 0.25
 """After which a question that was not answered is asked again."""
+SHORTEST_S = 0.001
+"""Of a wait: what is left of ``AGAIN_S`` may be less than a clock can show."""
 WINDOW = 8
 """Questions that are asked at once."""
 
@@ -110,7 +112,8 @@ class Session:
                         if now_s - asked_s.get(question, -math.inf) >= AGAIN_S:
                             asked_s[question] = now_s
                             await self.link.write(question.packet, permit)
-                    await self.news(min(asked_s[question] for question in missing) + AGAIN_S - now_s)
+                    due_s = min(asked_s[question] for question in missing) + AGAIN_S - now_s
+                    await self.news(max(SHORTEST_S, due_s))
             return [self._open[question] for question in questions]
         finally:
             for question in answers:
