@@ -13,7 +13,7 @@ from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
 
 _ROUNDING = 1e-9
-_DECIMALS = {"deg": 1, "percent": 1, "%": 1}
+_DECIMALS = {"deg": 1, "percent": 1, "%": 1, "mm": 1}
 _OTHER_DECIMALS = 4
 """Radians, metres, fractions: enough digits that what a refusal names as the limit is accepted."""
 

@@ -23,7 +23,7 @@ class Rig:
         self.driver = Robotiq("robotiq_2f85", "192.0.2.10", options or {})
         self.twin: RobotiqTwin = twin_of("robotiq_2f85", trio.current_time, **bench)
         self.clock = VirtualClock()
-        self.wire = RobotiqWire(self.driver, self.clock, self.connect)
+        self.wire = RobotiqWire(self.driver.config, self.clock, self.connect)
         self.ports: list[MemoryPort] = []
         self.written: list[str] = []
         self.questions = 0
@@ -70,7 +70,7 @@ class Rig:
         return report
 
     async def stop_channel(self) -> MotorReport:
-        path = RobotiqStopChannel(self.driver, self.clock, self.connect)
+        path = RobotiqStopChannel(self.driver.config, (), self.clock, self.connect)
         (report,) = await path.make_safe("hold")
         path.close()
         assert self.ports[-1].closed
