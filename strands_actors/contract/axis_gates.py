@@ -94,18 +94,25 @@ def past_range(axes: Axes) -> GateCheck:
 
 
 def too_fast(
-    axes: Axes, *, tolerance: float = 1.2, oneshot_s: float | None = None, longest_s: float = math.inf
+    axes: Axes,
+    *,
+    tolerance: float = 1.2,
+    oneshot_s: float | None = None,
+    longest_s: float = math.inf,
+    pause_counts: bool = True,
 ) -> GateCheck:
     """Refuse a step that the axis cannot follow.
 
     A stream may step as far as the axis moves in its period, or since the last target that was accepted, times
-    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts. A command on its own may
-    step as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
+    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts, and nothing with
+    ``pause_counts`` off: for a controller that goes to each target in one period. A command on its own may step
+    as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
     """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
-            period_s = min(max(state.period_s, (state.now_ns - state.target_ns) / NS), longest_s) * tolerance
+            pause_s = (state.now_ns - state.target_ns) / NS if pause_counts else 0.0
+            period_s = min(max(state.period_s, pause_s), longest_s) * tolerance
         elif oneshot_s is not None:
             period_s = oneshot_s
         else:

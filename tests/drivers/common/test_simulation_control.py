@@ -32,7 +32,8 @@ from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.robotiq import protocol as robotiq
 from strands_actors.drivers.robotiq.robots import TABLES as ROBOTIQ
 from strands_actors.drivers.robotiq.twin import twin_of
-from strands_actors.drivers.ur.arms import arm_of, arms
+from strands_actors.drivers.ur.arms import TABLES as UR
+from strands_actors.drivers.ur.arms import arm_of
 from strands_actors.drivers.ur.twin.body import URBody
 from strands_actors.drivers.ur.twin.controller import Controller
 from strands_actors.drivers.ur.twin.script import Foreign
@@ -93,7 +94,7 @@ def ticking(robot: str) -> tuple[Ticking, Any]:
     return Ticking(URBody(controller), now, controller.tick), controller
 
 
-ROBOTS = (*FEETECH.robots, *DYNAMIXEL.robots, *ROBOTIQ.robots, *arms())
+ROBOTS = (*FEETECH.robots, *DYNAMIXEL.robots, *ROBOTIQ.robots, *UR.robots)
 
 
 # -- frames
