@@ -68,15 +68,19 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
     return stale
 
 
-def past_range(axes: Axes) -> GateCheck:
-    """Refuse a target outside the range of its axis."""
-    limits = tuple(axis.limits for axis in axes)
+def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
+    """Refuse a target outside the range of its axis. ``rounding``: what numbers may lose on the way to the robot
+    and back, so that an axis at its end is within."""
+    ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
+        values = candidate.values
         for at in candidate.named:
-            value, (low, high), axis = candidate.values[at], limits[at], axes[at]
+            value, (least, most) = values[at], ends[at]
             # not (a <= b) rather than b < a: a NaN is refused too
-            if not low - _ROUNDING <= value <= high + _ROUNDING:
+            if not least <= value <= most:
+                axis = axes[at]
+                low, high = axis.limits
                 # rounded inwards: what the text allows is allowed
                 bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
                 end = bottom if value < low else top
@@ -108,6 +112,7 @@ def too_fast(
     ``pause_counts`` off: for a controller that goes to each target in one period. A command on its own may step
     as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
     """
+    speeds = tuple(axis.speed for axis in axes)
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
@@ -117,11 +122,12 @@ def too_fast(
             period_s = oneshot_s
         else:
             return None
+        values, target = candidate.values, state.target
         for at in candidate.named:
-            axis = axes[at]
-            step = abs(candidate.values[at] - state.target[at])
-            allowed = axis.speed * period_s
+            step = abs(values[at] - target[at])
+            allowed = speeds[at] * period_s
             if not step <= allowed + _ROUNDING:
+                axis = axes[at]
                 most = show(allowed, axis.unit, inwards=math.floor)
                 unit = unit_of(axis)
                 return Refused(
