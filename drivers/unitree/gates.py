@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from strands_actors.contract import axis_gates
 from strands_actors.contract.axis import finite
-from strands_actors.contract.axis_gates import past_range
+from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -37,8 +37,6 @@ BATTERY_FLOOR_PCT = 15.0
 
 LONGEST_STEP_S = 0.1
 """A slower stream may not step further than a joint turns meanwhile."""
-STEP_TOLERANCE = 1.2
-"""A stream's period jitters."""
 
 FLOAT32_ROUNDING = 1e-6
 """Numbers are float32 on the wire, and as the robot reports them."""
@@ -300,7 +298,6 @@ def steps(model: Model) -> GateCheck:
     count = len(model.joints)
     too_fast = axis_gates.too_fast(
         model.table,
-        tolerance=STEP_TOLERANCE,
         oneshot_s=CONTROL_S * STEP_TOLERANCE,
         longest_s=LONGEST_STEP_S,
         pause_counts=False,

@@ -12,6 +12,9 @@ from strands_actors.kernel.messages import Refused
 from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
 
+STEP_TOLERANCE = 1.2
+"""A stream's period jitters; so does the top speed of a servo with its supply."""
+
 _ROUNDING = 1e-9
 _DECIMALS = {"deg": 1, "percent": 1, "%": 1, "mm": 1}
 _OTHER_DECIMALS = 4
@@ -100,7 +103,7 @@ def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
 def too_fast(
     axes: Axes,
     *,
-    tolerance: float = 1.2,
+    tolerance: float = STEP_TOLERANCE,
     oneshot_s: float | None = None,
     longest_s: float = math.inf,
     pause_counts: bool = True,
@@ -117,15 +120,16 @@ def too_fast(
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
             pause_s = (state.now_ns - state.target_ns) / NS if pause_counts else 0.0
-            period_s = min(max(state.period_s, pause_s), longest_s) * tolerance
+            period_s = min(max(state.period_s, pause_s), longest_s)
+            reach_s = period_s * tolerance
         elif oneshot_s is not None:
-            period_s = oneshot_s
+            reach_s = period_s = oneshot_s
         else:
             return None
         values, target = candidate.values, state.target
         for at in candidate.named:
             step = abs(values[at] - target[at])
-            allowed = speeds[at] * period_s
+            allowed = speeds[at] * reach_s
             if not step <= allowed + _ROUNDING:
                 axis = axes[at]
                 most = show(allowed, axis.unit, inwards=math.floor)
@@ -164,4 +168,15 @@ def unit_of(axis: Limited) -> str:
     return f" {unit}" if unit else ""
 
 
-__all__ = ["Axes", "AxisMode", "Limited", "axis_gates", "past_range", "show", "stale", "too_fast", "unit_of"]
+__all__ = [
+    "STEP_TOLERANCE",
+    "Axes",
+    "AxisMode",
+    "Limited",
+    "axis_gates",
+    "past_range",
+    "show",
+    "stale",
+    "too_fast",
+    "unit_of",
+]
