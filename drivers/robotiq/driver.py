@@ -47,7 +47,7 @@ class Robotiq(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.robotiq.wire:RobotiqWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.robotiq.wire:RobotiqStopChannel"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.robotiq.stop_channel:RobotiqStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
         ToolVerb("open", "action", "Open the fingers all the way.", _HOW, action={AXIS: 0.0}),

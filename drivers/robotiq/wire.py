@@ -1,15 +1,14 @@
-"""The gripper's registers in the wire process, and the root's stop channel to them."""
+"""The gripper's registers in the wire process."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
+from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
@@ -243,29 +242,3 @@ class RobotiqWire(Wire):
 
 _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
 """Met while opening, met while closing, nothing there; while it moves it is not known."""
-
-
-class RobotiqStopChannel(StopChannel):
-    """The root's way to the gripper: a connection of its own, made when it is needed. By then the wire's is gone
-    with its process, so a gateway that takes one client takes this one. A name for an address has to be looked up
-    then, too: a number is quicker."""
-
-    def __init__(
-        self, config: RobotiqConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
-    ) -> None:
-        self._config = config
-        self._clock = clock
-        self._open_stream = open_stream
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        try:
-            gripper = await open_gripper(self._config, self._clock, self._open_stream)
-        except WireDown as error:
-            return (self._config.report(False, False, str(error)),)
-        try:
-            return (await hold(gripper, None, self._config),)
-        finally:
-            gripper.close()
-
-    def close(self) -> None:
-        """Nothing is kept open."""

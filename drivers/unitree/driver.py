@@ -46,7 +46,7 @@ class LegsOptions(DriverOptions, frozen=True):
 class _Legs(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.unitree.wire:UnitreeWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.unitree.wire:UnitreeStopChannel"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.unitree.stop_channel:UnitreeStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.unitree.twin:main"
     TASKS: ClassVar[str] = (
         "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"

@@ -22,6 +22,9 @@ from .protocol import CommandCodec, State, StateCodec
 CDR = b"\0\1\0\0"
 """Encapsulation of every payload: little endian CDR."""
 
+FIND_S = 4.0
+"""For both sides to find each other, and the first state."""
+
 MAX_PENDING = 32
 
 

@@ -25,7 +25,7 @@ class UR(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.ur.wire:URWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.plain:URStopChannel"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_pose": "tcp_pose_m_rad"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)

@@ -21,9 +21,9 @@ from . import plain
 from .arms import JOINTS
 from .config import URConfig
 from .gates import CONTROL_S, RUNNING, WATCHDOG_HZ, refuse_modes
-from .plain import STANDING_RAD_S
 from .protocol import RuntimeState
 from .sdk import Sdk
+from .stop_channel import STANDING_RAD_S, stop, unsafe
 
 START_S = 3.0
 """From the upload of the control script until it runs."""
@@ -181,7 +181,7 @@ class URWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return plain.unsafe("not connected")
+            return unsafe("not connected")
         ended = safe_state != "hold"
         servoed = stands = False
         try:
@@ -193,11 +193,11 @@ class URWire(Wire):
             rows = enumerate(zip(JOINTS, session.sample.position, strict=True))
             return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for at, (joint, rad) in rows)
         session.lose("stopped without the SDK")
-        return await plain.stop(self._config)
+        return await stop(self._config)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The plain ports take a stop unasked."""
-        return await plain.stop(self._config)
+        return await stop(self._config)
 
     def close(self) -> None:
         """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends

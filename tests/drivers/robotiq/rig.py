@@ -10,8 +10,9 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, WireDown
 from strands_actors.drivers.robotiq.driver import Robotiq
+from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
 from strands_actors.drivers.robotiq.twin import ModbusSession, RobotiqTwin, twin_of
-from strands_actors.drivers.robotiq.wire import RobotiqStopChannel, RobotiqWire
+from strands_actors.drivers.robotiq.wire import RobotiqWire
 from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import MemoryPort, Permission
 

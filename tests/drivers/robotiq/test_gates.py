@@ -186,23 +186,3 @@ def test_an_unknown_option_or_robot_is_refused_by_name() -> None:
         Robotiq.resolve("robotiq_2f85", {"baud": 1})
     with pytest.raises(ValueError, match="robotiq_2f85, robotiq_2f85_v4"):
         Robotiq.resolve("robotiq_2f140", {})
-
-
-@pytest.mark.parametrize("port", ["", ":502", "host:", "host:0", "host:70000", "[::1]:x"])
-def test_a_port_that_is_no_address(port: str) -> None:
-    with pytest.raises(ValueError, match="Give an address"):
-        Robotiq("robotiq_2f85", port, {}).config.address()
-
-
-@pytest.mark.parametrize(
-    ("port", "address"),
-    [
-        ("gripper.local", ("gripper.local", 502)),
-        ("192.0.2.10:1502", ("192.0.2.10", 1502)),
-        ("::1", ("::1", 502)),
-        ("[::1]", ("::1", 502)),
-        ("[::1]:1502", ("::1", 1502)),
-    ],
-)
-def test_addresses(port: str, address: tuple[str, int]) -> None:
-    assert Robotiq("robotiq_2f85", port, {}).config.address() == address

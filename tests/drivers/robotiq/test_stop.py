@@ -9,7 +9,8 @@ from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.faults import Reply
 from strands_actors.drivers.robotiq import protocol as p
-from strands_actors.drivers.robotiq.wire import RobotiqStopChannel, RobotiqWire
+from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
+from strands_actors.drivers.robotiq.wire import RobotiqWire
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 
 from .rig import Rig
