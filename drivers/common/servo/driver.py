@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
-from strands_actors.drivers.common.gates import parse
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.kernel.messages import Refused
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .config import ServoConfig
@@ -79,7 +79,8 @@ class ServoDriver(Driver):
         motors = resolved.get("calibration")
         self.robot = self.TABLES.canonical(robot)
         calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
-        self.joints = axes_of(self.TABLES.robots[self.robot]["joints"], calibration, self.HOST_INVERTS)
+        joints = self.TABLES.robots[self.robot]["joints"]
+        self.joints = axes_of(joints, calibration, self.HOST_INVERTS)
         self.config = ServoConfig(
             robot=self.robot,
             port=port,
@@ -88,10 +89,10 @@ class ServoDriver(Driver):
             calibration=calibration,
             calibration_source=resolved["calibration_source"],
         )
-        self.axes = tuple(axis.key for axis in self.joints)
-        self.ids = tuple(axis.id for axis in self.joints)
+        groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
+        kinds = {"percent": PartKind.GRIPPER}
+        self.declare(*(Part(kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
-        self._index = {key: at for at, key in enumerate(self.axes)}
 
     def preload(self) -> None:
         super().preload()
@@ -102,9 +103,6 @@ class ServoDriver(Driver):
 
     def travel(self) -> dict[str, tuple[float, float]]:
         return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}
-
-    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return parse(action, self.robot, self.joints, self._index, state)
 
     @classmethod
     def _calibration(
