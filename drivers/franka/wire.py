@@ -14,13 +14,13 @@ import trio
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
-from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, on_page
+from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
-from .cycle import ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
+from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
 from .stop_channel import CONFIRM_S, moving, reports, stop_anew
 
@@ -62,7 +62,7 @@ class _Session:
             given.enter_context(ours)
             self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
-            self.heartbeat: Heartbeat = on_page(page, WIRE_END)
+            self.heartbeat: Heartbeat = Heartbeat(words_of(page), WIRE_END, CYCLE_END)
         self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None

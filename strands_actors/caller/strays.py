@@ -86,8 +86,8 @@ def _labelled(prefix: str) -> Iterator[tuple[int, str]]:
             words = Path(entry.path, "cmdline").read_bytes().split(b"\0")
         except OSError:  # it has just ended
             continue
-        label = words[-2] if len(words) > 1 else b""
-        if label.startswith(begin):
+        label = next((word for word in words if word.startswith(begin)), b"")
+        if label:
             yield int(entry.name), label.decode(errors="replace").rpartition("/")[2]
 
 

@@ -28,6 +28,7 @@ from strands_actors.supervisors.messages import (
     StopReport,
     TreeReport,
 )
+from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
 from .descriptors import FOR_ROBOT, require
@@ -88,6 +89,8 @@ class TreeProcesses(Processes):
             "locks": str(locks_dir()),
             "lock_port": "" if plan.twin_process is not None else port,
             "listen": listen,
+            "label": label_of(self.robot),
+            "standby": {"lock": str(name.beside(LOCK)), "report": str(name.beside(REPORT))},
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
             "connect": [self._endpoint],

@@ -18,6 +18,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.identity import take_name
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -55,8 +56,10 @@ class Tasks(Actor):
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
         endpoint: str,
+        label: str = "",
     ) -> None:
-        """``endpoint``: where the wire lets policies in."""
+        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``."""
+        self._label = label
         self._robot = robot
         self._start_process = start
         self._endpoint = endpoint
@@ -95,6 +98,7 @@ class Tasks(Actor):
                 return Refused("busy", "start_task: the process of the last task does not end", "try again")
         args = {
             "robot": self._robot,
+            "label": self._label,
             "gate": self._endpoint,
             "provider": message.provider,
             "options": message.options,
@@ -202,6 +206,7 @@ class Tasks(Actor):
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the policy process."""
+    take_name(args["robot"], "policy", args["label"])
     trio.run(_main, args, sock)
 
 
