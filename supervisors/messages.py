@@ -169,6 +169,7 @@ class Status(Message, frozen=True):
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
+    no_standby: str = ""  # why there is no standby, so that nothing may be energised
 
 
 # -- inside the wire group

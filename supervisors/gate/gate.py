@@ -565,6 +565,7 @@ class Gate(Actor):
             self._last_stop,
             self._facts,
             self._lock.since if self._state.locked_by else "",
+            self._no_standby,
         )
 
     # -- for a recorder

@@ -69,9 +69,10 @@ class _Seen:
 class Standby(Actor):
     """``report``: where its report is left. ``leave`` ends the process, with an exit code."""
 
-    def __init__(self, driver: Driver, robot: str, report: Path, leave: Callable[[int], None]) -> None:
+    def __init__(self, driver: Driver, robot: str, port: str, report: Path, leave: Callable[[int], None]) -> None:
         self._driver = driver
         self._robot = robot
+        self._port = port
         self._report = report
         self._leave = leave
         self._words: memoryview | None = None
@@ -193,19 +194,25 @@ class Standby(Actor):
                 if not attempts:
                     for _ in range(2):  # by the second one it has run, as far as its first wait
                         await trio.lowlevel.checkpoint()
-                    begun = StandbyReport(self._robot, why, safe_state, False, (), 0, False, os.getpid())
+                    begun = self._reported(why, (), 0, over=False)
                     nursery.start_soon(self._tell, begun)
             attempts, motors = attempts + 1, results[0]
             confirmed = all_safe(motors)
             if confirmed:
                 self._owed.safe_state = False
             over = confirmed or trio.current_time() + pause_s > until_s
-            report = StandbyReport(self._robot, why, safe_state, confirmed, motors, attempts, over, os.getpid())
-            await self._tell(report)
+            await self._tell(self._reported(why, motors, attempts, over))
             if over:
                 break
             await trio.sleep(pause_s)
         self._leave(0 if all_safe(motors) else UNCONFIRMED)
+
+    def _reported(self, why: str, motors: tuple[MotorReport, ...], attempts: int, over: bool) -> StandbyReport:
+        confirmed = bool(motors) and all_safe(motors)
+        safe_state = self._driver.fallbacks[Reason.WIRE]
+        return StandbyReport(
+            self._robot, self._port, why, safe_state, confirmed, motors, attempts, over, os.getpid()
+        )
 
     async def _attempt(self, safe_state: str, results: list[tuple[MotorReport, ...]]) -> None:
         if self._channel is not None:
@@ -267,7 +274,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     take_name(robot, "standby", args["label"])
-    lock = _take_lock(Path(args["lock"]))
+    lock = _take_lock(Path(args["lock"]), args["port"])
     report = Path(args["report"])
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
@@ -277,7 +284,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     root_channel = channels.of_root(robot)
     node.linked = root_channel.hosts or frozenset()
     link = Link(node, sock, channel=root_channel)
-    standby = Standby(driver, robot, report, os._exit)
+    standby = Standby(driver, robot, args["port"], report, os._exit)
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
@@ -288,12 +295,12 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     raise AssertionError(lock)
 
 
-def _take_lock(path: Path) -> LifeLock:
+def _take_lock(path: Path, port: str) -> LifeLock:
     """Raise ``BlockingIOError`` when the standby of an earlier tree still lives."""
     until_s = time.monotonic() + LOCK_S
     while True:
         try:
-            return LifeLock(path)
+            return LifeLock(path, port)
         except BlockingIOError:
             if time.monotonic() > until_s:
                 raise

@@ -4,7 +4,6 @@ it lives, a lock, for which the next robot waits.
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import os
 from datetime import UTC, datetime
@@ -20,9 +19,11 @@ _REPORT_BYTES = 64 * 1024
 
 
 class StandbyReport(msgspec.Struct, frozen=True):
-    """``over``: it does nothing more. ``at``: ISO 8601, UTC, of the file; filled in by who reads it."""
+    """``over``: it does nothing more. ``port``: empty for a twin, which is known by the robot's name alone. ``at``:
+    ISO 8601, UTC, of the file; filled in by who reads it."""
 
     robot: str
+    port: str
     why: str  # what was seen of root and wire
     safe_state: str
     confirmed: bool
@@ -67,36 +68,46 @@ def read(path: Path) -> StandbyReport | None:
 
 
 def _unreadable(path: Path, why: str) -> StandbyReport:
-    return StandbyReport(path.name.removesuffix(REPORT), f"{path} cannot be read: {why}", "?", False, (), 0, True)
+    return StandbyReport(
+        path.name.removesuffix(REPORT), "", f"{path} cannot be read: {why}", "?", False, (), 0, True
+    )
 
 
 class LifeLock:
-    """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name."""
+    """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name and port."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, port: str) -> None:
         """Take it. Raise ``BlockingIOError`` when another process has it, ``OSError`` when there is no place."""
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.ftruncate(self._fd, 0)
-            os.write(self._fd, f"{os.getpid()}".encode())
+            os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), port)))
         except OSError:
             os.close(self._fd)
             raise
 
 
-def holder(path: Path) -> int:
-    """Return the pid of the standby that lives there; 0: nobody does, or it is just beginning to."""
+class Holder(msgspec.Struct, frozen=True):
+    """The standby that lives. ``pid`` 0: it is just beginning to."""
+
+    pid: int = 0
+    port: str = ""
+
+
+def holder(path: Path) -> Holder | None:
+    """Return who holds a ``LifeLock``; None: nobody does."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
-        return 0
+        return None
     try:
         fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        with contextlib.suppress(ValueError):
-            return int(os.read(fd, 32) or b"0")
-        return 0
+        try:
+            return msgspec.json.decode(os.read(fd, _REPORT_BYTES), type=Holder)
+        except (msgspec.MsgspecError, UnicodeDecodeError):
+            return Holder()
     finally:
         os.close(fd)
-    return 0
+    return None
