@@ -48,6 +48,8 @@ UNCONFIRMED = 4
 """Exit code when a motor did not confirm the safe state."""
 NO_CHANNEL = 5
 """Exit code when the way to the hardware was lost: another standby is started, and looks for one."""
+GONE_S = 10.0
+"""A port to which nothing could be written for so long is gone."""
 LOCK_S = 1.0
 """For whoever only looks at the lock."""
 DISK_S = 1.0
@@ -182,11 +184,12 @@ class Standby(Actor):
         self._decide()
 
     async def _make_safe(self, root: _Seen, wire: _Seen) -> None:
-        """Again and again until every motor confirms it, or ``LINGER_S`` are over."""
+        """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are over."""
         safe_state = self._driver.fallbacks[Reason.WIRE]
         why = "; ".join(_told(process) for process in (root, wire))
         attempts, motors = 0, tuple[MotorReport, ...]()
         until_s = trio.current_time() + LINGER_S
+        gone_s = trio.current_time() + GONE_S
         for pause_s in pauses_s():
             async with trio.open_nursery() as nursery:
                 results: list[tuple[MotorReport, ...]] = []
@@ -200,7 +203,9 @@ class Standby(Actor):
             confirmed = all_safe(motors)
             if confirmed:
                 self._owed.safe_state = False
-            over = confirmed or trio.current_time() + pause_s > until_s
+            if any(motor.written for motor in motors):
+                gone_s = trio.current_time() + GONE_S
+            over = confirmed or trio.current_time() + pause_s > min(until_s, gone_s)
             await self._tell(self._reported(why, motors, attempts, over))
             if over:
                 break

@@ -101,9 +101,7 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     story = WireLog(path).story(10**6)
     assert story == "0.0 host setpoint x 3, 4.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
     assert WireLog(path).story(10**9) == "nothing"
-    told = [
-        cells._told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))
-    ]
+    told = [cells.told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))]
     assert [each.story for each in told] == ["", story, story]
     row = summary("so101", WIRE_KILL, told)
     assert row.stories == (story, story)
