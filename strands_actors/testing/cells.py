@@ -166,7 +166,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     since_ns = died_ns[0] if ended_by_itself else began_ns
     gone_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
     require_motion(bench.log, began_ns)
-    expected = _expected(bench.driver, cell)
+    expected = expected_of(bench.driver, cell)
     return told(read(bench.log, expected, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
 
 
@@ -234,7 +234,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
     require_motion(bench.log, broken_ns)
-    outcome = read(bench.log, _expected(bench.driver, cell), since_ns, since_ns, 0.0, stood_ms)
+    outcome = read(bench.log, expected_of(bench.driver, cell), since_ns, since_ns, 0.0, stood_ms)
     return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
@@ -282,7 +282,7 @@ class Expected(NamedTuple):
     bound_ms: float
 
 
-def _expected(driver: Driver, cell: Cell) -> Expected:
+def expected_of(driver: Driver, cell: Cell) -> Expected:
     safe_state = expected_safe_state(driver, cell.victim, cell.fault)
     return Expected(cell.victim, cell.fault, (safe_state,), bound_s(driver, cell.victim, cell.fault) * 1e3)
 

@@ -95,7 +95,7 @@ _ENDED = _LIVING | {Members.CALLER: Reason.CALLER, Members.POLICY: Reason.POLICY
 
 def _decisive(pair: Pair) -> dict[Members, tuple[Faults, Reason]]:
     """The faults that the wire shows: those that stop the robot; when none does, those that hold it."""
-    found = {
+    found: dict[Members, tuple[Faults, Reason]] = {
         member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[member])
         for member, fault in pair.faults
         if member is not Members.STANDBY

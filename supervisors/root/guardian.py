@@ -237,13 +237,18 @@ class Guardian(Actor):
 
     # -- the stop channel
 
-    def _take(self, message: Handover) -> Deferred:
+    def _take(self, message: Handover) -> Deferred | Refused:
         """Answered when the path could be used at once, and the standby's too."""
         if message.again:
             deferred = self.context.defer()
             self.context.start_soon(self._answer_guarded, deferred, message.descriptors)
             return deferred
-        spare = () if self._standby is None else tuple(map(os.dup, message.descriptors))
+        try:
+            spare = () if self._standby is None else _duplicates(message.descriptors)
+        except OSError as error:
+            for fd in message.descriptors:
+                os.close(fd)
+            return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
         self._drop_stop_channel()
         self._stop_channel = path = self._driver.stop_channel(message.descriptors, self.context.clock)
         self._stop_channel_scope = trio.CancelScope()
@@ -500,3 +505,16 @@ class Guardian(Actor):
             self.context.start_soon(self._answer_fence, waiting, report)
         self._waiting.clear()
         self.reported.set()
+
+
+def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
+    """Raise ``OSError``, with none made."""
+    made: list[int] = []
+    try:
+        for fd in descriptors:
+            made.append(os.dup(fd))
+    except OSError:
+        for fd in made:
+            os.close(fd)
+        raise
+    return tuple(made)

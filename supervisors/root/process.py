@@ -393,7 +393,9 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
     take_name(args["robot"], "root", args["label"])
     hand_over()
-    spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
+    spawner = Spawner(  # now: this process has one thread, and nothing is open yet
+        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"])
+    )
     page = new_page()
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
     be_taken_last()  # not the spawner: policies are its children

@@ -69,7 +69,7 @@ class StandbyKeeper:
         self._ref: Ref = node.ref(addresses.of(robot).standby, Standby)
         self._wire: ChildProcess | None = None
         self._own_pidfd = os.pidfd_open(os.getpid()) if hasattr(os, "pidfd_open") else None
-        self._watching = trio.Event()
+        self._watching = False
         self.process: ChildProcess | None = None
         self.starts = 0
         self._leaving = False
@@ -103,7 +103,7 @@ class StandbyKeeper:
     async def _attend(self, process: ChildProcess) -> str:
         """Return when it has ended, with how."""
         self._heartbeat.forget()
-        self._watching = trio.Event()
+        self._watching = False
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._carry, process)
             nursery.start_soon(self._begin)
@@ -139,7 +139,7 @@ class StandbyKeeper:
 
     def wire_started(self, process: ChildProcess) -> None:
         self._wire = process
-        if self._watching.is_set():
+        if self._watching:
             with self._told() as message:
                 self._ref.tell(message)
 
@@ -147,8 +147,11 @@ class StandbyKeeper:
     def _told(self) -> Iterator[WatchOver]:
         """Whom to watch, now."""
         wire = self._wire if self._wire is not None and self._wire.alive else None
-        pidfds: tuple[int, ...] = () if self._own_pidfd is None else (os.dup(self._own_pidfd),)
-        pidfds += () if wire is None else wire.pidfds()
+        pidfds: list[int] = []
+        with contextlib.suppress(OSError):  # none is free: then it goes by the numbers of the processes
+            if self._own_pidfd is not None:
+                pidfds.append(os.dup(self._own_pidfd))
+                pidfds += () if wire is None else wire.pidfds()
         try:
             yield WatchOver(os.getpid(), 0 if wire is None else wire.pid, (self._page, *pidfds))
         finally:
@@ -166,7 +169,7 @@ class StandbyKeeper:
                     answer = await self._ref.ask(message, START_S)
             except (AskTimeout, Unreachable):
                 await trio.sleep(ASK_AGAIN_S)
-        self._watching.set()
+        self._watching = True
         self.on_begun()
 
     # -- its stop channel
@@ -176,14 +179,14 @@ class StandbyKeeper:
         refusal = Refused("no_standby", "there is no standby process", "wait until another has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:
-                watching = self._watching
-                await watching.wait()
-                try:
-                    answer = await self._ref.ask(Guard(tuple(descriptors)), self._timing.handover_s)
-                except (AskTimeout, Unreachable):
-                    await trio.sleep(ASK_AGAIN_S)
-                    continue
-                return answer if isinstance(answer, Refused) else None
+                if self._watching:
+                    try:
+                        answer = await self._ref.ask(Guard(tuple(descriptors)), self._timing.handover_s)
+                    except (AskTimeout, Unreachable):
+                        pass  # it has ended, and another is started
+                    else:
+                        return answer if isinstance(answer, Refused) else None
+                await trio.sleep(ASK_AGAIN_S)
         return refusal
 
     async def let_go(self) -> None:

@@ -13,6 +13,7 @@ PRODUCT = "strands"
 _PR_SET_NAME = 15  # prctl(2)
 _COMM_BYTES = 15  # TASK_COMM_LEN less its end
 _ARG_START, _ARG_END = 45, 46  # columns of /proc/self/stat, behind the name: proc(5), fields 48 and 49
+_ADJUSTMENT = Path("/proc/self/oom_score_adj")
 LAST = -900
 """``oom_score_adj``: of all processes the last but those that may never be taken. Source: proc(5)."""
 
@@ -40,9 +41,22 @@ def _write_arguments(words: bytes) -> None:
 
 
 def be_taken_last() -> bool:
-    """Ask the kernel to end others first when memory runs out; whether it will. It takes CAP_SYS_RESOURCE."""
+    """Ask the kernel to end others first when memory runs out; whether it will. Lowering takes CAP_SYS_RESOURCE,
+    unless this process was started as low."""
     try:
-        Path("/proc/self/oom_score_adj").write_text(f"{LAST}")
+        _ADJUSTMENT.write_text(f"{LAST}")
     except OSError:
         return False
     return True
+
+
+def may_be_taken_last() -> bool | None:
+    """Whether processes that this one starts may ``be_taken_last``. None where the system has no such thing."""
+    try:
+        before = _ADJUSTMENT.read_text()
+    except OSError:
+        return None
+    may = be_taken_last()
+    if may:
+        _ADJUSTMENT.write_text(before)
+    return may

@@ -18,12 +18,13 @@ import select
 import socket
 import struct
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import trio
 
 from .fork import Forked, fork_child
+from .identity import take_name
 from .process import ChildProcess, OwnChild, specify, start
 
 _REPORT = struct.Struct("<ii")  # pid, and _STARTED (a pidfd comes with it) or the exit code; its own: _READY
@@ -141,8 +142,10 @@ class _Server:
 class Spawner:
     """Make it before there are threads, run ``run``, then ``start``."""
 
-    def __init__(self, close: tuple[int, ...] = ()) -> None:
-        """``close``: descriptors that are not for the spawner to keep open."""
+    def __init__(self, close: tuple[int, ...] = (), name: Sequence[str] = ()) -> None:
+        """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is called, for
+        ``take_name``."""
+        self._name = tuple(name)
         ours, theirs = socket.socketpair()
         pid = os.fork()
         if pid == 0:
@@ -150,7 +153,7 @@ class Spawner:
                 ours.close()
                 for fd in close:
                     os.close(fd)
-                _serve(theirs)
+                _serve(theirs, name)
             finally:
                 os._exit(0)
         theirs.close()
@@ -176,7 +179,7 @@ class Spawner:
         return child
 
     def _replace(self) -> None:
-        self._server = _Server(start(f"{__name__}:main", {}))
+        self._server = _Server(start(f"{__name__}:main", {"name": self._name}))
         self._replaced.set()
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -191,11 +194,13 @@ class Spawner:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of a spawner that replaces another."""
-    _serve(sock)
+    _serve(sock, args["name"])
 
 
-def _serve(sock: socket.socket) -> None:
+def _serve(sock: socket.socket, name: Sequence[str]) -> None:
     """The spawner process: one request, one child; then report its end."""
+    if name:
+        take_name(*name)
     gc.collect()
     gc.freeze()  # a child's own collection then neither walks nor copies what it was born with (6 ms)
     children: dict[int, int] = {}
