@@ -332,4 +332,4 @@ def scheduling_of(pid: int) -> str:
     """Return how a process is run, for people."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(pid) == os.SCHED_FIFO:
         return f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
-    return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 12 allows it"
+    return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 13 allows it"
