@@ -113,10 +113,16 @@ def task(status: TaskStatus) -> dict[str, Any]:
 
 
 def status(
-    tool_name: str, robot: str, driver: Driver, problem: str, told: Status | None, facts: Mapping[str, Any]
+    tool_name: str,
+    robot: str,
+    driver: Driver,
+    problem: str,
+    told: Status | None,
+    facts: Mapping[str, Any],
+    standby_report: str | None = None,
 ) -> dict[str, Any]:
     """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what its wire said
-    of itself when it last answered; they come on top."""
+    of itself when it last answered; they come on top. ``standby_report``: of an earlier tree's standby."""
     observation = None if told is None else told.observation
     return {
         "tool_name": tool_name,
@@ -134,6 +140,8 @@ def status(
         "reads": 0 if told is None else told.reads,
         "refusals": 0 if told is None else told.refusals,
         "last_refusal": None if told is None else told.last_refusal or None,
+        "standby": None if told is None else told.no_standby or "ready",
+        "standby_report": standby_report,
         "faults": {} if observation is None else dict(observation.faults),
         "sensors": {} if observation is None else sensors(observation),
         "fallbacks": {str(reason): safe_state for reason, safe_state in driver.fallbacks.items()},

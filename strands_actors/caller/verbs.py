@@ -150,7 +150,9 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or "the wire does not answer"
-    return answers.status(tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts)
+    return answers.status(
+        tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
+    )
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
