@@ -23,7 +23,7 @@ from .gates import held
 if TYPE_CHECKING:
     from .wire import SimWire
 
-OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
+OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
 
 KEEPALIVE_S = 1.0

@@ -1,0 +1,94 @@
+"""What the wire and the stop channel need of ROS: to publish at once, and the newest of each topic.
+
+``rosbridge.RosbridgeLink`` is that over a WebSocket, ``ros2.Ros2Link`` with rclpy on the robot.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from strands_actors.kernel.clock import Clock
+
+from .config import ROS2, YahboomConfig
+from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist
+
+
+class News:
+    """The newest of each topic, and when it came (0: never)."""
+
+    def __init__(self) -> None:
+        self.odometry: Odometry | None = None
+        self.odometry_ns = 0
+        self.imu: Imu | None = None
+        self.joints: dict[str, float] = {}
+        self.joints_ns = 0
+        self.nearest_m: dict[str, float] = {}  # by scan
+        self.malformed = 0
+        self.taken = 0  # messages
+
+    def take(self, topic: str, message: Message, now_ns: int) -> None:
+        self.taken += 1
+        match topic, message:
+            case (_, Odometry()) if topic == ODOMETRY:
+                self.odometry, self.odometry_ns = message, now_ns
+            case (_, Imu()) if topic == IMU:
+                self.imu = message
+            case (_, dict()) if topic == JOINT_STATES:
+                self.joints, self.joints_ns = message, now_ns
+            case _, float():
+                self.nearest_m[topic] = message
+
+
+class RosLink(Protocol):
+    """One way to the robot's topics. Everything but ``close`` raises ``WireDown``."""
+
+    news: News
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something can be published."""
+        ...
+
+    async def open(self) -> dict[str, Any]:
+        """Connect, check topics and types, listen, wait for the first odometry. Return facts for
+        ``status``."""
+        ...
+
+    async def connect(self) -> None:
+        """Connect to publish a stop, without asking anything first; if it is not connected."""
+        ...
+
+    async def hear(self) -> None:
+        """Keep ``news`` new, until cancelled."""
+        ...
+
+    def publish_twist(self, twist: Twist, *, stop: bool = False) -> None:
+        """Hand it over now."""
+        ...
+
+    def publish_arm(self, goal: ArmGoal) -> None:
+        """Hand it over now."""
+        ...
+
+    async def taken(self, within_s: float) -> None:
+        """Return when the robot has taken what was published before the call."""
+        ...
+
+    async def next_odometry(self, within_s: float) -> Odometry:
+        """Return the next odometry that comes."""
+        ...
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        ...
+
+
+def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
+    """Return the wire's way to the robot, not yet open."""
+    if config.transport == ROS2:
+        from .ros2 import Ros2Link  # on the robot only
+
+        return Ros2Link(config, clock)
+    from .rosbridge import RosbridgeLink
+
+    return RosbridgeLink(config, clock)
