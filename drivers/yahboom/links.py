@@ -7,9 +7,6 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from strands_actors.kernel.clock import Clock
-
-from .config import ROS2, YahboomConfig
 from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist
 
 
@@ -81,14 +78,3 @@ class RosLink(Protocol):
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
         ...
-
-
-def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
-    """Return the wire's way to the robot, not yet open."""
-    if config.transport == ROS2:
-        from .ros2 import Ros2Link  # on the robot only
-
-        return Ros2Link(config, clock)
-    from .rosbridge import RosbridgeLink
-
-    return RosbridgeLink(config, clock)

@@ -73,21 +73,21 @@ class RosbridgeLink:
         return self._socket is not None and self._socket.is_open
 
     async def open(self) -> dict[str, Any]:
-        name = "rosbridge"
+        name, missing = "rosbridge", "no answer"
         with trio.move_on_after(self._config.timeout_s):
             self.close()
             await self._connect(self._config.timeout_s)
             name = self._name
             facts = await self._shake_hands()
+            missing = "no odometry"
             await self._until(lambda: self.news.odometry is not None)
             if m.JOINT_STATES in facts["topics"]:
                 with trio.move_on_after(JOINTS_S):
                     await self._until(lambda: self.news.joints_ns != 0)
             return facts
-        asked = "no odometry" if self.is_open else "no answer"
         self.close()
         raise WireDown(
-            f"{name}: {asked} within {self._config.timeout_s:g} s. Check that rosbridge and the base run"
+            f"{name}: {missing} within {self._config.timeout_s:g} s. Check that rosbridge and the base run"
         )
 
     async def connect(self) -> None:

@@ -15,9 +15,9 @@ from strands_actors.contract.driver import MotorReport, Observation, Permit, Wir
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.kernel.clock import NS, Clock
 
-from .config import YahboomConfig
+from .config import ROS2, YahboomConfig
 from .gates import ARM_AT, ARM_MS, DRIVES
-from .links import RosLink, link_of
+from .links import RosLink
 from .messages import REST, SCANS, ArmGoal, Twist
 from .robots import BASE
 from .stop import STOP_S, stop_base, stop_link
@@ -150,3 +150,14 @@ class YahboomWire(Wire):
             if scan in news.nearest_m:
                 sensors[f"{scan.removeprefix('/')}_nearest_m"] = (news.nearest_m[scan],)
         return sensors
+
+
+def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
+    """Return the wire's way to the robot, not yet open."""
+    if config.transport == ROS2:
+        from .ros2 import Ros2Link  # loads rclpy when it is opened
+
+        return Ros2Link(config, clock)
+    from .rosbridge import RosbridgeLink
+
+    return RosbridgeLink(config, clock)

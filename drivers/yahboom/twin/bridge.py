@@ -95,7 +95,7 @@ class Graph:
     def call(self, asked: p.CallService) -> str:
         """Return the answer to a call."""
         arguments = asked.args if isinstance(asked.args, dict) else {}
-        match asked.service:
+        match "/" + asked.service.removeprefix("/"):  # npm's roslib leaves it out, and ROS resolves it
             case p.TOPICS_SERVICE:
                 types = [kind.replace("/", "/msg/") for kind in self.types.values()]
                 return p.response(asked, {"topics": list(self.types), "types": types})
