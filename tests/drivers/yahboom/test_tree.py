@@ -1,7 +1,9 @@
-"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is read in the twin's log."""
+"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is read in
+the twin's log."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -221,25 +223,31 @@ def test_sensors(m3: RealRobot) -> None:
 # -- who may drive
 
 
+def asked(robot: RealRobot, given: dict[str, Any]) -> dict[str, Any]:
+    """What an agent is answered."""
+    return asyncio.run(robot.use_tool(given, "an agent"))
+
+
 def test_an_agent_is_asked_for_a_twist_and_never_for_a_zero(
     m3: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for variable in (ALLOW, ALLOW_TOPICS):
         monkeypatch.delenv(variable, raising=False)
     began_ns = time.monotonic_ns()
-    refusal = why(m3._used({"action": "move", "linear.x": 0.2}, "an agent"))
+    refusal = why(asked(m3, {"action": "move", "linear.x": 0.2}))
     assert "linear.x needs an operator's approval: there is nobody to ask" in refusal
     assert twin.log.host("setpoint", began_ns) == []
-    json_of(m3._used({"action": "move"}, "an agent"))
-    json_of(m3._used({"action": "move", "linear.x": 0, "angular.z": 0.0}, "an agent"))
-    json_of(m3._used({"action": "arm", "arm1": 0.1}, "an agent"))
+    json_of(asked(m3, {"action": "move"}))
+    json_of(asked(m3, {"action": "move", "linear.x": 0, "angular.z": 0.0}))
+    json_of(asked(m3, {"action": "arm", "arm1": 0.1}))
     monkeypatch.setenv(ALLOW_TOPICS, "/cmd_vel")
-    assert json_of(m3._used({"action": "move", "linear.x": 0.2}, "an agent"))["twist"]["linear.x"] == 0.2
-    json_of(m3._used({"action": "stop"}, "an agent"))
+    assert json_of(asked(m3, {"action": "move", "linear.x": 0.2}))["twist"]["linear.x"] == 0.2
+    json_of(asked(m3, {"action": "stop"}))
 
 
 def test_saf_007_one_estop_stops_it_beside_an_arm(m3: RealRobot, twin: Twin, tmp_path: Path) -> None:
-    with Twin("so101", tmp_path) as other, Robot("so101", mode="real", port=other.port) as arm:
+    (tmp_path / "arm").mkdir()
+    with Twin("so101", tmp_path / "arm") as other, Robot("so101", mode="real", port=other.port) as arm:
         until(lambda: arm.connect_eagerly() is None, "the arm is connected")
         drive(m3, twin, linear_x=0.3)
         began_ns = time.monotonic_ns()

@@ -1,4 +1,5 @@
-"""The wire and the stop channel in virtual time, over rosbridge in memory: what leaves, when, and what is confirmed."""
+"""The wire and the stop channel in virtual time, over rosbridge in memory: what leaves, when, and what
+is confirmed."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ import pytest
 import trio
 
 from strands_actors.contract.driver import MotorReport, PermitDenied, StopChannel, Wire, WireDown
+from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.stop import ANSWER_S, STOP_S, TIMES
 from strands_actors.drivers.yahboom.wire import SILENT_S, YahboomWire
@@ -163,7 +165,7 @@ def test_saf_012_odometry_that_does_not_come_any_more_is_a_lost_link() -> None:
             seen = await wire.read()
             assert trio.current_time() - seen.t_ns / 1e9 == pytest.approx(SILENT_S - 0.1, abs=0.05)
             await trio.sleep(0.2)
-            with pytest.raises(WireDown, match="odometry has for 1.1 s not come"):
+            with pytest.raises(WireDown, match=r"odometry has for 1\.1 s not come"):
                 await wire.read()
 
     virtual(test)
@@ -251,7 +253,7 @@ def test_saf_005_a_base_that_moves_on_is_not_reported_as_stopped() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
-            world.twin.set_fault(parse("wrong"))
+            world.twin.set_fault(Fault.WRONG)
             began_s = trio.current_time()
             reports = await wire.make_safe("zero")
             assert not any(report.safe for report in reports)
@@ -266,7 +268,7 @@ def test_saf_005_odometry_with_an_old_stamp_confirms_nothing() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
-            world.twin.set_fault(parse("stuck"))
+            world.twin.set_fault(Fault.STUCK)
             reports = await wire.make_safe("zero")
             assert "not confirmed: its odometry is old" in reports[0].detail
 
@@ -429,9 +431,3 @@ def test_without_the_robot_the_stop_channel_does_not_stand() -> None:
         assert failed.group_contains(WireDown, match="cannot connect")
 
     virtual(test)
-
-
-def parse(word: str) -> Any:
-    from strands_actors.drivers.common.twin import Fault
-
-    return Fault(word)
