@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import socket
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import trio
@@ -20,7 +21,7 @@ from strands_actors.kernel.clock import Clock
 
 from . import messages as m
 from .config import YahboomConfig, domain_of_environment
-from .links import News
+from .links import News, look_until
 
 TWIST_TOPIC, TWIST_TYPE = "rt/cmd_vel", "geometry_msgs::msg::dds_::Twist_"
 ODOMETRY_TOPIC, ODOMETRY_TYPE = "rt/odom_raw", "nav_msgs::msg::dds_::Odometry_"
@@ -119,14 +120,15 @@ class DdsLink:
             self._participant.close()
         self._participant = None
 
-    async def _until(self, is_so: Any) -> None:
-        async for _ in self._clock.ticks(LOOK_S):
+    async def _until(self, is_so: Callable[[], bool]) -> None:
+        def look() -> bool:
             if self._participant is None:
                 raise WireDown("dds: closed")
             if not self._serving:
                 self._participant.poll()
-            if is_so():
-                return
+            return is_so()
+
+        await look_until(self._clock, LOOK_S, look)
 
     def _on_odometry(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         try:

@@ -5,7 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import aclosing
 from typing import Any, Protocol
+
+from strands_actors.kernel.clock import Clock
 
 from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist
 
@@ -78,3 +82,11 @@ class RosLink(Protocol):
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
         ...
+
+
+async def look_until(clock: Clock, every_s: float, is_so: Callable[[], bool]) -> None:
+    """Return once it is so. The caller sets the deadline."""
+    async with aclosing(clock.ticks(every_s)) as ticks:
+        async for _ in ticks:
+            if is_so():
+                return

@@ -17,7 +17,7 @@ from strands_actors.kernel.clock import Clock
 
 from . import messages as m
 from .config import YahboomConfig, domain_of_environment
-from .links import News
+from .links import News, look_until
 
 INSTALL = (
     "transport='ros2' is for a program on the robot: source /opt/ros/$ROS_DISTRO/setup.bash and the robot's own "
@@ -61,13 +61,10 @@ class Ros2Link:
 
     async def open(self) -> dict[str, Any]:
         await self.connect()
-        why = "no topics"
         with trio.move_on_after(self._config.timeout_s):
-            async for _ in self._clock.ticks(SPIN_S):
-                self._spin()
-                why = self._missing()
-                if not why:
-                    return {"ros2": f"domain {domain_of_environment()}", "topics": sorted(self._topics())}
+            await look_until(self._clock, SPIN_S, self._is_there)
+            return {"ros2": f"domain {domain_of_environment()}", "topics": sorted(self._topics())}
+        why = self._missing()
         self.close()
         raise WireDown(f"ros2: {why} within {self._config.timeout_s:g} s. Start the robot's own nodes")
 
@@ -79,8 +76,7 @@ class Ros2Link:
     async def hear(self) -> None:
         self._spinning = True
         try:
-            async for _ in self._clock.ticks(SPIN_S):
-                self._spin()
+            await look_until(self._clock, SPIN_S, self._spun)
         finally:
             self._spinning = False
 
@@ -108,12 +104,10 @@ class Ros2Link:
     async def next_odometry(self, within_s: float) -> m.Odometry:
         before = self.news.odometry
         with trio.move_on_after(within_s):
-            async for _ in self._clock.ticks(SPIN_S):
-                if not self._spinning:
-                    self._spin()
-                told = self.news.odometry
-                if told is not None and told is not before:
-                    return told
+            await look_until(self._clock, SPIN_S, lambda: self._spun() or self.news.odometry is not before)
+        told = self.news.odometry
+        if told is not None and told is not before:
+            return told
         raise WireDown(f"ros2: no odometry within {within_s * 1e3:.0f} ms. Check the base")
 
     def close(self) -> None:
@@ -146,6 +140,15 @@ class Ros2Link:
 
     def _taking(self, topic: str) -> Callable[[Any], None]:
         return lambda told: self.news.take(topic, m.read_object(topic, told), self._clock.now_ns())
+
+    def _is_there(self) -> bool:
+        self._spin()
+        return not self._missing()
+
+    def _spun(self) -> bool:
+        """Take in what has come; False, since there is always more."""
+        self._spin()
+        return False
 
     def _spin(self) -> None:
         before = -1

@@ -13,16 +13,11 @@ from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
 from strands_actors.drivers.yahboom.stop import YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
 from strands_actors.drivers.yahboom.wire import YahboomWire
-from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.messages import Refused
 
 NOW_NS = 10**12
 KNOWN = (0.0,) * 9
-
-
-class TrioClock(Clock):
-    def now_ns(self) -> int:
-        return round(trio.current_time() * NS)
 
 
 class Taken(NamedTuple):
@@ -47,13 +42,13 @@ class World:
         self.driver = Yahboom("yahboom_m3pro", "192.0.2.1", driver or {})
 
     def link(self) -> RosbridgeLink:
-        return RosbridgeLink(self.driver.config, TrioClock(), self.open_socket)
+        return RosbridgeLink(self.driver.config, VirtualClock(), self.open_socket)
 
     def wire(self) -> YahboomWire:
-        return YahboomWire(self.driver.config, TrioClock(), self.link(), self.link())
+        return YahboomWire(self.driver.config, VirtualClock(), self.link(), self.link())
 
     def stop_channel(self) -> YahboomStopChannel:
-        return YahboomStopChannel(self.driver.config, (), TrioClock(), self.link())
+        return YahboomStopChannel(self.driver.config, (), VirtualClock(), self.link())
 
     async def open_socket(self, host: str, port: int, /, *, within_s: float) -> MemorySocket:
         assert (host, port) == ("192.0.2.1", 9090)

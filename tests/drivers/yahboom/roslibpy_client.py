@@ -1,5 +1,6 @@
-"""roslibpy, unmodified, against a rosbridge: ``python -m tests.drivers.yahboom.roslibpy_client HOST PORT``. Prints
-what it saw as JSON. A process of its own: twisted's reactor cannot be started twice."""
+"""roslibpy, unmodified, against a rosbridge: ``python -m tests.drivers.yahboom.roslibpy_client
+HOST PORT``. Prints what it saw as JSON. A process of its own: twisted's reactor cannot be
+started twice."""
 
 from __future__ import annotations
 

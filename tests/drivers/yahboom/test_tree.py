@@ -1,5 +1,5 @@
-"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is read in
-the twin's log."""
+"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is
+read in the twin's log."""
 
 from __future__ import annotations
 
@@ -138,7 +138,8 @@ def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: Real
 
 
 def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
-    """The bridge is stopped, a command is handed to its socket, the caller stops, the bridge goes on."""
+    """The bridge is stopped, a command is handed to its socket, the caller stops, the bridge
+    goes on."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
     m3.send_action({"linear.x": 0.9})

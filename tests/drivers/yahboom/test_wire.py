@@ -1,5 +1,5 @@
-"""The wire and the stop channel in virtual time, over rosbridge in memory: what leaves, when, and what
-is confirmed."""
+"""The wire and the stop channel in virtual time, over rosbridge in memory: what leaves, when,
+and what is confirmed."""
 
 from __future__ import annotations
 
