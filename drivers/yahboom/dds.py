@@ -10,18 +10,18 @@ from __future__ import annotations
 import socket
 import struct
 from collections.abc import Callable
-from typing import Any
 
 import trio
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.rtps import Participant
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m
 from .config import YahboomConfig, domain_of_environment
-from .links import News, look_until
+from .links import News, look_until, report_of
 
 TWIST_TOPIC, TWIST_TYPE = "rt/cmd_vel", "geometry_msgs::msg::dds_::Twist_"
 ODOMETRY_TOPIC, ODOMETRY_TYPE = "rt/odom_raw", "nav_msgs::msg::dds_::Odometry_"
@@ -56,11 +56,6 @@ class DdsLink:
     def is_open(self) -> bool:
         return self._participant is not None
 
-    async def open(self) -> dict[str, Any]:
-        """This way is for stops: it connects, and no more."""
-        await self.connect()
-        return {}
-
     async def connect(self) -> None:
         """Join the domain and wait until the base listens."""
         if self._participant is None:
@@ -90,14 +85,11 @@ class DdsLink:
         finally:
             self._serving = False
 
-    def publish_twist(self, twist: m.Twist, *, stop: bool = False) -> None:
+    def zero(self) -> None:
         if self._participant is None:
             raise WireDown("dds: not connected. Reconnect")
-        if not self._writer.write(CDR + encode_twist(twist)):
+        if not self._writer.write(CDR + encode_twist(m.REST)):
             raise WireDown(f"dds: nobody listens to {m.CMD_VEL}. Check the base")
-
-    def publish_arm(self, goal: m.ArmGoal) -> None:
-        raise WireDown("dds: this way is for stops, and does not know the arm")
 
     async def taken(self, within_s: float) -> None:
         """Return when every reliable reader has acknowledged what was written."""
@@ -106,14 +98,14 @@ class DdsLink:
             return
         raise WireDown(f"dds: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 
-    async def next_odometry(self, within_s: float) -> m.Odometry:
+    async def next_report(self, within_s: float) -> Report:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await self._until(lambda: self.news.odometry is not before)
         told = self.news.odometry
         if told is None or told is before:
             raise WireDown(f"dds: no odometry within {within_s * 1e3:.0f} ms. Check the base")
-        return told
+        return report_of(told)
 
     def close(self) -> None:
         if self._participant is not None:

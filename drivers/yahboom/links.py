@@ -9,9 +9,10 @@ from collections.abc import Callable
 from contextlib import aclosing
 from typing import Any, Protocol
 
+from strands_actors.drivers.common.reporting_base import Report, ReportingBase
 from strands_actors.kernel.clock import Clock
 
-from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist
+from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist, stands
 
 
 class News:
@@ -40,48 +41,36 @@ class News:
                 self.nearest_m[topic] = message
 
 
-class RosLink(Protocol):
+class RosLink(ReportingBase, Protocol):
     """One way to the robot's topics. Everything but ``close`` raises ``WireDown``."""
 
     news: News
-
-    @property
-    def is_open(self) -> bool:
-        """Whether something can be published."""
-        ...
 
     async def open(self) -> dict[str, Any]:
         """Connect, check topics and types, listen, wait for the first odometry. Return facts for
         ``status``."""
         ...
 
-    async def connect(self) -> None:
-        """Connect to publish a stop, without asking anything first; if it is not connected."""
-        ...
-
     async def hear(self) -> None:
         """Keep ``news`` new, until cancelled."""
         ...
 
-    def publish_twist(self, twist: Twist, *, stop: bool = False) -> None:
-        """Hand it over now."""
+    def drive(self, twist: Twist) -> None:
+        """Publish a twist now."""
         ...
 
-    def publish_arm(self, goal: ArmGoal) -> None:
-        """Hand it over now."""
-        ...
-
-    async def taken(self, within_s: float) -> None:
-        """Return when the robot has taken what was published before the call."""
-        ...
-
-    async def next_odometry(self, within_s: float) -> Odometry:
-        """Return the next odometry that comes."""
+    def move_arm(self, goal: ArmGoal) -> None:
+        """Publish a goal of the arm now."""
         ...
 
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
         ...
+
+
+def report_of(told: Odometry) -> Report:
+    """Return what odometry says of the base as a whole."""
+    return Report(told.stamp_ns, stands(told.speed), ", ".join(f"{value:.3g}" for value in told.speed))
 
 
 async def look_until(clock: Clock, every_s: float, is_so: Callable[[], bool]) -> None:

@@ -12,12 +12,13 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m
 from .config import YahboomConfig, domain_of_environment
-from .links import News, look_until
+from .links import News, look_until, report_of
 
 INSTALL = (
     "transport='ros2' is for a program on the robot: source /opt/ros/$ROS_DISTRO/setup.bash and the robot's own "
@@ -80,12 +81,15 @@ class Ros2Link:
         finally:
             self._spinning = False
 
-    def publish_twist(self, twist: m.Twist, *, stop: bool = False) -> None:
+    def zero(self) -> None:
+        self.drive(m.REST)
+
+    def drive(self, twist: m.Twist) -> None:
         message = self._type(m.CMD_VEL)()
         message.linear.x, message.linear.y, message.angular.z = (float(value) for value in twist)
         self._publish(m.CMD_VEL, message)
 
-    def publish_arm(self, goal: m.ArmGoal) -> None:
+    def move_arm(self, goal: m.ArmGoal) -> None:
         message = self._type(m.ARM)()
         for name, value in m.arm_message(goal).items():
             setattr(message, name, value)
@@ -101,13 +105,13 @@ class Ros2Link:
         if not await waited:
             raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 
-    async def next_odometry(self, within_s: float) -> m.Odometry:
+    async def next_report(self, within_s: float) -> Report:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await look_until(self._clock, SPIN_S, lambda: self._spun() or self.news.odometry is not before)
         told = self.news.odometry
         if told is not None and told is not before:
-            return told
+            return report_of(told)
         raise WireDown(f"ros2: no odometry within {within_s * 1e3:.0f} ms. Check the base")
 
     def close(self) -> None:

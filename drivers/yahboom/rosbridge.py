@@ -13,13 +13,14 @@ import trio
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.websocket import open_websocket
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m
 from . import protocol as p
 from .config import YahboomConfig
-from .links import News
+from .links import News, report_of
 
 CONNECT_S = 0.4
 """Within which a connection for a stop is made, or tried again."""
@@ -100,10 +101,13 @@ class RosbridgeLink:
         while True:
             await self._hear()
 
-    def publish_twist(self, twist: m.Twist, *, stop: bool = False) -> None:
-        self._send(p.publish(m.CMD_VEL, m.twist_message(twist, stop=stop)))
+    def zero(self) -> None:
+        self._send(p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True)))
 
-    def publish_arm(self, goal: m.ArmGoal) -> None:
+    def drive(self, twist: m.Twist) -> None:
+        self._send(p.publish(m.CMD_VEL, m.twist_message(twist)))
+
+    def move_arm(self, goal: m.ArmGoal) -> None:
         self._send(p.publish(m.ARM, m.arm_message(goal)))
 
     async def taken(self, within_s: float) -> None:
@@ -114,14 +118,14 @@ class RosbridgeLink:
             return
         raise WireDown(f"{self._name}: no answer within {within_s * 1e3:.0f} ms. Check rosbridge and its network")
 
-    async def next_odometry(self, within_s: float) -> m.Odometry:
+    async def next_report(self, within_s: float) -> Report:
         before = self.news.odometry
         with trio.move_on_after(within_s):
             await self._until(lambda: self.news.odometry is not before)
         told = self.news.odometry
         if told is None or told is before:
             raise WireDown(f"{self._name}: no odometry within {within_s * 1e3:.0f} ms. Check the base")
-        return told
+        return report_of(told)
 
     def close(self) -> None:
         if self._socket is not None:

@@ -7,93 +7,55 @@ stop, and the robot does not report where they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.driver import MotorReport, StopChannel
 from strands_actors.drivers.common.kept_connection import keep_connected
+from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
+from strands_actors.drivers.common.velocity_base import Outcome
 from strands_actors.kernel.clock import Clock
 
 from .config import ROS2, YahboomConfig
-from .links import RosLink
-from .messages import REST, stands
 
 STOP_S = 1.7
 """How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a
 link is reached."""
 
-TIMES = 3
-"""Zeros at least: the bridge may drop one when its own queue is full."""
 
-ANSWER_S = 0.2
-"""How long one zero waits to be taken, or to be seen in the odometry, before the next is sent."""
+class StopLink(ReportingBase, Protocol):
+    """A way to the base that is kept open for a stop."""
 
-AGAIN_S = 0.02
-"""Pause between two zeros."""
+    async def hear(self) -> None:
+        """Keep what it reports new, until cancelled."""
+        ...
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        ...
 
 
-class Outcome(NamedTuple):
-    """Of a stop. ``detail``: why the base is not known to stand; empty when it is."""
-
-    written: bool
-    acknowledged: bool
-    detail: str
-
-    def reports(
-        self, config: YahboomConfig, arm_rad: Sequence[float] = (), arm_detail: str = ""
-    ) -> tuple[MotorReport, ...]:
-        """Return one report an axis. ``arm_rad``: the arm's last goal, which it keeps; empty:
-        not known here."""
-        base = len(config.axes) - len(config.servos)
-        held: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
-        return tuple(
-            MotorReport(
-                axis,
-                number,
-                self.written,
-                self.acknowledged,
-                not self.detail,
-                self.detail or ("" if at < base else arm_detail),
-                0.0 if at < base else held[at - base],
-            )
-            for at, (axis, number) in enumerate(zip(config.axes, config.ids, strict=True))
+def reports_of(
+    outcome: Outcome, config: YahboomConfig, arm_rad: Sequence[float] = (), arm_detail: str = ""
+) -> tuple[MotorReport, ...]:
+    """Return one report an axis. ``arm_rad``: the arm's last goal, which it keeps; empty: not known
+    here."""
+    base = len(config.axes) - len(config.servos)
+    held: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
+    targets = ((0.0, "") if at < base else (held[at - base], arm_detail) for at in range(len(config.axes)))
+    return tuple(
+        MotorReport(
+            axis,
+            number,
+            outcome.written,
+            outcome.acknowledged,
+            not outcome.detail,
+            outcome.detail or detail,
+            target,
         )
-
-
-async def stop_base(link: RosLink, within_s: float) -> Outcome:
-    """Publish zero, again and again, at least ``TIMES``, until odometry that was measured after it
-    shows that the base stands. Never raises. Where a connection is open, the first zero leaves
-    before the first wait.
-
-    The first odometry behind the answer that zero was taken may have been on its way; only a later
-    one counts.
-    """
-    sent = 0
-    acknowledged = False
-    detail = "silent"
-    with trio.move_on_after(within_s):
-        while True:
-            try:
-                await link.connect()
-                link.publish_twist(REST, stop=True)
-                sent += 1
-                await link.taken(ANSWER_S)
-                acknowledged = True
-                detail = "not confirmed: no odometry since"
-                first = await link.next_odometry(ANSWER_S)
-                then = await link.next_odometry(ANSWER_S)
-                if then.stamp_ns <= first.stamp_ns:
-                    detail = "not confirmed: its odometry is old"
-                elif not stands(then.speed):
-                    shown = ", ".join(f"{value:.3g}" for value in then.speed)
-                    detail = f"not confirmed: its odometry shows {shown}"
-                elif sent >= TIMES:
-                    return Outcome(True, True, "")
-            except WireDown as down:
-                detail = f"not confirmed: {down}"
-            await trio.sleep(AGAIN_S)
-    return Outcome(sent > 0, acknowledged, detail)
+        for axis, number, (target, detail) in zip(config.axes, config.ids, targets, strict=True)
+    )
 
 
 class YahboomStopChannel(StopChannel):
@@ -101,7 +63,7 @@ class YahboomStopChannel(StopChannel):
     writer of DDS, since rclpy must not be in the root."""
 
     def __init__(
-        self, config: YahboomConfig, descriptors: Sequence[int], clock: Clock, link: RosLink | None = None
+        self, config: YahboomConfig, descriptors: Sequence[int], clock: Clock, link: StopLink | None = None
     ) -> None:
         self._config = config
         self._link = link or stop_link(config, clock)
@@ -110,13 +72,13 @@ class YahboomStopChannel(StopChannel):
         await keep_connected(self._link, task_status)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop_base(self._link, STOP_S)).reports(self._config)
+        return reports_of(await stop_until_it_stands(self._link, STOP_S), self._config)
 
     def close(self) -> None:
         self._link.close()
 
 
-def stop_link(config: YahboomConfig, clock: Clock) -> RosLink:
+def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
     """Return a way to the robot that the root may load."""
     if config.transport == ROS2:
         from .dds import DdsLink

@@ -13,14 +13,16 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.reporting_base import stop_until_it_stands
+from strands_actors.drivers.common.velocity_base import Outcome
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import ROS2, YahboomConfig
 from .gates import ARM_AT, ARM_MS, DRIVES
 from .links import RosLink
-from .messages import REST, SCANS, ArmGoal, Twist
+from .messages import SCANS, ArmGoal, Twist
 from .robots import BASE
-from .stop import STOP_S, stop_base, stop_link
+from .stop import STOP_S, StopLink, reports_of, stop_link
 
 SILENT_S = 1.0
 """Without odometry for so long the link counts as lost."""
@@ -40,12 +42,12 @@ class YahboomWire(Wire):
         config: YahboomConfig,
         clock: Clock,
         link: RosLink | None = None,
-        anew: RosLink | None = None,
+        anew: StopLink | None = None,
     ) -> None:
         self._config = config
         self._clock = clock
         self._link = link or link_of(config, clock)
-        self._anew = anew  # for a stop, where the link is lost
+        self._anew: StopLink | None = anew  # for a stop, where the link is lost
         self._arm_rad: tuple[float, ...] = ()  # where the arm was last told to be
         self._arm_at_s = 0.0  # which command that was
         self._arm_until_ns = 0  # when it is there
@@ -61,7 +63,7 @@ class YahboomWire(Wire):
 
     async def arm(self, permit: Permit) -> Observation:
         permit.check()
-        self._link.publish_twist(REST, stop=True)
+        self._link.zero()
         return await self.read()
 
     @property
@@ -92,26 +94,24 @@ class YahboomWire(Wire):
         arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
         permit.check()
         if values[DRIVES]:
-            self._link.publish_twist(Twist(*values[: len(BASE)]))
+            self._link.drive(Twist(*values[: len(BASE)]))
         if values[ARM_MS] and arm_at_s != self._arm_at_s:  # once: each repetition would begin the motion anew
-            self._link.publish_arm(self._goal(arm_rad, values[ARM_MS]))
+            self._link.move_arm(self._goal(arm_rad, values[ARM_MS]))
             self._arm_rad, self._arm_at_s = arm_rad, arm_at_s
             self._arm_until_ns = self._clock.now_ns() + round(values[ARM_MS] * 1e6)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        outcome = await stop_base(self._link, STOP_S)
-        return outcome.reports(self._config, self._arm_rad, self._arm_detail())
+        return self._reports(await stop_until_it_stands(self._link, STOP_S))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
         has told."""
         if self._link.is_open:
-            outcome = await stop_base(self._link, OLD_S)
+            outcome = await stop_until_it_stands(self._link, OLD_S)
             if not outcome.detail:
-                return outcome.reports(self._config, self._arm_rad, self._arm_detail())
+                return self._reports(outcome)
         self._anew = self._anew or stop_link(self._config, self._clock)
-        outcome = await stop_base(self._anew, STOP_S)
-        return outcome.reports(self._config, self._arm_rad, self._arm_detail())
+        return self._reports(await stop_until_it_stands(self._anew, STOP_S))
 
     def close(self) -> None:
         for link in (self._link, self._anew):
@@ -122,11 +122,10 @@ class YahboomWire(Wire):
         degrees = tuple(servo.whole_degrees(rad) for servo, rad in zip(self._config.servos, arm_rad, strict=True))
         return ArmGoal(degrees, round(time_ms))
 
-    def _arm_detail(self) -> str:
+    def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
         left_s = (self._arm_until_ns - self._clock.now_ns()) / NS
-        if left_s <= 0:
-            return ""
-        return f"goes on to its last goal for {left_s:.1f} s: these servos cannot be told to stop"
+        detail = f"goes on to its last goal for {left_s:.1f} s: these servos cannot be told to stop"
+        return reports_of(outcome, self._config, self._arm_rad, detail if left_s > 0 else "")
 
     def _sensors(self) -> dict[str, tuple[float, ...]]:
         news = self._link.news

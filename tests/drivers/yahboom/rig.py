@@ -39,6 +39,8 @@ class World:
         self.frozen = False  # the bridge takes nothing, and says nothing, for now
         self.gone = False
         self.mute: set[str] = set()  # topics that are silent
+        self.answer_s = 0.0  # how late everything is heard that the bridge says
+        self.denies = False  # rosapi is gone: its services are refused
         self.driver = Yahboom("yahboom_m3pro", "192.0.2.1", driver or {})
 
     def link(self) -> RosbridgeLink:
@@ -75,7 +77,7 @@ class MemorySocket:
         self._number = number
         self._session = Session(world.twin.graph, self._say)
         self._waiting: list[str] = []
-        self._told: deque[str] = deque()
+        self._told: deque[tuple[float, str]] = deque()
         self.is_open = True
 
     def send(self, message: str) -> None:
@@ -96,15 +98,17 @@ class MemorySocket:
             self._check()
             if not self._world.frozen:
                 self._session.publish(trio.current_time())
-                if self._told:
-                    return self._told.popleft()
+                if self._told and self._told[0][0] <= trio.current_time():
+                    return self._told.popleft()[1]
 
     def close(self) -> None:
         self.is_open = False
 
     def _say(self, text: str) -> None:
         if not any(f'"publish","topic":"{topic}"' in text for topic in self._world.mute):
-            self._told.append(text)
+            if self._world.denies:
+                text = text.replace('"result":true', '"result":false')
+            self._told.append((trio.current_time() + self._world.answer_s, text))
 
     def _check(self) -> None:
         if self._world.gone:

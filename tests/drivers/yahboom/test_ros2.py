@@ -15,6 +15,7 @@ import trio
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.reporting_base import stop_until_it_stands
 from strands_actors.drivers.common.rtps import Participant
 from strands_actors.drivers.common.sdk import load_sdk
 from strands_actors.drivers.yahboom import dds
@@ -22,7 +23,7 @@ from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.config import DOMAIN, domain_of_environment
 from strands_actors.drivers.yahboom.driver import Yahboom
 from strands_actors.drivers.yahboom.ros2 import Ros2Link
-from strands_actors.drivers.yahboom.stop import YahboomStopChannel, stop_base
+from strands_actors.drivers.yahboom.stop import YahboomStopChannel
 from strands_actors.drivers.yahboom.wire import YahboomWire, link_of
 from strands_actors.kernel.clock import MonotonicClock, VirtualClock
 from tests.drivers.common.memory_port import Permission, virtual
@@ -182,14 +183,14 @@ def test_saf_005_without_acknowledgement_or_odometry_a_stop_is_not_confirmed() -
         link = Ros2Link(robot.config, VirtualClock(), ros.load)
         await link.open()
         ros.acknowledges = False
-        outcome = await stop_base(link, 0.3)
+        outcome = await stop_until_it_stands(link, 0.3)
         assert (outcome.written, outcome.acknowledged) == (True, False)
-        assert "no acknowledgement" in outcome.detail
+        assert "no acknowledgement" in outcome.detail or "has not answered" in outcome.detail
         ros.acknowledges, ros.silent = True, True
-        outcome = await stop_base(link, 0.5)
-        assert outcome.acknowledged and "no odometry" in outcome.detail
+        outcome = await stop_until_it_stands(link, 0.5)
+        assert outcome.acknowledged and "reported nothing since" in outcome.detail
         ros.broken = True
-        outcome = await stop_base(link, 0.3)
+        outcome = await stop_until_it_stands(link, 0.3)
         assert not outcome.written and "context is invalid" in outcome.detail
 
     trio.run(test)
@@ -318,7 +319,7 @@ def test_saf_003_the_root_stops_the_base_without_rclpy() -> None:
             assert len(base.twists) >= 3 and set(base.twists) == {(0.0,) * 6}
             base.stops, base.speed = False, 0.5
             reports = await channel.make_safe("zero")
-            assert "its odometry shows 0.5, 0, 0" in reports[0].detail
+            assert "it reports speed 0.5, 0, 0" in reports[0].detail
 
     trio.run(test)
 
@@ -329,7 +330,7 @@ def test_without_a_base_the_way_by_dds_does_not_stand() -> None:
         with pytest.raises(WireDown, match="nobody listens to /cmd_vel in domain 30"):
             await link.connect()
         with pytest.raises(WireDown, match="nobody listens"):
-            link.publish_twist(m.REST, stop=True)
+            link.zero()
         link.close()
 
     trio.run(test)
