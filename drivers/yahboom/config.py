@@ -15,7 +15,7 @@ from .robots import Servo
 ROSBRIDGE = "rosbridge"
 ROS2 = "ros2"
 
-DEFAULT_HOST = "localhost"
+DEFAULT_HOST = "127.0.0.1"
 
 DOMAIN = 30
 MAX_DOMAIN = 232

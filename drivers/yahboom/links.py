@@ -55,6 +55,11 @@ class RosLink(ReportingBase, Protocol):
         """Keep ``news`` new, until cancelled."""
         ...
 
+    @property
+    def owes(self) -> bool:
+        """Whether so many commands have not been taken yet that another would be carried out late."""
+        ...
+
     def drive(self, twist: Twist) -> None:
         """Publish a twist now."""
         ...

@@ -11,7 +11,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.driver import ProcessSpent, WireDown
 from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
 from strands_actors.kernel.clock import Clock
@@ -33,6 +33,9 @@ SPIN_S = 0.01
 
 AT_ONCE = 32
 """Messages that are taken in then, at most."""
+
+ACK_S = 0.3
+"""How long one wait for acknowledgements lasts: it cannot be cancelled."""
 
 ACK_MARGIN_S = 0.1
 """So much longer than asked a wait for acknowledgements may take before this process is spent."""
@@ -84,6 +87,10 @@ class Ros2Link:
     def zero(self) -> None:
         self.drive(m.REST)
 
+    @property
+    def owes(self) -> bool:
+        return False  # rclpy keeps the newest few, and tells nobody which were taken
+
     def drive(self, twist: m.Twist) -> None:
         message = self._type(m.CMD_VEL)()
         message.linear.x, message.linear.y, message.angular.z = (float(value) for value in twist)
@@ -97,12 +104,14 @@ class Ros2Link:
 
     async def taken(self, within_s: float) -> None:
         """Return when every reliable subscriber has acknowledged what was published."""
+        within_s = min(within_s, ACK_S)
         duration = self._load("rclpy.duration", INSTALL).Duration(seconds=within_s)
-        publisher = self._publisher(m.CMD_VEL)
-        waited = self._calls.call(
-            "wait_for_all_acked", within_s + ACK_MARGIN_S, publisher.wait_for_all_acked, duration
-        )
-        if not await waited:
+        wait = self._publisher(m.CMD_VEL).wait_for_all_acked
+        try:
+            taken = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
+        except ProcessSpent as spent:
+            raise WireDown(str(spent)) from None  # a stop goes on with what it can still do
+        if not taken:
             raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 
     async def next_report(self, within_s: float) -> Report:
@@ -129,9 +138,10 @@ class Ros2Link:
         quality = self._load("rclpy.qos", INSTALL).qos_profile_sensor_data
         executors = self._load("rclpy.executors", INSTALL)
         kinds = {topic: self._type(topic) for topic in (*m.COMMANDED, *m.REPORTED, *m.OPTIONAL)}
+        domain = domain_of_environment()
         try:
             context = self._context = rclpy.Context()
-            rclpy.init(context=context, domain_id=domain_of_environment(), signal_handler_options=no_signals)
+            rclpy.init(context=context, domain_id=domain, signal_handler_options=no_signals)
             node = rclpy.create_node(NODE, context=context)
             self._publishers = {topic: node.create_publisher(kinds[topic], topic, QUEUE) for topic in m.COMMANDED}
             for topic in (*m.REPORTED, *m.OPTIONAL):

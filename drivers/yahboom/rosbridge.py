@@ -32,6 +32,9 @@ publishes on."""
 WATCH_MS = 50.0
 """How often who only stops the base hears of it, at most."""
 
+MOST_OWED = 4
+"""Commands that may be on their way: at 10 Hz, to a bridge that answers after 300 ms."""
+
 SCAN_MS = 200.0
 """A scan is 20 kB: it is asked for five times a second."""
 
@@ -62,8 +65,9 @@ class RosbridgeLink:
         self._open_socket = open_socket
         self._socket: Socket | None = None
         self._numbers = 0  # of calls
-        self._responses: dict[str, p.ServiceResponse] = {}
-        self._asked: set[str] = set()  # calls that wait for their answer
+        self._responses: dict[int, p.ServiceResponse] = {}
+        self._asked: set[int] = set()  # calls whose answer somebody waits for
+        self._owed: list[int] = []  # calls behind commands, not answered yet
         self._objection = ""  # the bridge's last error
         self._connecting = trio.Lock()
         self._reads = False  # whoever reads does it for all
@@ -104,11 +108,15 @@ class RosbridgeLink:
     def zero(self) -> None:
         self._send(p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True)))
 
+    @property
+    def owes(self) -> bool:
+        return len(self._owed) >= MOST_OWED
+
     def drive(self, twist: m.Twist) -> None:
-        self._send(p.publish(m.CMD_VEL, m.twist_message(twist)))
+        self._command(p.publish(m.CMD_VEL, m.twist_message(twist)))
 
     def move_arm(self, goal: m.ArmGoal) -> None:
-        self._send(p.publish(m.ARM, m.arm_message(goal)))
+        self._command(p.publish(m.ARM, m.arm_message(goal)))
 
     async def taken(self, within_s: float) -> None:
         """The bridge takes operations one after the other: it answers a call once it has taken
@@ -147,6 +155,7 @@ class RosbridgeLink:
         self._socket = await self._open_socket(host, port, within_s=within_s)
         self._objection = ""
         self._asked.clear()
+        self._owed.clear()
         self._responses.clear()
         self._advertise()
 
@@ -183,13 +192,23 @@ class RosbridgeLink:
             raise WireDown("rosbridge: not connected. Reconnect")
         self._socket.send(text)
 
+    def _command(self, text: str) -> None:
+        """Send a command, and a call behind it, whose answer says that it was taken."""
+        self._send(text)
+        number = self._next_number()
+        self._owed.append(number)
+        self._send(p.encode(p.CallService(p.TIME_SERVICE, id=str(number))))
+
+    def _next_number(self) -> int:
+        self._numbers += 1
+        return self._numbers
+
     async def _call(self, service: str) -> Any:
         """Return what a service answers. Raise ``WireDown`` when it says no."""
-        self._numbers += 1
-        number = f"{service}:{self._numbers}"
+        number = self._next_number()
         self._asked.add(number)
         try:
-            self._send(p.encode(p.CallService(service, id=number)))
+            self._send(p.encode(p.CallService(service, id=str(number))))
             await self._until(lambda: number in self._responses)
             answer = self._responses[number]
         finally:
@@ -223,8 +242,11 @@ class RosbridgeLink:
             match p.decode_told(message):
                 case p.Publish(topic, content) if topic in m.REPORTED or topic in m.OPTIONAL:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
-                case p.ServiceResponse(id=str(number)) as answer if number in self._asked:
-                    self._responses[number] = answer
+                case p.ServiceResponse(id=str(text)) as answer if text.isdecimal():
+                    number = int(text)
+                    self._owed = [owed for owed in self._owed if owed > number]  # what came before was taken
+                    if number in self._asked:
+                        self._responses[number] = answer
                 case p.Status(level, text) if level == p.ERROR_LEVEL:
                     self._objection = text
         except MalformedFrame:

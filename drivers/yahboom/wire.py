@@ -1,6 +1,6 @@
 """The robot's topics in the wire process: commands, odometry and stops on one connection, where
 nothing overtakes anything. So a command that waits in a frozen bridge is always followed by the
-zero of the stop behind it.
+zero of the stop behind it; and no more than a few ever wait.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.drivers.common.reporting_base import stop_until_it_stands
 from strands_actors.drivers.common.velocity_base import Outcome
@@ -26,6 +26,10 @@ from .stop import STOP_S, StopLink, reports_of, stop_link
 
 SILENT_S = 1.0
 """Without odometry for so long the link counts as lost."""
+
+QUIET_S = 0.2
+"""No command is written to a robot whose odometry has been silent for so long: it would be carried
+out late."""
 
 OLD_S = 0.3
 """How long a stop is tried on the connection that counts as lost, before it goes out on a new
@@ -92,6 +96,9 @@ class YahboomWire(Wire):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         axes = len(self._config.axes)
         arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
+        silent_s = (self._clock.now_ns() - self._link.news.odometry_ns) / NS
+        if silent_s > QUIET_S or self._link.owes:
+            raise PermitDenied(f"the robot takes nothing now (odometry {silent_s * 1e3:.0f} ms ago)")
         permit.check()
         if values[DRIVES]:
             self._link.drive(Twist(*values[: len(BASE)]))

@@ -40,6 +40,7 @@ class World:
         self.gone = False
         self.mute: set[str] = set()  # topics that are silent
         self.answer_s = 0.0  # how late everything is heard that the bridge says
+        self.loses = False  # every second answer to a call is lost
         self.denies = False  # rosapi is gone: its services are refused
         self.driver = Yahboom("yahboom_m3pro", "192.0.2.1", driver or {})
 
@@ -78,6 +79,7 @@ class MemorySocket:
         self._session = Session(world.twin.graph, self._say)
         self._waiting: list[str] = []
         self._told: deque[tuple[float, str]] = deque()
+        self._lost = False
         self.is_open = True
 
     def send(self, message: str) -> None:
@@ -106,6 +108,10 @@ class MemorySocket:
 
     def _say(self, text: str) -> None:
         if not any(f'"publish","topic":"{topic}"' in text for topic in self._world.mute):
+            if self._world.loses and '"service_response"' in text:
+                self._lost = not self._lost
+                if self._lost:
+                    return
             if self._world.denies:
                 text = text.replace('"result":true', '"result":false')
             self._told.append((trio.current_time() + self._world.answer_s, text))

@@ -189,7 +189,7 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 @pytest.mark.parametrize(
     ("port", "address"),
     [
-        ("", ("localhost", 9090)),
+        ("", ("127.0.0.1", 9090)),
         ("192.0.2.1", ("192.0.2.1", 9090)),
         ("192.0.2.1:9191", ("192.0.2.1", 9191)),
         ("ws://m3.example:9090/", ("m3.example", 9090)),

@@ -3,8 +3,11 @@ in place of the base for the root's way to it. Nobody has seen either on a robot
 
 from __future__ import annotations
 
+import contextlib
 import math
+import random
 import struct
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from types import SimpleNamespace
@@ -63,6 +66,7 @@ class Publisher:
         self._ros.published.append((self._topic, message))
 
     def wait_for_all_acked(self, duration: Any) -> bool:
+        time.sleep(self._ros.hangs_s)
         return self._ros.acknowledges
 
 
@@ -96,6 +100,7 @@ class StandIn:
         self.unheard: set[str] = set()
         self.acknowledges = True
         self.broken = False
+        self.hangs_s = 0.0
         self.silent = False
         self.nodes = 0
         self.domain = -1
@@ -196,6 +201,22 @@ def test_saf_005_without_acknowledgement_or_odometry_a_stop_is_not_confirmed() -
     trio.run(test)
 
 
+def test_saf_010_a_call_of_rclpy_that_hangs_does_not_keep_a_stop() -> None:
+    async def test() -> None:
+        ros, robot = StandIn(), driver()
+        link = Ros2Link(robot.config, VirtualClock(), ros.load)
+        await link.open()
+        ros.hangs_s = 1.0
+        began_s = trio.current_time()
+        outcome = await stop_until_it_stands(link, 1.2)
+        assert "wait_for_all_acked did not return" in outcome.detail
+        assert outcome.written and not outcome.acknowledged
+        assert trio.current_time() - began_s < 1.2 + 1.0, "and zero went on meanwhile"
+        assert len(ros.published) > 10
+
+    trio.run(test)
+
+
 def test_a_base_that_nobody_started_is_said_so() -> None:
     async def test() -> None:
         ros, robot = StandIn(), driver()
@@ -255,6 +276,16 @@ def test_odometry_is_read_whatever_its_frames_are_called(frame: str) -> None:
     assert told.stamp_ns == 12_345_678_901
     assert (told.x_m, told.y_m, told.yaw_rad) == (1.0, 2.0, pytest.approx(0.5))
     assert told.speed == m.Twist(0.5, -0.1, 0.2)
+
+
+def test_disturbed_odometry_raises_nothing_else() -> None:
+    random_, whole = random.Random(22), odometry_cdr(1, 0.5)[4:]
+    for _ in range(5000):
+        body = bytearray(whole[: random_.randrange(1, len(whole) + 1)])
+        for _ in range(random_.randint(1, 6)):
+            body[random_.randrange(len(body))] = random_.randrange(256)
+        with contextlib.suppress(MalformedFrame):
+            assert isinstance(dds.decode_odometry(bytes(body)), m.Odometry)
 
 
 def test_odometry_that_ends_early_is_malformed() -> None:

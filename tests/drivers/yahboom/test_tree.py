@@ -7,6 +7,8 @@ import asyncio
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -194,6 +196,29 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(m3) == "disarmed", "confirmed at last")
+
+
+@pytest.mark.parametrize("transport", ["rosbridge", "ros2"])
+def test_saf_003_the_root_loads_neither_the_wire_nor_rclpy(transport: str) -> None:
+    script = (
+        "from strands_actors.drivers.yahboom.driver import Yahboom\n"
+        "from strands_actors.kernel.clock import MonotonicClock\n"
+        f"driver = Yahboom('yahboom_m3pro', '', {{'transport': '{transport}'}})\n"
+        "driver.preload()\n"
+        "driver.stop_channel((), MonotonicClock())\n"
+        "import sys\nprint(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "strands_actors.drivers.yahboom.stop" in loaded
+    unwanted = (
+        "strands_actors.drivers.yahboom.wire",
+        "strands_actors.drivers.yahboom.ros2",
+        "rclpy",
+        "httpx",
+        "numpy",
+    )
+    assert [name for name in unwanted if name in loaded] == []
 
 
 def test_saf_014_refusals_write_nothing(m3: RealRobot, twin: Twin) -> None:

@@ -16,8 +16,9 @@ from strands_actors.contract.driver import MotorReport, PermitDenied, StopChanne
 from strands_actors.drivers.common.reporting_base import TIMES
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
+from strands_actors.drivers.yahboom.rosbridge import MOST_OWED
 from strands_actors.drivers.yahboom.stop import STOP_S
-from strands_actors.drivers.yahboom.wire import SILENT_S, YahboomWire
+from strands_actors.drivers.yahboom.wire import QUIET_S, SILENT_S, YahboomWire
 from tests.drivers.common.memory_port import Permission, virtual
 from tests.drivers.yahboom.rig import NOW_NS, World, state
 
@@ -207,12 +208,64 @@ def test_a_twist_is_written_each_time_and_an_arm_goal_once() -> None:
             both = target(world, linear_x=0.5, arm1=0.1)
             for _ in range(3):
                 await wire.write(both, Permission())
+                await trio.sleep(0.02)
             assert [one["linear"]["x"] for one in msgs(world, m.CMD_VEL)] == [0.5] * 3
             assert msgs(world, m.ARM) == [
                 {"joint1": 96, "joint2": 90, "joint3": 90, "joint4": 90, "joint5": 90, "joint6": 180, "time": 1500}
             ]
+            await trio.sleep(0.02)
             await wire.write(target(world, NOW_NS + 1000, arm1=0.1), Permission())
             assert len(msgs(world, m.ARM)) == 2, "the same action, given anew, is written anew"
+
+    virtual(test)
+
+
+def test_saf_010_a_bridge_that_takes_nothing_is_sent_a_few_commands_and_no_more() -> None:
+    async def test() -> None:
+        world = World()
+        async with running(world) as wire:
+            world.frozen = True
+            written = 0
+            for at in range(20):
+                try:
+                    await wire.write(target(world, NOW_NS + at, linear_x=0.5), Permission())
+                    written += 1
+                except PermitDenied:
+                    await trio.sleep(0.0005)
+            assert written == MOST_OWED
+            world.thaw()
+            await trio.sleep(0.02)
+            await wire.write(target(world, linear_x=0.5), Permission())
+            assert world.kinds() == ["setpoint"] * (MOST_OWED + 1)
+
+    virtual(test)
+
+
+def test_an_answer_that_is_lost_holds_nothing_up_once_a_later_one_came() -> None:
+    async def test() -> None:
+        world = World()
+        async with running(world) as wire:
+            world.loses = True  # every second answer
+            for at in range(40):
+                await wire.write(target(world, NOW_NS + at, linear_x=0.5), Permission())
+                await trio.sleep(0.05)
+            assert world.kinds() == ["setpoint"] * 40
+
+    virtual(test)
+
+
+def test_saf_010_a_robot_that_is_silent_is_sent_nothing() -> None:
+    async def test() -> None:
+        world = World()
+        async with running(world) as wire:
+            world.mute.add(m.ODOMETRY)
+            await trio.sleep(QUIET_S + 0.05)
+            with pytest.raises(PermitDenied, match="takes nothing now"):
+                await wire.write(target(world, linear_x=0.5), Permission())
+            world.mute.clear()
+            await trio.sleep(0.05)
+            await wire.write(target(world, linear_x=0.5), Permission())
+            assert world.kinds() == ["setpoint"]
 
     virtual(test)
 
