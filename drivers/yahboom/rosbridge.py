@@ -35,6 +35,9 @@ WATCH_MS = 50.0
 MOST_OWED = 4
 """Commands that may be on their way: at 10 Hz, to a bridge that answers after 300 ms."""
 
+DIGITS = 19
+"""Of a call's number, fewer than so many: what is longer is not ours."""
+
 SCAN_MS = 200.0
 """A scan is 20 kB: it is asked for five times a second."""
 
@@ -242,7 +245,7 @@ class RosbridgeLink:
             match p.decode_told(message):
                 case p.Publish(topic, content) if topic in m.REPORTED or topic in m.OPTIONAL:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
-                case p.ServiceResponse(id=str(text)) as answer if text.isdecimal():
+                case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:
                     number = int(text)
                     self._owed = [owed for owed in self._owed if owed > number]  # what came before was taken
                     if number in self._asked:
