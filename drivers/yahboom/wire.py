@@ -24,7 +24,7 @@ from .messages import SCANS, ArmGoal, Twist
 from .robots import BASE
 from .stop import STOP_S, StopLink, reports_of, stop_link
 
-SILENT_S = 1.0
+SILENT_S = 0.6
 """Without odometry for so long the link counts as lost."""
 
 QUIET_S = 0.2

@@ -161,6 +161,27 @@ def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3
     until(lambda: m3.get_observation().get("linear.x") == 0.0, "it stands")
 
 
+def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_nothing_after(
+    m3: RealRobot, twin: Twin
+) -> None:
+    """Its writer goes on all the while, at 100 Hz: what waits is bounded, and the link counts as lost."""
+    drive(m3, twin, linear_x=0.3)
+    twin.pause()
+    until_s = time.monotonic() + 1.0
+    while time.monotonic() < until_s:
+        m3.send_action({"linear.x": 0.9})
+        time.sleep(0.01)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    until_s = time.monotonic() + 0.5
+    while time.monotonic() < until_s:
+        m3.send_action({"linear.x": 0.9})
+        time.sleep(0.01)
+    until(lambda: state(m3) == "disarmed", "it is back, disarmed")
+    assert len(twin.log.host("setpoint", back_ns)) <= 8, "of a hundred that were sent"
+    twin.log.no_setpoint_after_safe(back_ns)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_roots_own_connection_stops_the_base(m3: RealRobot, twin: Twin, number: signal.Signals) -> None:
     drive(m3, twin, linear_x=0.5)
