@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-import trio
-
-from strands_actors.contract.driver import MotorReport, StopChannel
-from strands_actors.drivers.common.kept_connection import keep_connected
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
 from strands_actors.drivers.common.velocity_base import Outcome
 from strands_actors.kernel.clock import Clock
@@ -58,24 +56,28 @@ def reports_of(
     )
 
 
-class YahboomStopChannel(StopChannel):
-    """The root's own connection to rosbridge, kept open; with ``transport="ros2"`` its own
-    writer of DDS, since rclpy must not be in the root."""
+class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
+    """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS, since
+    rclpy must not be in the root."""
 
-    def __init__(
-        self, config: YahboomConfig, descriptors: Sequence[int], clock: Clock, link: StopLink | None = None
-    ) -> None:
-        self._config = config
-        self._link = link or stop_link(config, clock)
+    def new_link(self) -> StopLink:
+        return stop_link(self.config, self.clock)
 
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        await keep_connected(self._link, task_status)
+    async def connect(self) -> StopLink:
+        link = self.new_link()
+        try:
+            await link.connect()
+        except BaseException:
+            link.close()
+            raise
+        return link
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return reports_of(await stop_until_it_stands(self._link, STOP_S), self._config)
+    async def keep_up(self, session: StopLink) -> None:
+        await session.hear()
 
-    def close(self) -> None:
-        self._link.close()
+    async def make_safe_by(self, session: StopLink | None, safe_state: str) -> tuple[MotorReport, ...]:
+        self.session = session or self.new_link()
+        return reports_of(await stop_until_it_stands(self.session, STOP_S), self.config)
 
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:

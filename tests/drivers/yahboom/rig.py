@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import trio
 
 from strands_actors.contract.driver import Candidate, GateState, Observation, WireDown
+from strands_actors.drivers.yahboom.config import YahboomConfig
 from strands_actors.drivers.yahboom.driver import Yahboom
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
-from strands_actors.drivers.yahboom.stop import YahboomStopChannel
+from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
 from strands_actors.drivers.yahboom.wire import YahboomWire
-from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.messages import Refused
 
 NOW_NS = 10**12
@@ -51,7 +53,7 @@ class World:
         return YahboomWire(self.driver.config, VirtualClock(), self.link(), self.link())
 
     def stop_channel(self) -> YahboomStopChannel:
-        return YahboomStopChannel(self.driver.config, (), VirtualClock(), self.link())
+        return ChannelTo(self.link, self.driver.config, VirtualClock())
 
     async def open_socket(self, host: str, port: int, /, *, within_s: float) -> MemorySocket:
         assert (host, port) == ("192.0.2.1", 9090)
@@ -69,6 +71,17 @@ class World:
 
     def kinds(self, *kinds: str) -> list[str]:
         return [one.kind for one in self.taken if one.kind in (kinds or ("setpoint", "safe"))]
+
+
+class ChannelTo(YahboomStopChannel):
+    """A stop channel on links of the test's."""
+
+    def __init__(self, new_link: Callable[[], StopLink], config: YahboomConfig, clock: Clock) -> None:
+        super().__init__(config, (), clock)
+        self._new_link = new_link
+
+    def new_link(self) -> StopLink:
+        return self._new_link()
 
 
 class MemorySocket:

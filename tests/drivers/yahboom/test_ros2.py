@@ -30,7 +30,7 @@ from strands_actors.drivers.yahboom.stop import YahboomStopChannel
 from strands_actors.drivers.yahboom.wire import YahboomWire, link_of
 from strands_actors.kernel.clock import MonotonicClock, VirtualClock
 from tests.drivers.common.memory_port import Permission, virtual
-from tests.drivers.yahboom.rig import state
+from tests.drivers.yahboom.rig import ChannelTo, state
 
 
 @pytest.fixture(autouse=True)
@@ -327,7 +327,7 @@ async def base_and_channel(host: str) -> AsyncIterator[tuple[Base, YahboomStopCh
     base = Base(host)
     clock, config = MonotonicClock(), driver().config
     link = dds.DdsLink(config, clock, host, (base.participant.address,))
-    channel = YahboomStopChannel(config, (), clock, link)
+    channel = ChannelTo(lambda: link, config, clock)
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(base.participant.run)
