@@ -28,6 +28,8 @@ from strands_actors.surfaces.mesh.config import MeshConfig
 from .twin_process import SIM, TwinProcess
 
 MODES = ("sim", "real", "auto")
+TWIN = "twin"
+"""The transport that starts a process; others are ways of a driver's own to its robot."""
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
@@ -244,14 +246,15 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     tool_name = wanted.tool_name
     twin_process = None
     owns_twin_process = True
-    if wanted.transport is not None:
+    if wanted.transport == TWIN:
         owns_twin_process = wanted.sim is None
         twin_process = (
             TwinProcess(driver_class.TWIN, wanted.robot) if owns_twin_process else _twin_process_of(wanted)
         )
         resolved = driver_class.resolve(wanted.robot, wanted.options)  # a twin is new: nobody has calibrated it
     else:
-        resolved = driver_class.resolve(wanted.robot, {**wanted.options, "tool_name": tool_name})
+        way = {} if wanted.transport is None else {"transport": wanted.transport}  # one of the driver's own
+        resolved = driver_class.resolve(wanted.robot, {**wanted.options, **way, "tool_name": tool_name})
     return Plan(
         wanted.robot,
         tool_name,
@@ -295,14 +298,14 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
         raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
-    if wanted.sim is not None and transport != "twin":
+    if wanted.sim is not None and transport != TWIN:
         raise ValueError(
             "Robot: sim= is what a twin is made of: add transport='twin'. "
             f"{name} offers {', '.join(offered) or 'none'}"
         )
     if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
-    if transport is not None and wanted.port is not None:
+    if transport == TWIN and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
     if transport is None and wanted.port is None and needs_port:

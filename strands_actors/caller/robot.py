@@ -90,7 +90,7 @@ class RealRobot(RobotTool):
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         self._plan = plan
-        self._approval = approval or Approval(plan.driver_class.GUARDED)
+        self._approval = approval or approval_of(plan.driver_class, (), None, APPROVE_S)
         self._liveness = Liveness()
         self._opened: RobotTree | None = None
         self._pid = os.getpid()

@@ -25,7 +25,7 @@ import trio
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 
-from .axis import Axis, Part, axes_of, first_target, parse_action
+from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
 from .sensors import Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
@@ -304,7 +304,10 @@ class Driver(ABC):
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
     """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
-    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
+    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop
+    never needs one, nor does a zero of a velocity axis."""
+    TOPICS: ClassVar[Mapping[str, str]] = {}
+    """Guarded keys that go out on a ROS topic, and which: who has approved the topic has approved them."""
 
     robot: str
     parts: tuple[Part, ...] = ()
@@ -345,6 +348,12 @@ class Driver(ABC):
         """Return the whole target: position axes that are not named keep ``state.target``, velocity axes rest."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
+
+    def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the keys of an action that may need approval: all but velocities at rest, which stop the robot."""
+        at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
+        keys = ((key, str(key).removesuffix(".pos")) for key in action)
+        return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
