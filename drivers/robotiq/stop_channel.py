@@ -4,34 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
-from .client import OpenStream, hold, open_gripper
+from .client import GripperClient, OpenStream, hold, open_gripper
 from .config import RobotiqConfig
 
 
-class RobotiqStopChannel(StopChannel):
-    """By the time it is needed the wire's connection is gone with its process, so a gateway that takes one client
-    takes this one. A name for an address has to be looked up then, too: a number is quicker."""
-
+class RobotiqStopChannel(ConnectWhenNeeded[RobotiqConfig, GripperClient]):
     def __init__(
         self, config: RobotiqConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
     ) -> None:
-        self._config = config
-        self._clock = clock
+        super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        try:
-            gripper = await open_gripper(self._config, self._clock, self._open_stream)
-        except WireDown as error:
-            return (self._config.report(False, False, str(error)),)
-        try:
-            return (await hold(gripper, None, self._config),)
-        finally:
-            gripper.close()
+    async def connect(self) -> GripperClient:
+        return await open_gripper(self.config, self.clock, self._open_stream)
 
-    def close(self) -> None:
-        """Nothing is kept open."""
+    async def make_safe_by(self, port: GripperClient, safe_state: str) -> tuple[MotorReport, ...]:
+        return (await hold(port, None, self.config),)
+
+    def failed(self, why: str, port: GripperClient | None = None) -> tuple[MotorReport, ...]:
+        return (self.config.report(False, False, why),)

@@ -12,8 +12,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from strands_actors.contract.axis import finite
-from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range
-from strands_actors.contract.axis_gates import too_fast as axis_too_fast
+from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -296,7 +295,7 @@ def steps(model: Model) -> GateCheck:
     on its own is one period of the control loop: a far target is a blow. The first one starts from where the
     joint is."""
     count = len(model.joints)
-    too_fast = axis_too_fast(
+    from_target = too_fast(
         model.table,
         oneshot_s=CONTROL_S * STEP_TOLERANCE,
         longest_s=LONGEST_STEP_S,
@@ -306,6 +305,6 @@ def steps(model: Model) -> GateCheck:
     def steps(candidate: Candidate, state: GateState) -> Refused | None:
         if len(state.target) == count:  # nothing was accepted since it was armed
             state = replace(state, target=state.observation.position)
-        return too_fast(candidate, state)
+        return from_target(candidate, state)
 
     return steps
