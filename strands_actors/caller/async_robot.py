@@ -9,7 +9,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.driver import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
@@ -19,7 +19,7 @@ from strands_actors.surfaces.agents.use import use
 from . import envelopes as answers
 from . import verbs
 from .envelopes import Answer
-from .plan import Plan, plan
+from .plan import Plan, completed, plan
 from .portal import open_caller
 from .tree import RobotTree
 from .twin_process import TwinProcess
@@ -187,7 +187,11 @@ async def open_robot(
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
     """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
     async with open_caller() as (node, nursery, endpoint):
-        tree = RobotTree(node, nursery, endpoint, wanted)
+        try:
+            whole = await completed(wanted)
+        except WireDown as down:
+            raise ConnectionError(f"connect: {str(down).removeprefix('connect: ')}") from None
+        tree = RobotTree(node, nursery, endpoint, whole)
         try:
             problem = await tree.connect(arm)
             if problem is not None:

@@ -65,6 +65,11 @@ class Processes(ABC):
         self.closed = False
 
     @property
+    def stop_s(self) -> float:
+        """How long the gate may take for a stop: longer than its wire does."""
+        return max(self.patience.stop_s, self.driver.timing.end_s + 1.0)
+
+    @property
     @abstractmethod
     def started(self) -> bool: ...
 

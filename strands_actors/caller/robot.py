@@ -11,9 +11,11 @@ import logging
 import os
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
 
-from strands_actors.contract.driver import Driver, Observation
+import trio
+
+from strands_actors.contract.driver import Driver, Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.simulation.handle import SimulationError, World
@@ -29,7 +31,7 @@ from . import verbs
 from .async_robot import AsyncRobot, open_robot
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
-from .plan import Plan, plan, standalone
+from .plan import Plan, completed, plan
 from .portal import portal
 from .tree import RobotTree
 from .twin_process import SIM, TwinProcess
@@ -70,9 +72,6 @@ def Robot(  # a factory named as on the drivers page
     not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
     are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
-    other = standalone(name, mode, **keywords)
-    if other is not None:
-        return cast(RealRobot, other)  # a driver class of the drivers page: the same verbs, no tree
     wanted = plan(name, mode, **keywords)
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
     return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
@@ -96,6 +95,7 @@ class RealRobot(RobotTool):
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
+        self._completing = trio.Lock()  # two threads may connect at once
 
     @property
     def tool_name(self) -> str:
@@ -175,12 +175,24 @@ class RealRobot(RobotTool):
             return f"connect: {failure}"
 
     async def _connect(self) -> str | None:
+        if self._tree is None and (problem := await self._complete()):
+            return problem
         if self._tree is None:
             shared = portal()
             self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
             self._pid = os.getpid()
         assert self._opened is not None
         return await self._opened.connect()
+
+    async def _complete(self) -> str | None:
+        """Have the robot say what only it can tell."""
+        try:
+            async with self._completing:
+                self._plan = plan = await completed(self._plan)
+        except WireDown as down:
+            return f"connect: {str(down).removeprefix('connect: ')}"
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        return None
 
     @property
     def is_connected(self) -> bool:

@@ -37,7 +37,8 @@ from .run_directory import Name, Note, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
-FENCE_S = 3.0
+FENCE_S = 1.5
+"""For an answer of the root beyond what making safe takes: it may have to fence first."""
 
 
 class TreeProcesses(Processes):
@@ -58,6 +59,10 @@ class TreeProcesses(Processes):
     @property
     def alive(self) -> bool:
         return self._root_process is not None and self._root_process.alive
+
+    @property
+    def _fence_s(self) -> float:
+        return FENCE_S + self.driver.timing.safe_s
 
     # -- start and end
 
@@ -142,12 +147,13 @@ class TreeProcesses(Processes):
             # A root that does not answer is fenced at once; the wire then makes itself safe.
             if await self.describe() is not None:
                 with contextlib.suppress(AskTimeout, Unreachable):
-                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
+                    within_s = self._fence_s + self.driver.timing.end_s
+                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), within_s)
                     report = answer if isinstance(answer, StopReport) else None
                 if report is not None and not report.confirmed:
                     self._part(process)
                 else:
-                    with trio.move_on_after(FENCE_S):
+                    with trio.move_on_after(self._fence_s):
                         await process.wait()
             await self._discard()
         if self._name is not None:
@@ -163,7 +169,7 @@ class TreeProcesses(Processes):
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
         """By the root, which fences the wire and writes by its own path."""
         try:
-            answer = await self.guardian.ask(Fence(reason, by, lock), FENCE_S)
+            answer = await self.guardian.ask(Fence(reason, by, lock), self._fence_s)
         except (AskTimeout, Unreachable) as failure:
             # Neither the wire nor the root answers. Without its root the wire makes itself safe.
             await self._fence()

@@ -72,6 +72,7 @@ class Timing(msgspec.Struct, frozen=True):
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
+    end_s: float = 0.25  # at the end of the tree: what the wire's own stop may take before the root fences it
 
 
 class Service(msgspec.Struct, frozen=True):
@@ -327,6 +328,12 @@ class Driver(ABC):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Runs once, in the caller: check keywords, read files, return plain options for ``__init__``.
         Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        return dict(options)
+
+    @classmethod
+    async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Runs in the caller, before the tree is started: return the options with what only the robot, or a process
+        that may be killed, can tell. Asked again, it changes nothing. Raise ``WireDown``."""
         return dict(options)
 
     @abstractmethod

@@ -65,8 +65,6 @@ from .stop_channel import not_reached
 from .tasks import Tasks
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
-STOP_S = 0.25
-"""How long the root waits for the wire's own stop before it fences."""
 REPORT_S = 2.0
 """For the first report of a robot that has to be made safe by the root; who asked waits for one second more."""
 LAST_WORDS_S = 0.02
@@ -316,7 +314,7 @@ class Tree:
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
         """Its report, if every motor is confirmed. From then on it obeys nobody."""
         try:
-            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
+            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), self.driver.timing.end_s)
         except (AskTimeout, Unreachable):
             return None
         if not isinstance(answer, StopReport) or not answer.confirmed:
