@@ -79,6 +79,8 @@ class AsyncRobot:
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """As ``Robot.send_action``."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
         return await answered("move", verbs.send_action, self._tree, action)
 
     async def get_observation(self) -> Answer:

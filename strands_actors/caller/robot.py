@@ -223,7 +223,10 @@ class RealRobot(RobotTool):
     # -- verbs
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """One command: joints by name, in the driver's units. Refused with a reason, or written."""
+        """One command: joints by name, in the driver's units. Refused with a reason, or written.
+        ``robot_name``: who it is meant for, where a program has several; another robot's is refused."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
     def release(self) -> Answer:

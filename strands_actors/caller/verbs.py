@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 
+from strands_actors.contract.axis import SHOWN
 from strands_actors.contract.driver import Driver, Observation
+from strands_actors.drivers import canonical_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
@@ -41,6 +43,19 @@ def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Ans
         return here(tree, *args)
     except NotConnected as failure:
         return answers.error(f"{name}: {failure}")
+
+
+def refuse_name(robot_name: object, plan: Plan, running_as: str) -> Answer | None:
+    """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the name
+    it runs by, and the names of its kind where it was given no name of its own."""
+    if robot_name is None or robot_name in (plan.tool_name, running_as):
+        return None
+    is_text = isinstance(robot_name, str) and robot_name
+    if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
+        return None
+    why = f"move: robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
+    remedy = "send it to the robot that it is meant for, or leave robot_name out"
+    return answers.refused(Refused("other_robot", why, remedy, str(robot_name)[:SHOWN], running_as))
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
