@@ -175,7 +175,7 @@ async def open_robot(
     **keywords: Any,
 ) -> AsyncIterator[AsyncRobot]:
     """One robot for a trio program: connected and armed inside the block, safe and gone after it. ``arm=False``
-    energises nothing.
+    energises nothing. ``keywords``: those of ``Robot``.
 
     Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
     """

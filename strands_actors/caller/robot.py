@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     import numpy
     from numpy.typing import NDArray
 
+    from strands_actors.surfaces.mesh.config import MeshConfig
+
 _log = logging.getLogger("strands_actors")
 
 T = TypeVar("T")
@@ -54,10 +56,21 @@ def Robot(  # a factory named as on the drivers page
     name: str,
     mode: str = "sim",
     *,
+    driver: str = "auto",
+    port: str | None = None,
+    transport: str | None = None,
+    sim: SimRobot | None = None,
+    tool_name: str | None = None,
+    cameras: Any = None,
+    data_config: Any = None,
+    mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
     approve_within_s: float = APPROVE_S,
-    **keywords: Any,
+    **options: Any,
 ) -> RealRobot:
     """A handle on one robot; nothing is started yet.
 
@@ -69,10 +82,27 @@ def Robot(  # a factory named as on the drivers page
     has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
     rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
     for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
-    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
-    are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``.
+    ``require_drill``: no motion without a stop drill that is younger (``"30d"``). ``mesh``: where other hosts reach
+    it; False: nowhere. ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be
+    accepted.
     """
-    wanted = plan(name, mode, **keywords)
+    wanted = plan(
+        name,
+        mode,
+        driver=driver,
+        port=port,
+        transport=transport,
+        sim=sim,
+        tool_name=tool_name,
+        cameras=cameras,
+        data_config=data_config,
+        mesh=mesh,
+        require_drill=require_drill,
+        at=at,
+        lifetime=lifetime,
+        **options,
+    )
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
     return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
 
@@ -251,6 +281,9 @@ class RealRobot(RobotTool):
         """The driver's own services as methods."""
         verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._plan.driver_class.SERVICES})
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from serial.tools import list_ports
 
+import strands_actors
 from strands_actors import Robot, drivers
+from strands_actors.caller.plan import _read as factory_keywords
 from strands_actors.caller.robot import RealRobot, SimRobot
 from strands_actors.drivers import HardwareDriver, list_native_drivers, register_native_driver, register_robot
 
@@ -77,6 +80,23 @@ def test_what_is_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any],
 def test_a_name_is_known_however_it_is_written(written: str, robot: str) -> None:
     made = Robot(written, mode="real", port="x", mesh=False)
     assert (made.tool_name, made.driver.robot) == (robot, robot)
+
+
+def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None:
+    taken = inspect.signature(factory_keywords).parameters
+    shown = inspect.signature(Robot).parameters
+    keywords = {name: one.default for name, one in taken.items() if one.kind is one.KEYWORD_ONLY}
+    assert {name: shown[name].default for name in keywords} == keywords
+    assert {"approve", "guarded", "approve_within_s", "options"} <= set(shown)
+
+
+def test_dir_shows_what_is_public_and_what_a_robot_can_do() -> None:
+    assert dir(strands_actors) == sorted([*strands_actors.__all__, "__version__"])
+    for name in dir(strands_actors):
+        assert getattr(strands_actors, name) is not None
+    assert {"release_sport_mode", "send_action", "stop"} <= set(dir(Robot("go2", mode="real", port="192.0.2.7")))
+    assert "step" in dir(Robot("so101"))
+    assert "release_sport_mode" not in dir(Robot("so101"))
 
 
 def test_what_robot_returns_is_a_driver_of_the_page() -> None:
