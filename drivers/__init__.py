@@ -144,7 +144,7 @@ def broken_drivers() -> dict[str, str]:
 def constructor_keywords(cls: type[Any]) -> list[str]:
     """The keywords that ``Robot`` passes on to a driver class, sorted; ``**`` among them: any."""
     if issubclass(cls, Driver):
-        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *(["cameras"] if cls.reads_cameras else [])})
+        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS, *(["cameras"] if cls.reads_cameras else [])})
     parameters = inspect.signature(cls).parameters.values()
     names = [one.name for one in parameters if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
     return sorted(names + ["**" for one in parameters if one.kind is one.VAR_KEYWORD])

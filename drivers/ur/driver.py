@@ -8,7 +8,7 @@ is the pendant's, or the e-stop's on the wall.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.driver import (
     HOLDING_REASONS,
@@ -19,6 +19,7 @@ from strands_actors.contract.driver import (
     StopChannel,
     Timing,
 )
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.tcp_port import parse_address
@@ -26,11 +27,25 @@ from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
 from .arms import JOINTS, arm_of, arms
-from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates, parse
+from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ, all_gates, parse
 from .protocol import RTDE_PORT
 
 if TYPE_CHECKING:
     from .wire import URWire
+
+
+class UROptions(DriverOptions, frozen=True):
+    control_frequency: Annotated[
+        float,
+        option(
+            "commands a second of the script, 10 to 500; each may step as far as the joint turns in one period",
+            ge=1 / LOOKAHEAD_S,
+            le=500,
+        ),
+    ] = CONTROL_HZ
+    model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
+        None
+    )
 
 
 class UR(Driver):
@@ -39,6 +54,7 @@ class UR(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_pose": "tcp_pose_m_rad"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
 
     axes = JOINTS
     ids = tuple(range(len(JOINTS)))
@@ -63,16 +79,19 @@ class UR(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        if unknown := [name for name in options if name != "tool_name"]:
-            raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. A UR arm takes port= only")
-        return {}
+        read = read_options(robot, UROptions, options)
+        if read.model is not None and read.model.lower() != robot:
+            raise ValueError(
+                f"{robot}: model is {read.model!r}. Use Robot({read.model.lower()!r}), or leave it out"
+            )
+        return plain(read)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        self.resolve(robot, options)
+        self.period_s = 1 / self.resolve(robot, options)["control_frequency"]
         self.robot = robot
         self.port = port
         self.arm = arm_of(robot)
-        self.gates = all_gates(self.arm, self.timing.state_ttl_s)
+        self.gates = all_gates(self.arm, self.timing.state_ttl_s, self.period_s)
 
     @property
     def host(self) -> str:
@@ -92,7 +111,7 @@ class UR(Driver):
             "robot": self.robot,
             "joints": [joint for joint in JOINTS if joint in named],
             "targets": {joint: target[joint] for joint in JOINTS if joint in named},
-            "control_period": CONTROL_S,
+            "control_period": self.period_s,
         }
 
     def open_wire(self, clock: Clock) -> URWire:

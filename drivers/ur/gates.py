@@ -33,9 +33,9 @@ _UNLOCK = {
 }
 
 
-def all_gates(arm: Arm, state_ttl_s: float) -> tuple[GateCheck, ...]:
+def all_gates(arm: Arm, state_ttl_s: float, period_s: float = CONTROL_S) -> tuple[GateCheck, ...]:
     """In the order in which they are asked: the first that refuses answers."""
-    return (stale(state_ttl_s), paused, past_range(arm), too_fast(arm))
+    return (stale(state_ttl_s), paused, past_range(arm), too_fast(arm, period_s))
 
 
 def parse(action: Mapping[str, object], robot: str, state: GateState) -> Candidate | Refused:
@@ -145,13 +145,13 @@ def past_range(arm: Arm) -> GateCheck:
     return past_range
 
 
-def too_fast(arm: Arm) -> GateCheck:
+def too_fast(arm: Arm, own_period_s: float = CONTROL_S) -> GateCheck:
     """From the last *commanded* target, as far as the joint turns in one period of the stream. A command on its own
-    is one period of the control loop: servoJ has no speed, a far target would be a blow."""
+    is one period of whoever sends them (``own_period_s``): servoJ has no speed, a far target would be a blow."""
     speed = arm.speed_rad_s
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        period_s = min(state.period_s, LOOKAHEAD_S) if state.stream else CONTROL_S
+        period_s = min(state.period_s, LOOKAHEAD_S) if state.stream else own_period_s
         for at in candidate.named:
             step = abs(candidate.values[at] - state.target[at])
             allowed = speed[at] * period_s

@@ -124,6 +124,7 @@ def _read(
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     _check_keywords(driver_class, options)
+    options = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
     if mesh is not None and not isinstance(mesh, MeshConfig):
@@ -141,6 +142,8 @@ def _read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
+    if chosen_mode == "real" and transport == "serial" and _is_serial(driver_class):
+        transport = None  # the page's word for a port
     return (
         Wanted(
             name,
@@ -198,6 +201,23 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
             raise ValueError(
                 f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
             )
+
+
+def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options under the driver's own names of them."""
+    others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
+    told: dict[str, Any] = {}
+    for keyword, value in options.items():
+        own = others.get(keyword, keyword)
+        if own in told:
+            other = next(name for name in options if others.get(name, name) == own and name != keyword)
+            raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
+        told[own] = value
+    return told
+
+
+def _is_serial(driver_class: type[Any]) -> bool:
+    return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 
 def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:

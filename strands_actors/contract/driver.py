@@ -284,6 +284,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SPELLINGS: ClassVar[Mapping[str, str]] = {}
+    """Other names of those keywords, as the drivers page has them: ``baud_rate`` for ``baud``."""
     SECRETS: ClassVar[frozenset[str]] = frozenset()
     """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()

@@ -73,16 +73,10 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
 
 
 def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
-    assert constructor_keywords(UR) == [
-        "data_config",
-        "mesh",
-        "port",
-        "require_drill",
-        "sim",
-        "tool_name",
-        "transport",
-    ]
-    assert constructor_keywords(Feetech) == sorted([*constructor_keywords(UR), "baud", "calibration"])
+    ours = ["data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
+    assert constructor_keywords(UR) == sorted([*ours, "control_frequency", "model"])
+    servos = ["baud", "baud_rate", "calibration", "motor_ids", "timeout"]
+    assert constructor_keywords(Feetech) == sorted([*ours, *servos])
 
     class Seeing(Feetech):
         reads_cameras = True

@@ -18,7 +18,11 @@ from strands_actors.drivers import HardwareDriver, list_native_drivers, register
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
-KEYWORDS = "it takes baud, calibration, data_config, mesh, port, require_drill, sim, tool_name, transport"
+KEYWORDS = (
+    "it takes baud, baud_rate, calibration, data_config, mesh, motor_ids, port, require_drill, sim, timeout, "
+    "tool_name, transport"
+)
+SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
 
 REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so10", PORT, ("'so10' is not known", "Did you mean: so10", "list_robots()")),
@@ -53,6 +57,24 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so101", {"mode": "dream", "port": "x"}, ("mode is 'dream'", "'sim', 'real', 'auto'", "upper or lower case")),
     ("so101", {"mode": None}, ("mode is None", "'sim', 'real', 'auto'")),
     ("so101", {**PORT, "baud": 9600}, ("baud is 9600", "1000000, 500000")),
+    ("so101", {**PORT, "baud_rate": 9600}, ("baud is 9600", "1000000, 500000")),
+    (
+        "so101",
+        {**PORT, "baud": 1_000_000, "baud_rate": 1_000_000},
+        ("baud and baud_rate are both given", "give one of them"),
+    ),
+    ("so101", {**PORT, "motor_ids": (1, 2)}, ("motor_ids is (1, 2)", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, 5)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, 253)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, True)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": "123456"}, ("motor_ids is '123456'", SERVOS)),
+    ("so101", {**PORT, "timeout": 0}, ("timeout is 0. Give seconds, 0.1 to 10",)),
+    ("so101", {**PORT, "timeout": float("nan")}, ("timeout is nan",)),
+    ("so101", {"mode": "real", "transport": "serial"}, ("so101 needs 'port'",)),
+    ("ur5e", {"mode": "real", "transport": "serial"}, ("URDriver has no transport 'serial'. it offers twin",)),
+    ("ur5e", {**PORT, "control_frequency": 5}, ("control_frequency is 5", "10 to 500", "default 125")),
+    ("ur5e", {**PORT, "control_frequency": True}, ("control_frequency is True",)),
+    ("ur5e", {**PORT, "model": "ur10e"}, ("model is 'ur10e'. Use Robot('ur10e')",)),
     ("so101", {**PORT, "calibration": 7}, ("calibration is 7", "Give a path, a dict or None")),
     ("ur5e", {"mode": "real"}, ("ur5e needs 'port', its address", "Robot('ur5e', mode='real', port=")),
 ]
@@ -80,6 +102,24 @@ def test_what_is_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any],
 def test_a_name_is_known_however_it_is_written(written: str, robot: str) -> None:
     made = Robot(written, mode="real", port="x", mesh=False)
     assert (made.tool_name, made.driver.robot) == (robot, robot)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_the_pages_keywords_of_servos_are_used(name: str) -> None:
+    usual = Robot(name, mode="real", port="x").driver
+    ids = tuple(10 + motor_id for motor_id in usual.ids)
+    given = {"baud_rate": 1_000_000, "motor_ids": ids, "timeout": 1.0, "transport": "serial"}
+    arm = Robot(name, mode="real", port="x", **given)
+    assert (arm.driver.ids, arm.transport) == (ids, None)
+    assert getattr(arm.driver, "timeout_s") == 1.0  # noqa: B009  # of these drivers alone
+    assert Robot(name, mode="real", port="x", motor_ids=()).driver.ids == usual.ids
+    with pytest.raises(TypeError, match=r"a simulation of .* would ignore transport="):
+        Robot(name, transport="serial")
+
+
+def test_a_ur_may_be_told_its_model_and_how_often_its_script_commands() -> None:
+    arm = Robot("ur5e", mode="real", port="192.0.2.7", model="UR5e", control_frequency=25)
+    assert getattr(arm.driver, "period_s") == 0.04  # noqa: B009
 
 
 def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None:
