@@ -36,6 +36,8 @@ MARGIN_S = 0.5
 LEAVING = (Reason.CLEANUP, Reason.CALLER, Reason.ROOT)
 """Reasons after which nobody uses the object any more."""
 NEVER_S = 3600.0
+SECRET_WORDS = ("password", "passwd", "token", "secret", "api_key", "credential")
+"""Keywords of a class with such a name are in no recording, no certificate and no answer."""
 
 
 class PlainDriver(Driver):
@@ -47,6 +49,7 @@ class PlainDriver(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.plain.wire:PlainWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.plain.stop_channel:PlainStopChannel"
     TWIN: ClassVar[str] = ""
+    SECRETS: ClassVar[frozenset[str]] = frozenset({"secrets"})
     SIMULATION: ClassVar[str] = "a driver class of your own has none"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, SENSORS, STATUS, STOP)
 
@@ -62,7 +65,7 @@ class PlainDriver(Driver):
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.robot = robot
-        self.config = config = msgspec.convert(options["config"], PlainConfig)
+        self.config = config = _config_of(options)
         declared = config.declared
         self.declare(Part(PartKind.ARM, tuple(_axis(config, at) for at in range(len(config.axes)))))
         self.unit = declared.unit or ", ".join(dict.fromkeys(declared.units.values())) or "the driver's own"
@@ -76,6 +79,7 @@ class PlainDriver(Driver):
             state_ttl_s=max(CALL_S, 3 / hz),
             arm_s=CONNECT_S + CALL_S + MARGIN_S,
             silent_s=CONNECT_S + MARGIN_S,  # an import keeps the interpreter's lock
+            heartbeat_ttl_s=0.3,  # a library of the class may keep the interpreter's lock for a while
             call_s=CALL_S + MARGIN_S,
             open_s=CONNECT_S + CALL_S + CLEANUP_S + LOAD_S,
             handover_s=LOAD_S,
@@ -98,26 +102,27 @@ class PlainDriver(Driver):
                     "Give numbers, text, lists and mappings of them"
                 )
         has_channel = callable(getattr(driver_class, "stop_channel", None))
-        config = PlainConfig(
-            robot, place_of_class(driver_class), given, declared_by(driver_class, name), has_channel
-        )
-        return {"config": msgspec.to_builtins(config)}
+        secrets = {keyword: value for keyword, value in given.items() if _is_secret(keyword)}
+        shown = {keyword: value for keyword, value in given.items() if keyword not in secrets}
+        place, declared = place_of_class(driver_class), declared_by(driver_class, name)
+        config = PlainConfig(robot, place, shown, declared, has_channel)
+        return {"config": msgspec.to_builtins(config), "secrets": secrets}
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Have the class, in a process of its own, say which axes it has, unless that is known."""
-        config = msgspec.convert(options["config"], PlainConfig)
+        config = _config_of(options)
         if config.declared.keys:
             return dict(options)
         from .stop_channel import learn
 
-        learned = msgspec.structs.replace(config, declared=await learn(config))
-        if not learned.declared.keys:
+        declared = await learn(config)
+        if not declared.keys:
             raise WireDown(
                 f"{config.name} names no axes. Give it action_features, a mapping of keys, or a get_observation "
                 "that returns numbers"
             )
-        return {**options, "config": msgspec.to_builtins(learned)}
+        return {**options, "config": {**options["config"], "declared": msgspec.to_builtins(declared)}}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the whole target, and behind it per axis whether the action names it: the class is
@@ -132,6 +137,16 @@ class PlainDriver(Driver):
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Return the axes that are known: the class may measure fewer than it can move."""
         return {axis: value for axis, value in zip(self.axes, values, strict=False) if not math.isnan(value)}
+
+
+def _config_of(options: Mapping[str, Any]) -> PlainConfig:
+    """Return the config with its passwords; a recording's options have none."""
+    config = msgspec.convert(options["config"], PlainConfig)
+    return msgspec.structs.replace(config, keywords={**config.keywords, **options.get("secrets", {})})
+
+
+def _is_secret(keyword: str) -> bool:
+    return any(word in keyword.lower() for word in SECRET_WORDS)
 
 
 def accepted(cls: type[Any], keywords: Mapping[str, Any]) -> dict[str, Any]:

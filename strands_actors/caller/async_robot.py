@@ -47,12 +47,14 @@ class Observations(AsyncIterator[dict[str, float]]):
 
 
 class AsyncRobot:
-    """A connected robot, in the trio loop that opened it. Every verb answers with an envelope."""
+    """A connected robot, in the trio loop that opened it. Every verb but ``get_observation`` answers with an
+    envelope."""
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
         self._plan = tree.plan
         self._approval = approval
+        self._observing = verbs.Observing()
         self.driver = tree.driver
 
     @property
@@ -83,9 +85,9 @@ class AsyncRobot:
             return refused
         return await answered("move", verbs.send_action, self._tree, action)
 
-    async def get_observation(self) -> Answer:
-        """Positions by joint, in the driver's units, or why there are none."""
-        return await answered("observe", verbs.get_observation, self._tree)
+    async def get_observation(self) -> dict[str, float]:
+        """As ``Robot.get_observation``."""
+        return self._observing.positions(await answered("observe", verbs.get_observation, self._tree))
 
     def observations(self, hz: float = 30.0) -> Observations:
         """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""

@@ -7,7 +7,6 @@ here touches hardware.
 from __future__ import annotations
 
 import functools
-import logging
 import os
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from strands_actors.surfaces.mesh.config import MeshConfig
-
-_log = logging.getLogger("strands_actors")
 
 T = TypeVar("T")
 
@@ -125,6 +122,7 @@ class RealRobot(RobotTool):
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
+        self._observing = verbs.Observing()
         self._completing = trio.Lock()  # two threads may connect at once
 
     @property
@@ -264,13 +262,8 @@ class RealRobot(RobotTool):
         return self._verb(verbs.release, "release")
 
     def get_observation(self) -> dict[str, float]:
-        """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
-        answer = self._get_observation()
-        if answer["status"] == "error":
-            _log.warning("%s", answer["content"][0]["text"])
-            return {}
-        observation: dict[str, float] = answer["content"][0]["json"]
-        return observation
+        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when there is none."""
+        return self._observing.positions(self._get_observation())
 
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.

@@ -5,6 +5,7 @@ They run by ``answered``, so that whatever keeps a verb from running at all is a
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
@@ -22,6 +23,8 @@ from .envelopes import Answer
 from .plan import Plan
 from .processes import NotConnected
 from .tree import RobotTree
+
+_log = logging.getLogger("strands_actors")
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
 """On a tree, with what else it takes; in the tree's loop."""
@@ -85,6 +88,26 @@ def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.as_json(answer.position))
+
+
+class Observing:
+    """Of one handle: observations as the drivers page has them. ``{}`` when there is none, and a line
+    in the log that says why, once for each reason."""
+
+    def __init__(self) -> None:
+        self._told = ""
+
+    def positions(self, answer: Answer) -> dict[str, float]:
+        """Return what ``get_observation`` answers, of the envelope of ``observe``."""
+        if answer["status"] == "error":
+            why: str = answer["content"][0]["text"]
+            if why != self._told:
+                _log.warning("%s", why)
+            self._told = why
+            return {}
+        self._told = ""
+        observation: dict[str, float] = answer["content"][0]["json"]
+        return observation
 
 
 async def get_state(tree: RobotTree) -> Answer:

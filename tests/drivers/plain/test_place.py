@@ -11,8 +11,9 @@ import pytest
 
 from strands_actors.drivers.plain.driver import PlainDriver
 from strands_actors.drivers.plain.place import load_class, place_of_class
+from strands_actors.supervisors.loading import describe_driver, load_driver, without_secrets
 
-from .small_arm import DeclaredArmDriver
+from .small_arm import DeclaredArmDriver, SmallArmDriver
 
 SCRIPT = """
 import sys
@@ -58,6 +59,16 @@ def test_keywords_that_cannot_travel_are_refused() -> None:
         PlainDriver.options_of(DeclaredArmDriver, "mine", {"data_config": object()})
     options = PlainDriver.options_of(DeclaredArmDriver, "mine", {"data_config": (1, "a")})
     assert options["config"]["keywords"] == {"data_config": (1, "a")}
+
+
+def test_passwords_are_in_no_recording_and_no_certificate() -> None:
+    given = {"tool_name": "left", "password": "hunter2", "api_token": "abc", "level": 3}
+    options = PlainDriver.options_of(SmallArmDriver, "mine", given)
+    assert PlainDriver("mine", "", options).config.keywords == given
+    description = describe_driver(PlainDriver, "mine", "", options)
+    shown = without_secrets(description, PlainDriver)
+    assert "hunter2" not in repr(shown) and "abc" not in repr(shown)
+    assert load_driver(shown).config.keywords == {"tool_name": "left", "level": 3}
 
 
 def test_a_class_in_the_script_itself_runs(small_port: str, tmp_path: Path) -> None:

@@ -95,6 +95,20 @@ def test_saf_003_the_wire_process_is_killed_and_a_fresh_one_calls_stop(
     json_of(robot.send_action({"pan": 12.0}))
 
 
+def test_saf_003_a_frozen_wire_process_is_fenced_before_another_one_calls_stop(
+    new_robot: NewRobot, small_arm: SmallArm
+) -> None:
+    robot = new_robot(SmallArmDriver)
+    json_of(robot.send_action({"pan": 10.0}))
+    until(lambda: small_arm.said("goal"), "it moves")
+    frozen = pid_of(robot, "wire")
+    os.kill(frozen, signal.SIGSTOP)
+    frozen_ns = time.monotonic_ns()
+    until(lambda: small_arm.said("stop", frozen_ns), "it is stopped")
+    assert not runs(frozen)
+    assert small_arm.said("goal", frozen_ns) == []
+
+
 def test_saf_003_a_class_with_a_stop_channel_is_stopped_by_that(new_robot: NewRobot, small_arm: SmallArm) -> None:
     robot = new_robot(DeclaredArmDriver)
     assert status(robot)["stop_channel"] == "stop_channel(port) of the class"
@@ -111,11 +125,11 @@ def test_saf_003_the_root_is_killed_and_the_wire_stops_its_own_object(
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"pan": 10.0}))
     killed_ns = time.monotonic_ns()
-    wire = pid_of(robot, "wire")
+    left = (pid_of(robot, "wire"), spare_of(robot))
     os.kill(pid_of(robot, "root"), signal.SIGKILL)
     until(lambda: small_arm.said("bye", killed_ns), "it is given up")
     assert small_arm.said("stop", killed_ns)
-    until(lambda: not Path(f"/proc/{wire}").exists() or "Z" in Path(f"/proc/{wire}/stat").read_text(), "it is gone")
+    until(lambda: not any(map(runs, left)), "nothing is left")
 
 
 def test_saf_010_an_action_that_hangs_costs_the_process_and_is_never_done(
@@ -179,6 +193,11 @@ def test_saf_012_readings_that_fail_are_told_and_the_robot_is_stopped(
     until(lambda: status(robot)["connected"], "it is back")
     assert state(robot) == "disarmed"
     assert len(small_arm.said("goal")) == 1
+
+
+def runs(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/stat")
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 def spare_of(robot: RealRobot) -> int:
