@@ -40,10 +40,14 @@ class PlainStopChannel(StopChannel):
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         spare = self._spare = Spare(self._config)
-        await spare.ready()
+        try:
+            await spare.ready()
+        except WireDown:
+            if self._spare is spare:
+                raise
         task_status.started()
         await spare.ended()
-        if self._spare is spare:
+        if self._spare is spare:  # not one that has done its work, or is not wanted any more
             raise WireDown("the process that would stop the robot has ended")
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
@@ -89,24 +93,30 @@ async def learn(config: PlainConfig) -> Declared:
 
 
 class Spare:
-    """A process of ``spare.main``, started now, for one order."""
+    """A process of ``spare.main``, started now, for one order. Raise ``WireDown`` when there is none."""
 
     def __init__(self, config: PlainConfig) -> None:
         args: dict[str, Any] = {"config": msgspec.to_builtins(config)}
         self._name = config.name
-        self._process: ChildProcess = start(f"{__package__}.spare:main", args)
+        try:
+            self._process: ChildProcess = start(f"{__package__}.spare:main", args)
+        except OSError as error:  # no process, or no descriptor, is to be had
+            raise WireDown(f"no process to stop the robot could be started ({error})") from None
         self._process.socket.setblocking(False)
         self._socket = trio.socket.from_stdlib_socket(self._process.socket)
         self._heard = b""
         self._ready = False
+        self._reading = trio.Lock()  # a stop may come while it is waited for
 
     async def ready(self) -> None:
         """Return when the class is imported. Raise ``WireDown``."""
-        if not self._ready:
-            with _within(2 * LOAD_S, f"{self._name} is not imported"):
+        with _within(2 * LOAD_S, f"{self._name} is not imported"):
+            async with self._reading:
+                if self._ready:
+                    return
                 if failure := (await self._message(Ready)).failure:
                     raise WireDown(failure)
-            self._ready = True
+                self._ready = True
 
     async def run(self, order: bytes) -> Told:
         """Return how the errand went. Raise ``WireDown`` when there is no answer."""
@@ -135,7 +145,7 @@ class Spare:
         while len(self._heard) < size:
             try:
                 data = await self._socket.recv(65536)
-            except OSError as error:
+            except (OSError, trio.ClosedResourceError) as error:
                 raise WireDown(f"the process has ended ({error})") from None
             if not data:
                 raise WireDown("the process ended before it was done: a call of the class hangs, or ended it")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from strands_actors import Robot
+from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers import register_native_driver
 from tests.answers import json_of, state, status, task_ended, until, why
@@ -253,9 +255,38 @@ def test_a_connection_that_hangs_is_given_up(registry: None, small_arm: SmallArm
 # -- what a tree has beside verbs
 
 
-def test_a_drill_is_required_guards_ask_and_an_estop_locks(new_robot: NewRobot, small_arm: SmallArm) -> None:
-    robot = new_robot(SmallArmDriver, require_drill="30d", guarded=("move_to",), tool_name="left")
+def test_without_a_drill_that_is_required_nothing_moves(new_robot: NewRobot, small_arm: SmallArm) -> None:
+    robot = new_robot(SmallArmDriver, require_drill="30d")
     assert "no drill was passed" in why(robot.send_action({"pan": 10.0}))
     assert small_arm.said("goal") == []
+
+
+def test_an_agent_asks_an_operator_before_it_moves_what_is_guarded(
+    new_robot: NewRobot, small_arm: SmallArm
+) -> None:
+    asked: list[str] = []
+
+    def approve(request: Any) -> bool:
+        asked.append(str(request))
+        return len(asked) > 1
+
+    robot = new_robot(SmallArmDriver, guarded=("move_to",), approve=approve, tool_name="left")
     verbs = robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
     assert verbs == ["move_to", "sensors", "status", "stop"]
+    move = {"action": "move_to", "targets": {"pan": 10.0}}
+    assert "needs an operator's approval" in why(asyncio.run(robot.use_tool(move, "agent")))
+    assert small_arm.said("goal") == []
+    json_of(asyncio.run(robot.use_tool(move, "agent")))
+    until(lambda: small_arm.said("goal"), "it moves")
+    assert asked[0].startswith("agent asks left: move_to")
+
+
+def test_saf_007_an_estop_stops_and_locks_it(new_robot: NewRobot, small_arm: SmallArm) -> None:
+    robot = new_robot(SmallArmDriver)
+    pressed_ns = time.monotonic_ns()
+    (outcome,) = estop(by="a test")
+    assert (outcome.robot, outcome.outcome) == ("small_arm", "safe")
+    assert small_arm.said("stop", pressed_ns)
+    assert "e-stopped by a test" in why(robot.send_action({"pan": 10.0}))
+    json_of(robot.resume())
+    json_of(robot.send_action({"pan": 10.0}))
