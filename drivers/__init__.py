@@ -28,6 +28,8 @@ __all__ = [
     "DRIVER_CHOICES",
     "DRIVER_SURFACE",
     "NATIVE_DRIVER",
+    "PLAIN",
+    "SIMULATION",
     "HardwareDriver",
     "broken_drivers",
     "canonical_name",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pytest
 from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers import register_native_driver
+from strands_actors.surfaces.recording import read, replay
 from tests.answers import json_of, state, status, task_ended, until, why
 
 from .conftest import NewRobot
@@ -290,3 +293,35 @@ def test_saf_007_an_estop_stops_and_locks_it(new_robot: NewRobot, small_arm: Sma
     assert "e-stopped by a test" in why(robot.send_action({"pan": 10.0}))
     json_of(robot.resume())
     json_of(robot.send_action({"pan": 10.0}))
+
+
+RECORDER = "from strands_actors.surfaces.cli import main; main()"
+
+
+def test_a_recording_replays_without_the_class_and_has_no_password(
+    new_robot: NewRobot, small_arm: SmallArm, tmp_path: Path
+) -> None:
+    robot = new_robot(SmallArmDriver, password="hunter2")
+    path = tmp_path / "run.mcap"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
+    command = [sys.executable, "-c", RECORDER, "record", "small_arm", "-o", str(path)]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, env=environment
+    ) as recorder:
+        try:
+            assert recorder.stderr is not None
+            assert recorder.stderr.readline().startswith("recording small_arm")
+            for step in range(10):
+                json_of(robot.send_action({"pan": float(step)}))
+            assert "is not a joint" in why(robot.send_action({"elbow": 1.0}))
+            json_of(robot.stop())
+            assert "resume() first" in why(robot.send_action({"pan": 1.0}))
+            recorder.send_signal(signal.SIGINT)
+            _, errors = recorder.communicate(timeout=60.0)
+        finally:
+            recorder.kill()
+    assert recorder.returncode == 0, errors
+    assert b"hunter2" not in path.read_bytes()
+    outcome = replay(read(path))
+    assert outcome.equal, outcome.difference
+    assert outcome.steps > 10
