@@ -13,6 +13,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import __version__
+
 if TYPE_CHECKING:
     from .caller.robot import Robot, open_robot
     from .drivers import (
@@ -47,6 +49,7 @@ __all__ = [
     "MeshConfig",
     "RecordingError",
     "Robot",
+    "__version__",
     "control",
     "estop",
     "estop_button",
@@ -62,7 +65,6 @@ __all__ = [
     "replay",
     "resume",
 ]
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
@@ -74,4 +76,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return list(__all__)

@@ -84,7 +84,6 @@ class PlainDriver(Driver):
             open_s=CONNECT_S + CALL_S + CLEANUP_S + LOAD_S,
             handover_s=LOAD_S,
             safe_s=CONNECT_S + CALL_S + STOP_S + CLEANUP_S + MARGIN_S,
-            end_s=CALL_S + STOP_S + CLEANUP_S,
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, stream_ttl_s)
 

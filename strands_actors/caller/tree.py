@@ -180,7 +180,7 @@ class RobotTree:
         """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
         stop = self._stopping(reason, lock)
         try:
-            answer = await self._processes.gate.ask(stop, self._processes.stop_s)
+            answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
         except (AskTimeout, Unreachable):
             answer = None
         return await self._stopped(stop, answer)
@@ -189,7 +189,7 @@ class RobotTree:
         """The same in the thread that calls: the order leaves in it, whatever the loop does."""
         stop = self._stopping(reason, lock)
         try:
-            answer = self._processes.gate.ask_here(stop, self._processes.stop_s)
+            answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
         except (AskTimeout, Unreachable):
             answer = None
         return portal().call(self._stopped, stop, answer)

@@ -5,7 +5,8 @@ A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It
 ``Driver``      pure: the robots it serves, axes and units, gates, table of fallbacks, timing. Built in the caller,
                 in the wire process and in the root process from the same plain options.
 ``Wire``        the I/O, in the wire process only, used by one actor (the transport), one call at a time.
-``StopChannel``  how the root reaches the hardware when the wire process is gone.
+``StopChannel``  how the root reaches the hardware when the wire process is gone; ``stop_channels`` and
+                ``stop_process`` have five kinds ready made.
 a twin          the robot's side of the wire (see ``drivers/common/twin/``).
 
 The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.
@@ -72,7 +73,6 @@ class Timing(msgspec.Struct, frozen=True):
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
-    end_s: float = 0.25  # at the end of the tree: what the wire's own stop may take before the root fences it
 
 
 class Service(msgspec.Struct, frozen=True):

@@ -111,7 +111,7 @@ def test_the_pages_keywords_of_servos_are_used(name: str) -> None:
     given = {"baud_rate": 1_000_000, "motor_ids": ids, "timeout": 1.0, "transport": "serial"}
     arm = Robot(name, mode="real", port="x", **given)
     assert (arm.driver.ids, arm.transport) == (ids, None)
-    assert getattr(arm.driver, "timeout_s") == 1.0  # noqa: B009  # of these drivers alone
+    assert arm.driver.config.timeout_s == 1.0
     assert Robot(name, mode="real", port="x", motor_ids=()).driver.ids == usual.ids
     with pytest.raises(TypeError, match=r"a simulation of .* would ignore transport="):
         Robot(name, transport="serial")
@@ -131,7 +131,7 @@ def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None
 
 
 def test_dir_shows_what_is_public_and_what_a_robot_can_do() -> None:
-    assert dir(strands_actors) == sorted([*strands_actors.__all__, "__version__"])
+    assert dir(strands_actors) == sorted({*strands_actors.__all__, "__version__"})
     for name in dir(strands_actors):
         assert getattr(strands_actors, name) is not None
     assert {"release_sport_mode", "send_action", "stop"} <= set(dir(Robot("go2", mode="real", port="192.0.2.7")))
