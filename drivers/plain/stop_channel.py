@@ -47,18 +47,19 @@ class PlainStopChannel(StopChannel):
                 raise
         task_status.started()
         await spare.ended()
-        if self._spare is spare:  # not one that has done its work, or is not wanted any more
+        if self._spare is spare and not spare.ordered:  # it has not done its work, and is wanted
             raise WireDown("the process that would stop the robot has ended")
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         await self._until_alone()
-        spare, self._spare = self._spare or Spare(self._config), None
+        # Cancelled, it goes on: who is fencing the wire asks again, and is given this one's answer.
+        spare = self._spare = self._spare or Spare(self._config)
         try:
             failure = (await spare.run(STOP)).failure
         except WireDown as down:
             failure = str(down)
-        finally:
-            spare.kill()
+        self._spare = None
+        spare.kill()
         if failure and not self._config.has_channel:
             failure = (
                 f"not confirmed: this driver has no stop channel, and a fresh process did not stop it ({failure})"
@@ -106,6 +107,7 @@ class Spare:
         self._socket = trio.socket.from_stdlib_socket(self._process.socket)
         self._heard = b""
         self._ready = False
+        self.ordered = False
         self._reading = trio.Lock()  # a stop may come while it is waited for
 
     async def ready(self) -> None:
@@ -123,7 +125,9 @@ class Spare:
         await self.ready()
         with _within(ERRAND_S, "no answer"):
             try:
-                await self._socket.send(order)
+                if not self.ordered:
+                    self._process.socket.send(order)  # one byte, at once: nobody can cancel half of it
+                    self.ordered = True
             except OSError as error:
                 raise WireDown(f"the process has ended ({error})") from None
             return await self._message(Told)

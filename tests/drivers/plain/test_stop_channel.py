@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 
 import trio
+import trio.lowlevel
 
 from strands_actors.contract.driver import MotorReport
 from strands_actors.drivers.plain.config import PlainConfig
@@ -80,6 +81,24 @@ def test_saf_009_no_other_object_is_made_while_the_wire_process_lives(small_arm:
 
     trio.run(main)
     assert small_arm.said("stop")[0].t_ns > gone_ns[0]
+
+
+def test_saf_003_a_stop_that_is_given_up_goes_on_and_is_answered_when_it_is_asked_again(
+    small_arm: SmallArm,
+) -> None:
+    async def main() -> None:
+        channel = PlainStopChannel(config_of(SmallArmDriver, small_arm.port), [], MonotonicClock())
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(channel.make_safe, "stop")
+            while not small_arm.said("stop"):  # the other process' doing: there is no event
+                await trio.lowlevel.checkpoint()
+            nursery.cancel_scope.cancel()
+        reports = await channel.make_safe("stop")
+        channel.close()
+        assert all(report.safe for report in reports)
+
+    trio.run(main)
+    assert [line.text for line in small_arm.log] == ["stop", "bye"]  # once
 
 
 def test_a_wire_process_that_cannot_be_ended_is_waited_for_no_longer_than_a_second(small_arm: SmallArm) -> None:
