@@ -8,17 +8,31 @@ The power stays on: taking it off is the pendant's, or the e-stop's on the wall.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
-from strands_actors.contract.options import DriverOptions, plain, read_options
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, arm_of
 from .config import URConfig
-from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, WATCHDOG_HZ, all_gates
+from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ, all_gates
+
+
+class UROptions(DriverOptions, frozen=True):
+    control_frequency: Annotated[
+        float,
+        option(
+            "commands a second of the script, 10 to 500; each may step as far as the joint turns in one period",
+            ge=1 / LOOKAHEAD_S,
+            le=500,
+        ),
+    ] = CONTROL_HZ
+    model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
+        None
+    )
 
 
 class UR(Driver):
@@ -29,6 +43,7 @@ class UR(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_pose": "tcp_pose_m_rad"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
 
     unit = "radians"
     timing = Timing(
@@ -51,16 +66,21 @@ class UR(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        return plain(read_options(robot, DriverOptions, options))
+        read = read_options(robot, UROptions, options)
+        if read.model is not None and read.model.lower() != robot:
+            raise ValueError(
+                f"{robot}: model is {read.model!r}. Use Robot({read.model.lower()!r}), or leave it out"
+            )
+        return plain(read)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        self.resolve(robot, options)
+        self.period_s = 1 / self.resolve(robot, options)["control_frequency"]
         self.robot = TABLES.canonical(robot)
         self.config = URConfig(self.robot, port, self.timing.state_ttl_s)
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
-        self.gates = all_gates(self.table, self.timing.state_ttl_s)
+        self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}
         targets = {joint: rad for joint, rad in self.as_json(values).items() if joint in named}
-        return {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": CONTROL_S}
+        return {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": self.period_s}

@@ -29,10 +29,12 @@ _UNLOCK: Mapping[int, str] = {
 }
 
 
-def all_gates(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers. A command on its own
-    may step as far as one of a stream at control rate: servoJ has no speed, a far target would be a blow."""
-    steps = too_fast(axes, tolerance=1.0, oneshot_s=CONTROL_S, longest_s=LOOKAHEAD_S, pause_counts=False)
+def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTROL_S) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers.
+
+    A command on its own may step as far as the joint turns in ``period_s``, the period of whoever
+    sends them: servoJ has no speed, a far target would be a blow."""
+    steps = too_fast(axes, tolerance=1.0, oneshot_s=period_s, longest_s=LOOKAHEAD_S, pause_counts=False)
     return stale(axes, state_ttl_s), paused, past_range(axes), steps
 
 

@@ -284,6 +284,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SPELLINGS: ClassVar[Mapping[str, str]] = {}
+    """Other names of those keywords, as the drivers page has them: ``baud_rate`` for ``baud``."""
     SECRETS: ClassVar[frozenset[str]] = frozenset()
     """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
@@ -331,6 +333,12 @@ class Driver(ABC):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Runs once, in the caller: check keywords, read files, return plain options for ``__init__``.
         Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        return dict(options)
+
+    @classmethod
+    async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Runs in the caller, before the tree is started: return the options with what only the robot, or a process
+        that may be killed, can tell. Asked again, it changes nothing. Raise ``WireDown``."""
         return dict(options)
 
     @abstractmethod

@@ -117,6 +117,21 @@ def test_the_limit_of_a_step_is_the_joints_speed() -> None:
     assert refused({"elbow_joint": 2.5}, state(period_s=1.0)).limit == "0.3141", "however slow the stream is"
 
 
+def test_a_script_that_declares_its_period_may_step_as_far_as_the_joint_turns_in_it() -> None:
+    """30 commands a second, each on its own, as a loop of ``send_action`` sends them."""
+    at = state(period_s=0.0)
+    slow = UR("ur5e", "192.0.2.10", {"control_frequency": 30.0})
+    candidate = slow.parse({"elbow_joint": 1.6}, at)
+    assert isinstance(candidate, Candidate)
+    assert [gate(candidate, at) for gate in slow.gates] == [None] * len(slow.gates)
+    assert slow.commanded({"elbow_joint": 1.6}, candidate.values)["control_period"] == 1 / 30
+    assert refused({"elbow_joint": 1.6}, at).code == "too_fast"
+    far = slow.parse({"elbow_joint": 1.61}, at)
+    assert isinstance(far, Candidate)
+    codes = [refusal.code for gate in slow.gates if (refusal := gate(far, at))]
+    assert codes == ["too_fast"]
+
+
 @given(st.sampled_from(list(TABLES.robots)), st.integers(0, 5), st.floats(-7, 7))
 def test_what_a_refusal_allows_is_allowed(robot: str, joint: int, wanted: float) -> None:
     at = state()
