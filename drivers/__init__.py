@@ -26,6 +26,7 @@ WIRES = {
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
+    "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

@@ -295,7 +295,8 @@ class Gate(Actor):
         if refusal is not None:
             return refusal
         moves = self._live_until_ns != 0 or message.first is not None
-        if moves and not self._driver.SERVICES[service].in_motion:
+        declared = self._driver.SERVICES[service]
+        if moves and not declared.in_motion:
             return Refused(
                 "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
             )
@@ -303,12 +304,32 @@ class Gate(Actor):
             answer = self._setpoint(message.first)
             if isinstance(answer, Refused):
                 return answer
+        if declared.moves:
+            refusal = self._refuse_a_move(service)
+            if refusal is not None:
+                return refusal
+            self._advance(Event.SETPOINT)
+            self._live_until_ns = -1
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
         self._transport.tell(CarryOut(state.epoch, self._service, service, message.arguments))
         return deferred
 
+    def _refuse_a_move(self, service: str) -> Refused | None:
+        """Refuse a service that moves the robot when the robot may not be moved, whatever the command is."""
+        if self._services:
+            return Refused("busy", f"{service}: another service is under way", "wait until it is done")
+        if self._observation is None:
+            return Refused("no_observation", f"{service}: nothing was read yet", "wait for the first observation")
+        refusal = self._refuse_by_mode() or self._refuse_by_condition(self._observation, self.context.received_ns)
+        if refusal is None:
+            return None
+        return msgspec.structs.replace(refusal, reason=f"{service}: {refusal.reason.removeprefix('move: ')}")
+
     def _carried_out(self, message: CarriedOut) -> None:
+        if message.moved and self._observation is not None:  # the next command goes on from where that has ended
+            self._target = self._driver.first_target(self._observation)
+            self._target_ns = self.context.received_ns
         deferred = self._services.pop(message.number, None)
         if deferred is not None:
             deferred.send(message.refusal or Performed(message.result))
