@@ -64,7 +64,26 @@ def parse(
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers."""
-    return stale(axes, state_ttl_s), past_range(axes), twisted(yaw_deg), too_fast(axes)
+    return stale(axes, state_ttl_s), past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
+
+
+def asleep(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse to move one axis of the head while another is to stay out of its range, as it is in the pose of sleep:
+    the daemon does not go there, and does not say so."""
+
+    def asleep(candidate: Candidate, state: GateState) -> Refused | None:
+        if not any(at < BODY for at in candidate.named):
+            return None
+        for value, axis in zip(candidate.values[:BODY], axes, strict=False):
+            if not axis.low - _ROUNDING <= value <= axis.high + _ROUNDING:
+                limit = f"{show(axis.low, axis.unit)}..{show(axis.high, axis.unit)} {axis.unit}"
+                why = f"move: {axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
+                return Refused(
+                    "asleep", why, f"call wake(), or give {axis.key}, too", show(value, axis.unit), limit
+                )
+        return None
+
+    return asleep
 
 
 def twisted(yaw_deg: float) -> GateCheck:
