@@ -189,7 +189,7 @@ def run_recorded(seconds: float) -> Ran:
             path = addresses.of(robot).instrument("wire")
             description: Mapping[str, Any] = {"class": "memory", "robot": ROBOT, "port": "memory", "options": {}}
             keeper = tree.node.cell(
-                path, lambda: instrument_keeper(tree.node, tree.driver, dict(description), robot), "tap"
+                path, lambda: instrument_keeper(tree.node, tree.driver, dict(description), robot), "instrument"
             )
             await nursery.start(keeper.run)
             node = Node("recorder", VirtualClock())

@@ -258,7 +258,7 @@ class KindStopChannel(StopChannel):
         self._clock = clock
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self._driver, self._clock, safe_state, "second")
+        return await _make_safe(self._driver, self._clock, safe_state, "stop_channel")
 
     def close(self) -> None:
         pass

@@ -227,7 +227,7 @@ class Tree:
             cell(at.path("tasks"), lambda: self.tasks),
             cell(at.path("root"), lambda: Root(self)),
             cell(at.introspection("root"), Introspector, "introspection"),
-            cell(at.instrument("root"), self.instrument_keeper, "tap"),
+            cell(at.instrument("root"), self.instrument_keeper, "instrument"),
         ]
         return [ChildSpec(each.role, partial(self._told, each)) for each in cells]
 
@@ -330,7 +330,7 @@ class Tree:
             return report
         safe_state = self.driver.fallbacks[Reason.WIRE]
         motors = not_reached(self.driver, "no report yet")
-        return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "second")
+        return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "stop_channel")
 
     # -- the tree, described
 

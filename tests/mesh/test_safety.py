@@ -172,7 +172,7 @@ def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
             gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # answers nobody
             tree.node.cells[tree.gate.address].mailbox.capacity = 0
             (outcome,) = await client.estop(within_s=5.0)
-            assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "second")
+            assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "stop_channel")
             status = await until(lambda: tree.keeper.state.locked_by, "it is locked")
             assert status
 

@@ -87,7 +87,7 @@ def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind])
             await tree.places[-1].fence()
             await trio.sleep(0.05)
             safe = peer.of("safe", began_ns)[0]
-            assert safe.path == "second" and safe.safe_state == kind.fallbacks[Reason.WIRE]
+            assert safe.path == "stop_channel" and safe.safe_state == kind.fallbacks[Reason.WIRE]
             assert peer.after("setpoint", safe) == []
 
     run_virtual(run)

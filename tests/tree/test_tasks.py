@@ -194,7 +194,7 @@ def test_saf_010_a_stop_of_a_task_that_is_not_answered_fences_the_wire() -> None
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "fenced" in status.exit_detail
             await tree.until("disarmed")
-            assert tree.hardware.of("safe", asked_ns)[-1].path == "second"
+            assert tree.hardware.of("safe", asked_ns)[-1].path == "stop_channel"
             assert tree.hardware.energised == [False, False]
 
     run_virtual(run)

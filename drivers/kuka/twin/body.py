@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.kuka.robots import TABLES, Arm
 
@@ -28,7 +28,7 @@ def model_table(arm: Arm) -> Mapping[str, Any]:
     return {**table, "joints": [{"key": key} for key in arm.axes], "model_rows": "\n".join(rows)}
 
 
-class KukaBody(PlantBody):
+class KukaBody(JointedBody):
     """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, controller: Controller) -> None:
