@@ -148,7 +148,7 @@ def heeded(observation: Observation, now_ns: int) -> Refused | None:
     return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")
 
 
-CONDITIONS = (Condition(motors_on), Condition(heeded, safe_state="hold"))
+CONDITIONS = (Condition(motors_on), Condition(heeded))
 
 
 def direction(x: float, y: float, z: float) -> tuple[float, float]:
