@@ -53,7 +53,6 @@ class Reachy(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.reachy.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(ReachyOptions)
     ROLLOUTS: ClassVar[str] = "its daemon plays moves by itself and takes no stream of a policy"
-    TASKS: ClassVar[str] = ROLLOUTS
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         Sensor("imu", {"accel": "accelerometer_m_s2", "gyro": "gyroscope_rad_s", "orientation": "quaternion_wxyz"}),
         Sensor("pose", {"xyz": "head_xyz_m", "rpy": "head_rpy_rad"}),

@@ -132,7 +132,8 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
 
 def motors_on(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse while the motors have no torque: the daemon takes commands then, too, and says that all is well."""
-    mode = MODES[round(observation.sensors["motor_mode"][0])]
+    told = observation.sensors.get("motor_mode")
+    mode = "in an unknown mode" if told is None else MODES[round(told[0])]
     if mode == "enabled":
         return None
     return Refused(
@@ -142,7 +143,7 @@ def motors_on(observation: Observation, now_ns: int) -> Refused | None:
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse while a move of somebody else's runs: the daemon ignores targets then."""
-    if not observation.sensors["ignored"][0]:
+    if not any(observation.sensors.get("ignored", ())):
         return None
     why = "move: the daemon ignores targets: a move of another client is running"
     return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")

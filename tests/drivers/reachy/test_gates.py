@@ -166,6 +166,7 @@ def test_saf_014_motors_without_torque_are_refused(mode: str) -> None:
     motors_on, heeded = (condition.check for condition in driver().conditions)
     refusal = motors_on(seen(mode=mode), NOW_NS)
     assert refusal is not None and refusal.code == "motors_off" and 'motors(mode="enabled")' in refusal.remedy
+    assert motors_on(Observation(NOW_NS, REST, (NOW_NS,) * 9), NOW_NS) is not None, "nobody has told"
     assert motors_on(seen(), NOW_NS) is None and heeded(seen(), NOW_NS) is None
     ignored = heeded(seen(ignored=True), NOW_NS)
     assert ignored is not None and "another client" in ignored.reason
