@@ -46,6 +46,9 @@ OPTIONS = {
 STATE_S = 0.02
 """Between two frames of the state."""
 
+STATUS_S = 1.0
+"""Between two frames of the daemon's status."""
+
 VERSION = "1.13.0"
 
 _BAD = 422
@@ -80,7 +83,8 @@ class ReachyTwin:
         self._wireless = wireless
         self._media = media
         self._volume = 50
-        self._listeners: set[WebSocketClient] = set()
+        self._listeners: set[WebSocketClient] = set()  # of what becomes of moves
+        self._clients: set[WebSocketClient] = set()  # of ``/ws/sdk``
         self._stuck: Row | None = None
         self.body.mode = motors
 
@@ -228,6 +232,7 @@ class ReachyTwin:
             "robot_name": "reachy_mini",
             "state": "running",
             "wireless_version": self._wireless,
+            "desktop_app_daemon": False,
             "simulation_enabled": True,
             "mockup_sim_enabled": False,
             "no_media": not self._media,
@@ -247,8 +252,16 @@ class ReachyTwin:
         }.get(path)
 
     async def _serve_sdk(self, client: WebSocketClient) -> None:
+        self._clients.add(client)
+        try:
+            await self._hear_sdk(client)
+        finally:
+            self._clients.discard(client)
+
+    async def _hear_sdk(self, client: WebSocketClient) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._stream, client, self._sdk_frames)
+            nursery.start_soon(self._stream, client, lambda: [self._status()], STATUS_S)
             while True:
                 t_ns, message = await client.receive()
                 if self.faults.of(None) is Fault.OFF:
@@ -266,6 +279,11 @@ class ReachyTwin:
         """Do what is said on ``/ws/sdk``; return its kind and safe state, as the wire log has them."""
         body = self.body
         match told.get("type"):
+            case "task" if isinstance(told.get("req"), dict):
+                goto = told["req"]
+                row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
+                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))]))
+                return "setpoint", None
             case "stop_move":
                 self._cancel()
                 return "safe", "hold"
@@ -306,7 +324,9 @@ class ReachyTwin:
             except MalformedFrame as malformed:
                 client.send(_text({"status": "error", "detail": str(malformed)}))
 
-    async def _stream(self, client: WebSocketClient, frames: Callable[[], list[dict[str, Any]]]) -> None:
+    async def _stream(
+        self, client: WebSocketClient, frames: Callable[[], list[dict[str, Any]]], period_s: float = STATE_S
+    ) -> None:
         """Tell the state until the client is gone; not one line of the log each."""
         while True:
             await client.connection.frost.thawed()
@@ -315,7 +335,7 @@ class ReachyTwin:
             if self.faults.of(None) is not Fault.OFF:
                 for frame in frames():
                     await self._tell_state(client, frame)
-            await trio.sleep(STATE_S)
+            await trio.sleep(period_s)
 
     async def _tell_state(self, client: WebSocketClient, frame: dict[str, Any]) -> None:
         reply = self.faults.apply(Reply(0.0, msgspec.json.encode(frame)))
@@ -334,6 +354,10 @@ class ReachyTwin:
     def _notify(self, kind: str, move: str) -> None:
         for client in list(self._listeners):
             client.send(_text({"type": kind, "uuid": move, "details": ""}))
+        stamp = "2026-01-01T00:00:00"  # nobody reads it
+        progress = {"type": "task_progress", "uuid": move, "finished": True, "error": None, "timestamp": stamp}
+        for client in list(self._clients):
+            client.send(_text(progress))
 
     def _seen(self) -> Row:
         row = self._stuck or self.body.here
