@@ -80,7 +80,7 @@ class Reachy(Driver):
         "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "
         "torque on; face tracking goes on"
     )
-    bound_s = 0.1
+    bound_s = 0.2  # two round trips until a WebSocket is there; the daemon's own computer is slow [assumed]
     conditions = CONDITIONS
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import httpx
 import msgspec
 import trio
 
@@ -18,7 +19,13 @@ from .config import ReachyConfig
 from .gates import EASE, SHORTEST_S
 
 ASK_S = 4.0
-"""How long the daemon may take to answer: a recorded move may be fetched first."""
+"""How long the daemon may take to answer a question."""
+
+BEGIN_S = 0.5
+"""How long it may take to begin a move."""
+
+FETCH_S = 25.0
+"""How long it may take to list the moves of a data set, which it fetches first."""
 
 SPEECH_S = 20.0
 """How long a text may take to become speech [assumed]."""
@@ -65,12 +72,13 @@ class Moves:
 
 
 class Services:
-    """Asked one at a time."""
+    """Asked one at a time. ``owed``: set when a move that was asked for has been answered; None: none was."""
 
     def __init__(self, config: ReachyConfig, url: str, moves: Moves) -> None:
         self._config = config
         self._url = url
         self._moves = moves
+        self.owed: trio.Event | None = None
 
     async def perform(
         self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
@@ -94,15 +102,14 @@ class Services:
             case "sleep":
                 return await self._move(client, service, p.GOTO_SLEEP, b"", permit)
             case "express":
-                target = f"{p.PLAY}{given.get('dataset', p.DATASET)}/{given['move']}"
-                return await self._move(client, service, target, b"", permit)
+                return await self._express(client, given["move"], given.get("dataset", p.DATASET), permit)
             case "turn_to_sound":
                 return await self._turn_to_sound(client, permit, seen)
             case "turn_to_sound_status":
                 return await self._sound(client)
             case "list_moves":
-                body = await self._get(client, f"{p.LIST_MOVES}{given.get('dataset', p.DATASET)}")
-                return body if isinstance(body, Refused) else {"moves": p.decode_names(body)}
+                names = await self._names(client, given.get("dataset", p.DATASET))
+                return names if isinstance(names, Refused) else {"moves": names}
             case "motors":
                 mode = given.get("mode", "enabled")
                 return await self._post(client, service, f"{p.SET_MODE}{mode}", b"", permit, {"mode": mode})
@@ -132,7 +139,7 @@ class Services:
         """Begin a move, in the place of ours that runs, and wait for its end."""
         if self._moves.running:
             await client.post(p.STOP, p.encode_uuid(self._moves.running), ASK_S, permit)
-        answer = await client.post(target, body, ASK_S, permit)
+        answer = await self._begin(client, target, body, permit)
         if answer.status_code != p.OK:
             return _said_no(service, answer.status_code, answer.content)
         uuid = p.decode_move(answer.content)
@@ -143,6 +150,35 @@ class Services:
                 "move", f"{service}: {end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
             )
         return {"move": uuid}
+
+    async def _begin(self, client: HttpClient, target: str, body: bytes, permit: Permit) -> httpx.Response:
+        """Ask for motion. A stop does not cut this short: it has to know whether there is anything to be ended."""
+        owed = self.owed = trio.Event()
+        try:
+            with trio.CancelScope(shield=True):
+                answer = await client.post(target, body, BEGIN_S, permit)
+        finally:
+            self.owed = None
+            owed.set()
+        return answer
+
+    async def _express(
+        self, client: HttpClient, move: str, dataset: str, permit: Permit
+    ) -> dict[str, Any] | Refused:
+        """The list first: the daemon fetches the data set for it, and a move that is fetched would begin late."""
+        names = await self._names(client, dataset)
+        if isinstance(names, Refused):
+            return names
+        if move not in names:
+            there = ", ".join(names)[:200]
+            return Refused("no_move", f"express: {dataset} has no move {move}", f"it has {there}", move, there)
+        return await self._move(client, "express", f"{p.PLAY}{dataset}/{move}", b"", permit)
+
+    async def _names(self, client: HttpClient, dataset: str) -> list[str] | Refused:
+        answer = await client.get(f"{p.LIST_MOVES}{dataset}", FETCH_S)
+        if answer.status_code != p.OK:
+            return _said_no("list_moves", answer.status_code, answer.content)
+        return p.decode_names(answer.content)
 
     async def _turn_to_sound(
         self, client: HttpClient, permit: Permit, seen: Observation
@@ -179,7 +215,7 @@ class Services:
         if not given.get("enabled", True):
             return await self._post(client, "track_face", p.TRACKING_OFF, b"", permit, {"tracking": False})
         body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
-        answer = await client.post(p.TRACKING_ON, body, ASK_S, permit)
+        answer = await self._begin(client, p.TRACKING_ON, body, permit)
         if answer.status_code != p.OK:
             return _said_no("track_face", answer.status_code, answer.content)
         if p.decode_object(answer.content).get("enabled") is not True:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import aclosing
 from typing import Any, ClassVar
 
 import trio
@@ -42,6 +43,10 @@ WAIT_S = 0.2
 
 MODE_S = 0.1
 """Between two looks at the motors' mode, which the stream of positions does not tell."""
+
+OWED_S = 0.03
+"""How long a stop waits for the answer to a command that has just been sent: on another connection
+it could overtake it. Then it goes out all the same, and again."""
 
 IGNORED_S = 0.5
 """So long a target that was ignored keeps others from being sent."""
@@ -103,8 +108,9 @@ class ReachyWire(Wire):
                 nursery.start_soon(self._hear_all, sdk)
                 nursery.start_soon(self._follow_moves, updates)
                 task_status.started()
-                async for _ in self._clock.ticks(MODE_S):
-                    await self._see_mode(modes)
+                async with aclosing(self._clock.ticks(MODE_S)) as ticks:
+                    async for _ in ticks:
+                        await self._see_mode(modes)
         finally:
             self._nursery = None
             with trio.CancelScope(shield=True):
@@ -159,7 +165,10 @@ class ReachyWire(Wire):
         nursery.start_soon(self._take_answer, port, number, self._owed, bool(duration_s))
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await self._stop(safe_state, self._pending)
+        with trio.move_on_after(OWED_S):
+            while (owed := self._pending()) is not None:
+                await owed.wait()
+        return await self._stop(safe_state, lambda: self._pending() is not None)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on what is still open, then on new connections. No answer is waited for any longer."""
@@ -253,15 +262,19 @@ class ReachyWire(Wire):
                 await self._owed.wait()
         return self._owed is None
 
-    def _pending(self) -> bool:
-        return self._owed is not None and not self._given_up
+    def _pending(self) -> trio.Event | None:
+        """Return what is set when a command that was sent has been answered; None: none is owed an answer."""
+        asked = self._services.owed if self._services is not None else None
+        return asked or (None if self._given_up else self._owed)
 
     async def _stop(self, safe_state: str, pending: Callable[[], bool]) -> tuple[MotorReport, ...]:
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
         stopper = Stopper(*self._where, self._sdk)
-        detail = await stopper.run(safe_state, STOP_S, pending)
-        stopper.close()
+        try:
+            detail = await stopper.run(safe_state, STOP_S, pending)
+        finally:
+            stopper.close()
         return self._config.reports(stopper.written, stopper.acknowledged, detail)
 
     # -- the daemon

@@ -42,6 +42,7 @@ STEPS = {
     "kuka_iiwa": WITH_POLICY,
     "panda": WITHOUT,
     "earthrover": WITH_POLICY,
+    "reachy_mini": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }
