@@ -45,8 +45,8 @@ MODE_S = 0.1
 """Between two looks at the motors' mode, which the stream of positions does not tell."""
 
 OWED_S = 0.03
-"""How long a stop waits for the answer to a command that has just been sent: on another connection
-it could overtake it. Then it goes out all the same, and again."""
+"""How long a stop waits for the answer to a command that has just been sent: on a connection that is
+open it could overtake it. Then it goes out on a new one, which is heard after those that wait."""
 
 IGNORED_S = 0.5
 """So long a target that was ignored keeps others from being sent."""
@@ -168,12 +168,14 @@ class ReachyWire(Wire):
         with trio.move_on_after(OWED_S):
             while (owed := self._pending()) is not None:
                 await owed.wait()
-        return await self._stop(safe_state, lambda: self._pending() is not None)
+        socket = self._sdk if self._pending() is None and not self._given_up else None
+        return await self._stop(safe_state, socket, lambda: self._pending() is not None)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on what is still open, then on new connections. No answer is waited for any longer."""
-        self._owed = None
-        return await self._stop(safe_state, nothing_pending)
+        """As ``make_safe``, on what is still open unless a command may wait there, then on new connections. No
+        answer is waited for any longer."""
+        socket = self._sdk if self._pending() is None and not self._given_up else None
+        return await self._stop(safe_state, socket, nothing_pending)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services
@@ -264,13 +266,16 @@ class ReachyWire(Wire):
 
     def _pending(self) -> trio.Event | None:
         """Return what is set when a command that was sent has been answered; None: none is owed an answer."""
-        asked = self._services.owed if self._services is not None else None
-        return asked or (None if self._given_up else self._owed)
+        if self._services is not None and self._services.owed is not None:
+            return self._services.owed
+        return None if self._given_up else self._owed
 
-    async def _stop(self, safe_state: str, pending: Callable[[], bool]) -> tuple[MotorReport, ...]:
+    async def _stop(
+        self, safe_state: str, socket: WebSocket | None, pending: Callable[[], bool]
+    ) -> tuple[MotorReport, ...]:
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
-        stopper = Stopper(*self._where, self._sdk)
+        stopper = Stopper(*self._where, socket)
         try:
             detail = await stopper.run(safe_state, STOP_S, pending)
         finally:

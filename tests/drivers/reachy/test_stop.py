@@ -191,6 +191,28 @@ def test_saf_010_a_command_waits_for_the_answer_to_the_one_before() -> None:
     trio.run(main)
 
 
+def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemon() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            wire = ReachyWire(config(server.address), MonotonicClock())
+            await wire.open()
+            async with trio.open_nursery() as nursery:
+                await nursery.start(wire.serve)
+                server.freeze(0.25)
+                await wire.write((*FAR, 9.0), Free())
+                reports = await wire.make_safe("hold")
+                assert all(one.safe for one in reports), reports[0].detail
+                assert twin.body.move is None and twin.body.ended == []
+                here = twin.body.here
+                await trio.sleep(0.3)
+                assert twin.body.here == pytest.approx(here, abs=0.5)
+                nursery.cancel_scope.cancel()
+            wire.close()
+
+    trio.run(main)
+
+
 def test_saf_012_frames_that_are_no_state_do_not_count() -> None:
     async def main() -> None:
         async with daemon() as (twin, server), wired(server.address) as wire:
