@@ -106,7 +106,7 @@ class VirtualArm(Feetech):
         self.bus = MemoryBus(FeetechBus.for_robot(ROBOT, now_s=trio.current_time))
 
     def open_wire(self, clock: Clock) -> FeetechWire:
-        return FeetechWire(self, clock, lambda path, baud: self.bus)
+        return FeetechWire(self.config, clock, lambda path, baud: self.bus)
 
 
 @dataclass

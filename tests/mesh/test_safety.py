@@ -177,3 +177,14 @@ def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
             assert status
 
     run(test)
+
+
+def test_a_stop_is_waited_for_as_long_as_the_robot_says_that_it_takes() -> None:
+    """It has told that it heard: who ordered the stop then waits for its driver's deadlines, not for their own."""
+
+    async def test() -> None:
+        async with robot_on_mesh(FakeHardware(confirm_s=1.0)) as (robot, _, _), mesh() as client:
+            outcome = await client.stop(robot, "a test", within_s=0.5)
+            assert (outcome.outcome, outcome.safe_state) == ("safe", "limp")
+
+    run(test)
