@@ -58,6 +58,7 @@ WIRES = {
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
+    "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

@@ -83,6 +83,9 @@ class Service(msgspec.Struct, frozen=True):
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
     in_motion: bool = False  # may be asked for while a target stands
+    # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it began is live as a
+    # latched setpoint is, until a stop or the end of the lease. An older target is not sent again.
+    moves: bool = False
 
 
 class Observation(Message, frozen=True):

@@ -318,6 +318,8 @@ class Transport(Actor):
             why = f"{message.service}: {busy}"
             self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
             return
+        if self._driver.SERVICES[message.service].moves:
+            self._last = None
         self._performing = trio.CancelScope()
         self.context.start_soon(self._perform, wire, message, self._performing)
 
@@ -340,7 +342,8 @@ class Transport(Actor):
             answer = Refused("timeout", why, "look at the robot")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
-        self._gate.tell(CarriedOut(message.number, result, refusal))
+        moved = self._driver.SERVICES[service].moves
+        self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 
     # -- the link
 

@@ -43,6 +43,7 @@ STEPS = {
     "panda": WITHOUT,
     "earthrover": WITH_POLICY,
     "yahboom_m3pro": WITHOUT,
+    "reachy_mini": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -28,6 +28,8 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
     match verb.does:
         case "action":
             return await verbs.send_action(tree, call.action)
+        case "service":
+            return await verbs.service(tree, verb.name, call.inputs)
         case "torque":
             return await verbs.resume(tree, lift=False)  # an e-stop is an operator's to lift
         case "sensors":
