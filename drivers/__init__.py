@@ -59,6 +59,7 @@ WIRES = {
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
+    "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

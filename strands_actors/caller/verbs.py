@@ -156,12 +156,16 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
+    if (reason := tree.driver.SERVICES[name].stops) is not None:
+        return _stopped(await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
 
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
+    if (reason := tree.driver.SERVICES[name].stops) is not None:
+        return _stopped(tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
 

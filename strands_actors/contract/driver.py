@@ -86,6 +86,9 @@ class Service(msgspec.Struct, frozen=True):
     # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it began is live as a
     # latched setpoint is, until a stop or the end of the lease. An older target is not sent again.
     moves: bool = False
+    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does: never refused,
+    # ahead of everything, and carried out by whoever is left.
+    stops: Reason | None = None
 
 
 class Observation(Message, frozen=True):
@@ -140,8 +143,8 @@ class Wire(ABC):
     that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
 
     interruptible: ClassVar[bool] = False
-    """Whether ``arm``, and ``make_safe`` on a safe state that holds, may be cancelled wherever they wait: a
-    stop then cuts them short. Not where an SDK goes on with what it was told."""
+    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land, settle), may be
+    cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -304,6 +307,9 @@ class Driver(ABC):
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    BEFORE_MOTION: ClassVar[str] = ""
+    """Which of them must have been done, after each resume, before the robot takes commands: take off, stand up.
+    Empty: none. A drill and the kill matrix do it, too."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()

@@ -28,6 +28,7 @@ HARDEST = (
     "earthrover",
     "yahboom_m3pro",
     "reachy_mini",
+    "crazyflie",
     "unitree_go2",
 )
 """Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by hand."""

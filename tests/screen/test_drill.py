@@ -44,6 +44,7 @@ STEPS = {
     "earthrover": WITH_POLICY,
     "yahboom_m3pro": WITHOUT,
     "reachy_mini": WITHOUT,
+    "crazyflie": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -27,6 +27,7 @@ STEP_S = 30.0
 
 LIMP = "limp"
 HOLD = "hold"
+LAND = "land"
 
 
 class Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -48,7 +49,8 @@ class Aim(Frame, frozen=True):
 
 
 class Safe(Frame, frozen=True):
-    """``limp``: let go of what is taken. ``hold``: target := position. ``Sample``."""
+    """``limp``: let go of what is taken. ``hold``: target := position. ``land``: as ``hold``, but what flies comes
+    down. ``Sample``."""
 
     safe_state: str
 

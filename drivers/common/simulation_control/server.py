@@ -15,7 +15,7 @@ import trio
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p
-from .body import Body, Hand
+from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
 
 BACKLOG = 16
@@ -116,6 +116,8 @@ class SimulationControl:
                     self._taker = None
                 if request.safe_state == p.LIMP:
                     body.take(False)
+                elif request.safe_state == p.LAND and isinstance(body, Flying):
+                    body.land()
                 else:
                     body.hold()
             case p.Reset():
