@@ -12,6 +12,8 @@ from typing import Literal, Protocol
 
 import trio
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from . import protocol as p
 from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
@@ -77,7 +79,7 @@ class SimulationControl:
     async def _attend(self, sock: socket.socket) -> None:
         decoder = p.request_decoder()
         client = object()
-        with sock, contextlib.suppress(ConnectionError, p.Garbled):
+        with sock, contextlib.suppress(ConnectionError, MalformedFrame):
             sock.setblocking(False)
             while True:
                 await trio.lowlevel.wait_readable(sock)
