@@ -277,6 +277,7 @@ class CarriedOut(Message, frozen=True):
     number: int
     result: dict[str, Any]
     refusal: Refused | None = None
+    moved: bool = False  # it may have moved the robot
 
 
 class LinkUp(Message, frozen=True):

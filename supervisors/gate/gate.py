@@ -76,8 +76,8 @@ class Gate(Actor):
         no_standby: str = "",
     ) -> None:
         self._driver = driver
-        self._no_standby = no_standby
         self._admission = Admission(driver)
+        self._no_standby = no_standby
         self._addresses = transport, watchdog, guardian
         self._state = start
         self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
@@ -219,19 +219,25 @@ class Gate(Actor):
     # -- the driver's own services
 
     def _perform(self, message: Perform) -> Refused | Deferred:
-        refusal = self._admission.service(message, self._known())
+        refusal = self._admission.service(message, self._known(), self.context.received_ns)
         if refusal is not None:
             return refusal
         if message.first is not None:
             answer = self._setpoint(message.first)
             if isinstance(answer, Refused):
                 return answer
+        if self._driver.SERVICES[message.service].moves:
+            self._advance(Event.SETPOINT)
+            self._live_until_ns = LATCHED
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
         self._transport.tell(CarryOut(self._state.epoch, self._service, message.service, message.arguments))
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
+        if message.moved and self._observation is not None:  # the next command goes on from where that has ended
+            self._target = self._driver.first_target(self._observation)
+            self._target_ns = self.context.received_ns
         deferred = self._services.pop(message.number, None)
         if deferred is not None:
             deferred.send(message.refusal or Performed(message.result))

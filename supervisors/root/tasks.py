@@ -61,8 +61,8 @@ class Tasks(Actor):
         label: str = "",
         safe_s: float = USUAL_SAFE_S,
     ) -> None:
-        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``: what the robot's
-        driver says that a stop may take."""
+        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``: what
+        the robot's driver says that a stop may take."""
         self._label = label
         self._robot = robot
         self._start_process = start

@@ -30,6 +30,7 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import scheduling
@@ -64,6 +65,9 @@ BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 """Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
+
+SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
+"""Safe states that take seconds to reach. An e-stop that comes meanwhile is not held up by them."""
 
 _PROMPT = (Write, Cycle)
 """Handled without waiting, by a wire that never waits."""
@@ -256,7 +260,7 @@ class Transport(Actor):
         with self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
                 motors = None
-                with self._cut_by_a_stop(holds and self._wire.interruptible):
+                with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
                     motors = await self._wire.make_safe(safe_state)
             if motors is None:
                 return  # a stop came: its report is the answer to this, too
@@ -318,6 +322,8 @@ class Transport(Actor):
             why = f"{message.service}: {busy}"
             self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
             return
+        if self._driver.SERVICES[message.service].moves:
+            self._last = None
         self._performing = trio.CancelScope()
         self.context.start_soon(self._perform, wire, message, self._performing)
 
@@ -340,7 +346,8 @@ class Transport(Actor):
             answer = Refused("timeout", why, "look at the robot")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
-        self._gate.tell(CarriedOut(message.number, result, refusal))
+        moved = self._driver.SERVICES[service].moves
+        self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 
     # -- the link
 
