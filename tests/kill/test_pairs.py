@@ -72,7 +72,7 @@ def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:
         assert pair.why_not == (gripper.ROLLOUTS if Members.POLICY in pair.members else "")
 
 
-@pytest.mark.parametrize("pair", pairs_of(driver_of("so101")), ids=str)
+@pytest.mark.parametrize("pair", [*pairs_of(driver_of("so101"))], ids=str)
 def test_a_pair_is_found_by_what_its_trials_are_called(pair: Pair) -> None:
     found = cell_named(pair.victim, pair.fault)
     assert isinstance(found, Pair) and (found.members, found.way) == (pair.members, pair.way)
