@@ -66,6 +66,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         self.config = config
         self._descriptors = tuple(descriptors)
         self._child: _Child | None = None
+        self._starting = trio.Lock()
         self._serving = trio.CancelScope()
 
     @abstractmethod
@@ -75,14 +76,15 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         told = False
         with self._serving:
-            child = await self._begin()
+            child = await self._ready()
             told = True
             task_status.started()
             while True:
                 await child.process.wait()
                 await trio.sleep(self.AGAIN_S)
                 with contextlib.suppress(WireDown):
-                    child = await self._begin()
+                    await self._end()
+                    child = await self._ready()
         if not told:
             task_status.started()  # it has been used meanwhile
 
@@ -91,7 +93,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         why = ""
         for _ in range(self.ATTEMPTS):
             try:
-                child = self._child or await self._begin()
+                child = await self._ready()
                 return await self._ask(child, safe_state)
             except WireDown as down:
                 why = str(down)
@@ -118,9 +120,15 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             if not answered:
                 child.process.kill()
 
+    async def _ready(self) -> _Child:
+        """Return the child to ask, started when there is none. Raise ``WireDown``."""
+        # A stop may come while ``serve`` starts one: whoever is second takes that one, or starts
+        # another when it was given up, so that none is left that nobody knows of.
+        async with self._starting:
+            return self._child or await self._begin()
+
     async def _begin(self) -> _Child:
         """Start a child that is ready to be asked. Raise ``WireDown``."""
-        await self._end()
         told = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
