@@ -19,7 +19,7 @@ TARGET = Path(__file__).parents[3] / "docs" / "robots" / "crazyflie.svg"
 VICTIMS = {
     "wire killed": ("wire",),
     "root killed": ("root",),
-    "root and wire killed": ("root", "wire"),
+    "root, wire and standby killed": ("standby", "root", "wire"),
 }
 BEFORE_S, AFTER_S = 0.5, 3.5
 EVERY = 3

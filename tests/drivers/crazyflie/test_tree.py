@@ -245,11 +245,22 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
         cf.log.no_setpoint_after_safe(land.t_ns)
 
 
-def test_saf_016_root_and_wire_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+def test_saf_016_root_and_wire_at_once_leave_the_standby_which_lands_it(cf: Drone) -> None:
     cf.fly()
     wire, root = cf.pid("wire"), cf.pid("root")
     began_ns = time.monotonic_ns()
     for pid in (root, wire):
+        os.kill(pid, signal.SIGKILL)
+    cf.lands(began_ns, 3.0)
+    assert cf.log.first_safe(began_ns) is not None
+    assert [entry for entry in cf.log.entries(began_ns) if b"watchdog" in entry.data] == []
+
+
+def test_all_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+    cf.fly()
+    pids = [cf.pid(role) for role in ("standby", "root", "wire")]
+    began_ns = time.monotonic_ns()
+    for pid in pids:
         os.kill(pid, signal.SIGKILL)
     time.sleep(0.3)
     assert not cf.log.host("setpoint", began_ns + 100_000_000), "nobody repeats anything"
