@@ -19,7 +19,8 @@ TARGET = Path(__file__).parents[3] / "docs" / "robots" / "crazyflie.svg"
 VICTIMS = {
     "wire killed": ("wire",),
     "root killed": ("root",),
-    "root, wire and standby killed": ("standby", "root", "wire"),
+    "root and wire killed": ("root", "wire"),
+    "root, wire and standby killed": ("root", "standby", "wire"),
 }
 BEFORE_S, AFTER_S = 0.5, 3.5
 EVERY = 3
@@ -34,6 +35,8 @@ def fly(roles: tuple[str, ...]) -> Track:
         cf.fly()
         pids = [cf.pid(role) for role in roles]
         began_ns = time.monotonic_ns()
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
         time.sleep(AFTER_S + 0.2)

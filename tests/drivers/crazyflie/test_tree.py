@@ -245,20 +245,23 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
         cf.log.no_setpoint_after_safe(land.t_ns)
 
 
-def test_saf_016_root_and_wire_at_once_leave_the_standby_which_lands_it(cf: Drone) -> None:
+def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> None:
     cf.fly()
-    wire, root = cf.pid("wire"), cf.pid("root")
+    pids = [cf.pid(role) for role in ("root", "wire")]
     began_ns = time.monotonic_ns()
-    for pid in (root, wire):
+    for pid in pids:
         os.kill(pid, signal.SIGKILL)
+    land = cf.first_safe(began_ns, "land")
+    assert (land.t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
     cf.lands(began_ns, 3.0)
-    assert cf.log.first_safe(began_ns) is not None
-    assert [entry for entry in cf.log.entries(began_ns) if b"watchdog" in entry.data] == []
+    cf.log.no_setpoint_after_safe(land.t_ns)
 
 
-def test_all_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     cf.fly()
-    pids = [cf.pid(role) for role in ("standby", "root", "wire")]
+    pids = [cf.pid(role) for role in ("root", "standby", "wire")]
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
     began_ns = time.monotonic_ns()
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
