@@ -1,0 +1,185 @@
+"""What a run has left behind, for its invariants to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from strands_actors.contract.driver import Reason
+from strands_actors.supervisors.messages import Setpoint, Stop
+
+from .conversation import Asked, Conversation
+from .plan import Event
+from .servo_arm import Frame, ServoArm
+from .world import TREE, Process, World
+
+ALONE_S = 0.35
+"""So long before a fault, and until its bound is over, nothing else was wrong: then its bound is promised."""
+PAIR_S = 0.4
+"""A wire and a root that fail within this time: nobody is left [SAF-016 is not kept yet]."""
+
+
+class Fault(NamedTuple):
+    t_s: float
+    kind: str
+    who: str
+    for_s: float
+
+
+class Evidence:
+    """``count``: of an axis by its name and value, what a servo is told. ``faults``: all that was wrong, and when."""
+
+    def __init__(
+        self,
+        world: World,
+        arm: ServoArm,
+        events: tuple[Event, ...],
+        mended_s: float,
+        motor_and_count: Callable[[str, float], tuple[int, int]],
+    ) -> None:
+        self.world = world
+        self.frames: list[Frame] = arm.frames
+        self.torque_log = arm.torque_log
+        self.torque_at = arm.torque_at
+        self.end_s = world.now_s
+        self.mended_s = mended_s
+        self._events = events
+        self._count = motor_and_count
+        self._conversation: Conversation = world.conversation
+        self._index = {id(frame): at for at, frame in enumerate(self.frames)}
+
+    def s(self, t_s: float) -> str:
+        """A time for people."""
+        return f"{t_s - self.world.began_s:.4f} s"
+
+    @property
+    def asked(self) -> list[Asked]:
+        return self._conversation.asked
+
+    def index(self, frame: Frame) -> int:
+        return self._index[id(frame)]
+
+    # -- setpoints on the wire, and who asked for them
+
+    def setpoints(self) -> Iterator[tuple[Frame, Asked]]:
+        yield from ((frame, asked) for frame, asked in self._setpoints if asked is not None)
+
+    def unknown(self) -> Iterator[Frame]:
+        yield from (frame for frame, asked in self._setpoints if asked is None)
+
+    @cached_property
+    def _setpoints(self) -> list[tuple[Frame, Asked | None]]:
+        known: dict[tuple[int, int], Asked] = {}
+        for asked in self._conversation.setpoints:
+            assert isinstance(asked.message, Setpoint)
+            for name, value in asked.message.action.items():
+                if name.startswith("wrist"):
+                    known[self._count(name, value)] = asked
+        motors = {motor for motor, _ in known}
+        found: list[tuple[Frame, Asked | None]] = []
+        for frame in self.frames:
+            if frame.kind == "setpoint":
+                marks = [(motor, goal) for motor, goal in frame.goals.items() if motor in motors]
+                if marks:
+                    found.append((frame, next((known[mark] for mark in marks if mark in known), None)))
+        return found
+
+    def counts(self, frame: Frame) -> bool:
+        """Whether who wrote this frame could know that no other would write: the wire, or its heir."""
+        return frame.role == "wire" or not any(
+            process.role == "wire" and process.began_s <= frame.t_s < process.until_s
+            for process in self.world.processes
+        )
+
+    def limp_since(self, motor: int, t_s: float) -> float:
+        """When a motor lost its torque that gets it back at ``t_s``."""
+        since_s = self.world.began_s
+        had = False
+        for at_s, motors in self.torque_log:
+            if at_s >= t_s:
+                break
+            if had and motor not in motors:
+                since_s = at_s
+            had = motor in motors
+        return since_s
+
+    # -- what was wrong
+
+    @cached_property
+    def faults(self) -> list[Fault]:
+        begun_s = self.world.began_s
+        return [
+            Fault(begun_s + event.at_s, event.kind, event.who, event.value or self.mended_s - begun_s - event.at_s)
+            for event in self._events
+            if event.kind in _WRONG
+        ]
+
+    def lone_faults(self) -> Iterator[Fault]:
+        """Of caller, root or wire, with nothing else wrong beside it."""
+        for fault in self.faults:
+            if fault.kind not in ("kill", "freeze") or fault.who not in ("caller", "root", "wire"):
+                continue
+            if fault.kind == "freeze" and fault.who == "caller":
+                continue  # what it commanded is held; what it did not command is not
+            if not any(other is not fault and _near(fault, other) for other in self.faults):
+                yield fault
+
+    @property
+    def excused(self) -> bool:
+        """Wire and root were killed together: nobody was left to act."""
+        of = {
+            who: [fault.t_s for fault in self.faults if fault.who == who and fault.kind == "kill"]
+            for who in ("root", "wire")
+        }
+        return any(abs(one - other) < PAIR_S for one in of["root"] for other in of["wire"])
+
+    def gone_since(self, pid: int, t_s: float) -> float:
+        """Since when a process is dead or frozen at ``t_s``; ``t_s``: it is not."""
+        process = self.world.by_pid(pid)
+        assert process is not None
+        if process.until_s <= t_s:
+            return process.until_s
+        return next((begin_s for begin_s, end_s in process.frozen_times if begin_s <= t_s < end_s), t_s)
+
+    def orders(self) -> Iterator[Asked]:
+        """Stops, with nothing wrong that could keep them from the robot: it can be written to, and who passes them
+        on lives, neither frozen nor late."""
+        for asked in self.asked:
+            orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
+            if orders and not any(
+                fault.kind in _DEAF and asked.at_s - ALONE_S < fault.t_s + _lasts_s(fault) and fault.t_s < asked.at_s + ALONE_S
+                for fault in self.faults
+            ):
+                yield asked
+
+    def failed(self) -> list[Process]:
+        """Processes of the tree that ended by a failure of their own."""
+        return [process for process in self.world.processes if process.role in TREE and process.code == 1]
+
+    def alive(self) -> list[str]:
+        return [process.role for process in self.world.processes if process.role in TREE and process.role != "caller" and process.left_over]
+
+
+_WRONG = frozenset(
+    {
+        "kill", "freeze", "lag", "lose replies", "lose requests", "mute", "late", "corrupt", "twice", "pull", "unload",
+        "brown out", "restart", "cut mesh", "slow mesh",
+    }
+)  # fmt: skip
+
+
+_DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
+
+
+def _near(fault: Fault, other: Fault) -> bool:
+    return other.t_s < fault.t_s + ALONE_S and fault.t_s - ALONE_S < other.t_s + _lasts_s(other)
+
+
+def _lasts_s(fault: Fault) -> float:
+    return 0.0 if fault.kind in ("unload", "brown out") else fault.for_s if fault.kind != "kill" else 0.5
+
+
+def count_of(driver: Any) -> Callable[[str, float], tuple[int, int]]:
+    axes = {axis.key: axis for axis in driver.joints}
+    return lambda name, value: (axes[name].id, axes[name].count(value))

@@ -1,0 +1,133 @@
+"""What a simulated tree is given in place of the system: a table of names in the product's modules.
+
+The processes run the product's own ``_main``. A name that is gone makes the explorer fail at once, and says which.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import trio
+
+from strands_actors.contract.loading import load
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.supervisors import policy
+from strands_actors.supervisors.root import guardian, lock_keeper, process, tasks
+from strands_actors.supervisors.wire import group
+
+from .children import SimHeartbeat, SimOs, Starter, life_of, suspected, until_ended
+from .links import Net, SimLink, SimMesh
+from .locks import SimLocks
+from .servo_arm import ServoArm
+from .world import World
+
+Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
+FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
+FeetechStopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
+
+
+class NoPlace:
+    """Stands in for the robot's place on the mesh of other hosts: topics, commands in JSON, the gateway."""
+
+    problem = ""
+
+    def __init__(self, *_: Any) -> None:
+        self.settled = trio.Event()
+
+    def tell_state(self, state: Any) -> None:
+        """Nobody reads it."""
+
+    async def run(self, *_: Any) -> None:
+        self.settled.set()
+        await trio.sleep_forever()
+
+
+class Told:
+    """Stands in for the root's note on unconfirmed motors."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def tell(self, report: Any) -> None:
+        self._world.note("root", "reports", f"{report.safe_state} unconfirmed {report.unconfirmed}")
+
+
+def _threads(world: World) -> Callable[..., Any]:
+    """``trio.to_thread.run_sync``: what a thread does takes a while, and now and then long."""
+    rng = world.rng("threads")
+
+    async def run_sync(
+        do: Callable[..., Any], *args: Any, abandon_on_cancel: bool = False, limiter: object = None
+    ) -> Any:
+        took_s = 0.004 * rng.random() if rng.random() < 0.95 else 1.5 * rng.random()
+        with trio.CancelScope(shield=not abandon_on_cancel):
+            await trio.sleep(took_s)
+        return do(*args)
+
+    return run_sync
+
+
+@contextlib.contextmanager
+def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator[None]:
+    """Put them in for one run."""
+    system = SimOs(world)
+
+    def on_page(page: int, end: int) -> SimHeartbeat:
+        return SimHeartbeat(world.pages[page], end, world.current)
+
+    def report_failure(what: str, error: BaseException) -> None:
+        world.note(world.current.role, "reports", f"{what} failed: {error!r}")
+
+    def find(pid: int) -> Any:
+        found = world.by_pid(pid)
+        assert found is not None
+        return found
+
+    def stop_channel(driver: Any, descriptors: Any, clock: Any) -> Any:
+        channel = FeetechStopChannel(driver, (), clock, robot.line.open)
+        channel._port = robot.line.adopt(descriptors[0]) if descriptors else None
+        return channel
+
+    SimMesh.net = net
+    table: tuple[tuple[Any, str, Any], ...] = (
+        (trio.to_thread, "run_sync", _threads(world)),
+        (group, "os", system),
+        (group, "MonotonicClock", VirtualClock),
+        (group, "Link", SimLink),
+        (group, "ZenohMesh", SimMesh),
+        (group, "start", starter.execute),
+        (group, "on_page", on_page),
+        (group, "suspected", lambda pid: suspected(world, pid)),
+        (group, "report_failure", report_failure),
+        (process, "os", system),
+        (process, "MonotonicClock", VirtualClock),
+        (process, "Link", SimLink),
+        (process, "ZenohMesh", SimMesh),
+        (process, "MeshPlace", NoPlace),
+        (process, "Locks", SimLocks),
+        (process, "Unconfirmed", lambda _: Told(world)),
+        (process, "on_page", on_page),
+        (process, "wait_for_end_of", lambda pid: until_ended(find(pid))),
+        (process, "report_failure", report_failure),
+        (guardian, "life_of", lambda pid: life_of(world, pid)),
+        (lock_keeper, "run_like_others", lambda: None),
+        (tasks, "os", system),
+        (tasks, "MonotonicClock", VirtualClock),
+        (tasks, "Link", SimLink),
+        (tasks, "ZenohMesh", SimMesh),
+        (policy, "os", system),
+        (policy, "heap", SimpleNamespace(left_alone=contextlib.nullcontext)),
+        (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver, clock, robot.line.open)),
+        (Feetech, "stop_channel", stop_channel),
+    )
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]
+    try:
+        for owner, name, replacement in table:
+            setattr(owner, name, replacement)
+        yield
+    finally:
+        for owner, name, original in before:
+            setattr(owner, name, original)
