@@ -31,7 +31,7 @@ def history_table(rows: Iterable[Row], violations: Iterable[Violation], full: bo
     """``full``: with what says little: who hosts what, beats, questions for the status."""
     table = Table(title="history", title_justify="left")
     for name in ("at", "who", "does", "what"):
-        table.add_column(name, no_wrap=name != "what")
+        table.add_column(name, no_wrap=True, overflow="ellipsis")
     broken = sorted(violations, key=lambda violation: violation.t_s)
     for row in rows:
         while broken and broken[0].t_s < row.t_s:
