@@ -161,8 +161,9 @@ class Transport(Actor):
     async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
         match message:
             case Write():
-                self._last = message
-                await self._write(message, message.deadline_ns)
+                self._last = None
+                if await self._write(message, message.deadline_ns):
+                    self._last = message  # what came too late is not re-sent either
             case Cycle():
                 await self._cycle(message)
             case MakeSafe():
@@ -172,9 +173,10 @@ class Transport(Actor):
             case CarryOut():
                 self._carry_out(message)
 
-    async def _write(self, write: Write, deadline_ns: int) -> None:
+    async def _write(self, write: Write, deadline_ns: int) -> bool:
+        """Whether it was written."""
         if self._wire is None:
-            return
+            return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
         written = False
         try:
@@ -192,6 +194,7 @@ class Transport(Actor):
         if written:
             self._writes += 1
             self._written_ns = self.context.clock.now_ns()
+        return written
 
     async def _cycle(self, cycle: Cycle) -> None:
         if self._wire is None:

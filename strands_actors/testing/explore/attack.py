@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.frames import ASK, frame
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.messages import Acquire, Resume, Stop, StopReport
 
 from .links import Net, SimMesh
 from .plan import CALLER
+
+PESTER_S = 0.01
 
 
 class Liar(Actor):
@@ -30,11 +32,17 @@ def attack(net: Net) -> None:
 
 
 def _lie(session: SimMesh) -> None:
-    node = session.node
-    at = addresses.of("explored")
-    gate = node.ref(at.gate)
-    gate.tell(Stop(Reason.POLICY))
-    gate.tell(Resume("policy"))
-    gate.tell(Acquire(CALLER))
-    liar = node.cell(at.path("gate"), Liar)
+    liar = session.node.cell(addresses.of("explored").path("gate"), Liar)
     trio.lowlevel.spawn_system_task(liar.run)
+    trio.lowlevel.spawn_system_task(_pester, session)
+
+
+async def _pester(session: SimMesh) -> None:
+    """Over the session that it was given for its rollout, past its own node, which takes the liar for the gate."""
+    gate = addresses.of("explored").gate
+    number = 1 << 40
+    while True:
+        for message in (Resume("policy"), Acquire(CALLER)):
+            number += 1
+            session.send(gate, frame(gate, ASK, number, session.node.address, session.node.address, message))
+        await trio.sleep(PESTER_S)

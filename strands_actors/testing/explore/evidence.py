@@ -115,6 +115,11 @@ class Evidence:
             if event.kind in _WRONG
         ]
 
+    def heard(self, from_s: float, to_s: float) -> bool:
+        """Whether the bus was in order then, but for servos that protect themselves."""
+        troubles = [fault for fault in self.faults if fault.kind not in ("unload", "restart")]
+        return not any(fault.t_s < to_s and from_s < fault.t_s + _lasts_s(fault) + 0.2 for fault in troubles)
+
     def lone_faults(self) -> Iterator[Fault]:
         """Of caller, root or wire, with nothing else wrong beside it."""
         for fault in self.faults:
@@ -127,12 +132,18 @@ class Evidence:
 
     @property
     def excused(self) -> bool:
-        """Wire and root were killed together: nobody was left to act."""
+        """Wire and root were killed, together or while nothing could be written: nobody was left to act."""
         of = {
             who: [fault.t_s for fault in self.faults if fault.who == who and fault.kind == "kill"]
             for who in ("root", "wire")
         }
-        return any(abs(one - other) < PAIR_S for one in of["root"] for other in of["wire"])
+        unheard = [fault for fault in self.faults if fault.kind in ("lose requests", "pull", "lag", "freeze")]
+        return any(
+            abs(one - other) < PAIR_S
+            or any(fault.t_s < max(one, other) and fault.t_s + fault.for_s > min(one, other) for fault in unheard)
+            for one in of["root"]
+            for other in of["wire"]
+        )
 
     def gone_since(self, pid: int, t_s: float) -> float:
         """Since when a process is dead or frozen at ``t_s``; ``t_s``: it is not."""
@@ -148,7 +159,9 @@ class Evidence:
         for asked in self.asked:
             orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
             if orders and not any(
-                fault.kind in _DEAF and asked.at_s - ALONE_S < fault.t_s + _lasts_s(fault) and fault.t_s < asked.at_s + ALONE_S
+                fault.kind in _DEAF
+                and asked.at_s - ALONE_S < fault.t_s + _lasts_s(fault)
+                and fault.t_s < asked.at_s + ALONE_S
                 for fault in self.faults
             ):
                 yield asked
@@ -158,7 +171,11 @@ class Evidence:
         return [process for process in self.world.processes if process.role in TREE and process.code == 1]
 
     def alive(self) -> list[str]:
-        return [process.role for process in self.world.processes if process.role in TREE and process.role != "caller" and process.left_over]
+        return [
+            process.role
+            for process in self.world.processes
+            if process.role in TREE and process.role != "caller" and process.left_over
+        ]
 
 
 _WRONG = frozenset(

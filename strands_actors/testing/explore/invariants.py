@@ -13,13 +13,14 @@ from strands_actors.supervisors.messages import Fence, Resume, Setpoint, StartTa
 
 from .conversation import Asked
 from .evidence import Evidence
-from .servo_arm import Frame
 
 NS = 1e9
 TOLERATED_COUNTS = 34
 """3 degrees: what a hold may place a joint behind where it is. A position counts as known within 50 ms and a degree."""
-LIMP_KNOWN_S = 0.3
-"""A servo that lost its torque before is known to be limp: it is read every 33 ms, and after a reset is asked twice."""
+LIMP_SEEN_S = 0.08
+"""A servo that lost its torque before, and is heard, is known to be limp: it is read every 33 ms."""
+LIMP_KNOWN_S = 0.35
+"""The same after a reset, and where answers are lost."""
 DEATH_S = 0.15
 FREEZE_S = 0.25
 """Published: 50 ms after a death, 150 ms after a freeze; 100 ms for what the simulated processors are late."""
@@ -109,7 +110,8 @@ def no_frame_energises_a_limp_motor(seen: Evidence) -> Found:
             continue
         for motor in frame.torque - frame.torque_before:
             since_s = seen.limp_since(motor, frame.t_s)
-            if frame.t_s - since_s > LIMP_KNOWN_S:
+            known_s = LIMP_SEEN_S if seen.heard(since_s - LIMP_KNOWN_S, frame.t_s) else LIMP_KNOWN_S
+            if frame.t_s - since_s > known_s:
                 yield frame.t_s, f"{frame.kind} energises motor {motor}, limp since {seen.s(since_s)}"
 
 
@@ -157,6 +159,17 @@ def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
             yield end_s, f"{fault.kind} of {fault.who} at {seen.s(fault.t_s)}: no safe frame within {bound_s} s"
 
 
+def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
+    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter."""
+    resumes = [asked for asked in seen.asked if isinstance(asked.message, Resume) and asked.who != "policy"]
+    for frame in seen.frames:
+        arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
+        if not arms or not frame.torque - frame.torque_before:
+            continue
+        if not any(asked.at_s <= frame.t_s <= asked.answered_s for asked in resumes):
+            yield frame.t_s, f"motors {sorted(frame.torque - frame.torque_before)} are energised, nobody resumes"
+
+
 def an_order_to_stop_is_written(seen: Evidence) -> Found:
     for asked in seen.orders():
         end_s = asked.at_s + ORDER_S
@@ -196,6 +209,7 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-003 no process fails by itself": no_process_fails_by_itself,
     "SAF-004 no writer outlives its lease": no_writer_outlives_its_lease,
     "SAF-005 what is confirmed is so": what_is_confirmed_is_so,
+    "SAF-008 nothing is energised without a resume": nothing_is_energised_without_a_resume,
     "SAF-010 nothing is executed that was refused": nothing_is_executed_that_was_refused,
     "SAF-010 no task begins that failed to start": no_task_begins_that_failed_to_start,
     "SAF-014 every setpoint was asked for": every_setpoint_was_asked_for,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from typing import NamedTuple
 
 import msgspec
 
@@ -82,18 +83,61 @@ BUS = {
 SHORT_S = (0.002, 0.02, 0.06, 0.15, 0.3, 0.7)
 
 
+class Step(NamedTuple):
+    """Part of a recipe; ``value``: between these."""
+
+    kind: str
+    who: tuple[str, ...]
+    value: tuple[float, float] = (0.0, 0.0)
+
+
+ASKERS = (CALLER, *OPERATORS)
+RECIPES: tuple[tuple[Step, Step, tuple[float, float]], ...] = (
+    (Step("lose replies", ("",)), Step("stop", ASKERS), (0.5, 1.2)),
+    (Step("pull", ("",), (0.1, 0.5)), Step("mute", ("",)), (0.0, 0.1)),
+    (Step("cleanup", (CALLER,)), Step("resume", OPERATORS), (-0.01, 0.09)),
+    (Step("kill", (CALLER,)), Step("resume", OPERATORS), (-0.01, 0.09)),
+    (Step("mute", ("",), (0.1, 1.5)), Step("release", (CALLER,)), (0.0, 0.7)),
+    (Step("lose replies", ("",), (0.05, 0.5)), Step("freeze", (CALLER,)), (0.0, 0.4)),
+    (Step("unload", ("",)), Step("oneshot", (CALLER,)), (0.05, 0.7)),
+    (Step("unload", ("",)), Step("release", (CALLER,)), (0.0, 0.5)),
+    (Step("kill", ("wire",)), Step("stop task", ASKERS), (-0.31, 0.02)),
+    (Step("slow spawner", (CALLER,), (0.9, 1.3)), Step("start task", (CALLER,), (0.5, 2.0)), (0.0, 0.01)),
+    (Step("estop", ASKERS), Step("restart", (CALLER,)), (0.0, 0.3)),
+    (Step("start task", (CALLER,), (0.3, 1.0)), Step("attack", ("policy",)), (0.02, 0.3)),
+    (Step("attack", ("policy",)), Step("stop", ASKERS), (0.0, 0.4)),
+    (Step("freeze", ("wire",)), Step("kill", ("root",)), (0.095, 0.12)),
+    (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
+    (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
+)
+"""Two things that are dangerous beside each other, and how long the second comes after the first: seconds."""
+
+
 def plan_of(seed: int, robot: str) -> Plan:
     """Draw a plan. Half of them have one fault or none, since what holds of one is promised sharply."""
     rng = random.Random(f"plan {seed} {robot}")
     events = [_ask(rng) for _ in range(rng.choice((0, 1, 2, 3, 5)))]
     events += [_fault(rng) for _ in range(rng.choice((0, 1, 1, 1, 2)))]
     events += [_bus(rng) for _ in range(rng.choice((0, 0, 1, 1, 2)))]
-    if events and rng.random() < 0.6:  # what is dangerous lies close together
+    if rng.random() < 0.5:
+        events = events[: rng.randrange(3)] + _recipe(rng)
+    elif events and rng.random() < 0.6:  # what is dangerous lies close together
         at_s = rng.choice(events).at_s
         near = _ask(rng) if rng.random() < 0.6 else _fault(rng)
         events.append(msgspec.structs.replace(near, at_s=round(max(0.0, at_s + rng.gauss(0.012, 0.02)), 5)))
     style = rng.choice(("stream", "stream", "oneshot", "task", "rest"))
     return Plan(seed, robot, style, tuple(sorted(events, key=lambda event: event.at_s)))
+
+
+def _recipe(rng: random.Random) -> list[Event]:
+    first, second, (least_s, most_s) = rng.choice(RECIPES)
+    at_s = BOOT_S + 0.9 * rng.random()
+    gap_s = rng.uniform(least_s, most_s)
+    motor = rng.randrange(1, 7)
+    return [
+        Event(round(t_s, 5), step.kind, rng.choice(step.who), round(rng.uniform(*step.value), 4), motor)
+        for step, t_s in ((first, at_s), (second, max(0.0, at_s + gap_s)))
+    ]
 
 
 def _when_s(rng: random.Random) -> float:

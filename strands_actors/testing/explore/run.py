@@ -14,8 +14,8 @@ from strands_actors.supervisors.root import process as root
 from strands_actors.supervisors.root import tasks
 from strands_actors.supervisors.wire import group
 
-from .attack import attack
 from .askers import ROBOT, Asker, Numbers, Sweep
+from .attack import attack
 from .children import FORKED_S, SimChild, SimSpawner, SimStandby, Starter
 from .evidence import Evidence, count_of
 from .invariants import Violation, violations_of

@@ -57,7 +57,12 @@ class ServoArm:
         self.ids = tuple(joint["id"] for joint in joints)
         self.plant = Joints([joint["key"] for joint in joints])
         self.bus = FeetechBus(
-            self.plant, self.ids, [777] * len(joints), float(table["voltage_v"]), lambda: world.now_s, goal_energises
+            self.plant,
+            self.ids,
+            [777] * len(joints),
+            float(table["voltage_v"]),
+            lambda: world.now_s,
+            goal_energises,
         )
         self.line = SerialLine(world, PATH, self._hear)
         self.trouble = Trouble()

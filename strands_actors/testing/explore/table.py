@@ -23,7 +23,9 @@ def plan_table(plan: Plan, title: str) -> Table:
     table.add_row("0.0000 s", f"the caller connects, then: {plan.style}", "caller", "", "")
     for event in plan.events:
         motor = str(event.motor) if event.motor and not event.who else ""
-        table.add_row(f"{event.at_s:.4f} s", event.kind, event.who, f"{event.value:g} s" if event.value else "", motor)
+        table.add_row(
+            f"{event.at_s:.4f} s", event.kind, event.who, f"{event.value:g} s" if event.value else "", motor
+        )
     return table
 
 
