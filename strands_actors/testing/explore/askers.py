@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.clock import VirtualClock
-from strands_actors.kernel.messages import Message
+from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -43,6 +43,8 @@ from .world import Process, World
 
 ROBOT = "explored"
 BEAT_S = 0.2
+GOES_ON = ("too_fast", "superseded")
+"""Refusals after which a stream goes on."""
 ASK_S = 0.3
 STOP_S = 0.25
 FENCE_S = 3.0
@@ -55,7 +57,7 @@ PROVIDER = "strands_actors.testing.explore.askers:Sweep"
 
 
 class Numbers:
-    """Gives each setpoint a pair of joint angles that no other has, so that a frame on the wire tells which it is."""
+    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint it is."""
 
     ROLL, FLEX = "wrist_roll", "wrist_flex"
 
@@ -249,10 +251,7 @@ class Asker:
             answer = await self._ask(
                 self.gate, Setpoint(lease.id, lease.epoch, deadline_ns, action, PERIOD_S), ASK_S
             )
-            if answer is not None and type(answer).__name__ == "Refused":
-                if getattr(answer, "code", "") not in ("too_fast", "superseded"):
-                    return
-            if answer is None:
+            if answer is None or (isinstance(answer, Refused) and answer.code not in GOES_ON):
                 return
 
     async def _start_task(self, for_s: float) -> None:

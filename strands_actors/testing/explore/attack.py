@@ -1,4 +1,4 @@
-"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by the holder's name."""
+"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by name."""
 
 from __future__ import annotations
 

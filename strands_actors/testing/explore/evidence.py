@@ -28,7 +28,7 @@ class Fault(NamedTuple):
 
 
 class Evidence:
-    """``count``: of an axis by its name and value, what a servo is told. ``faults``: all that was wrong, and when."""
+    """``motor_and_count``: what a servo is told, by the axis' name and value."""
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class Evidence:
                 continue
             if fault.kind == "freeze" and fault.who == "caller":
                 continue  # what it commanded is held; what it did not command is not
-            if not any(other is not fault and _near(fault, other) for other in self.faults):
+            if not any(other is not fault and _near(fault.t_s, other) for other in self.faults):
                 yield fault
 
     @property
@@ -158,12 +158,7 @@ class Evidence:
         on lives, neither frozen nor late."""
         for asked in self.asked:
             orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
-            if orders and not any(
-                fault.kind in _DEAF
-                and asked.at_s - ALONE_S < fault.t_s + _lasts_s(fault)
-                and fault.t_s < asked.at_s + ALONE_S
-                for fault in self.faults
-            ):
+            if orders and not any(fault.kind in _DEAF and _near(asked.at_s, fault) for fault in self.faults):
                 yield asked
 
     def failed(self) -> list[Process]:
@@ -171,17 +166,14 @@ class Evidence:
         return [process for process in self.world.processes if process.role in TREE and process.code == 1]
 
     def alive(self) -> list[str]:
-        return [
-            process.role
-            for process in self.world.processes
-            if process.role in TREE and process.role != "caller" and process.left_over
-        ]
+        ours = TREE - {"caller"}
+        return [process.role for process in self.world.processes if process.role in ours and process.left_over]
 
 
 _WRONG = frozenset(
     {
-        "kill", "freeze", "lag", "lose replies", "lose requests", "mute", "late", "corrupt", "twice", "pull", "unload",
-        "brown out", "restart", "cut mesh", "slow mesh",
+        "kill", "freeze", "lag", "lose replies", "lose requests", "mute", "late", "corrupt", "twice", "pull",
+        "unload", "brown out", "restart", "cut mesh", "slow mesh",
     }
 )  # fmt: skip
 
@@ -189,8 +181,8 @@ _WRONG = frozenset(
 _DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
 
 
-def _near(fault: Fault, other: Fault) -> bool:
-    return other.t_s < fault.t_s + ALONE_S and fault.t_s - ALONE_S < other.t_s + _lasts_s(other)
+def _near(t_s: float, fault: Fault) -> bool:
+    return fault.t_s < t_s + ALONE_S and t_s - ALONE_S < fault.t_s + _lasts_s(fault)
 
 
 def _lasts_s(fault: Fault) -> float:

@@ -16,7 +16,7 @@ from .evidence import Evidence
 
 NS = 1e9
 TOLERATED_COUNTS = 34
-"""3 degrees: what a hold may place a joint behind where it is. A position counts as known within 50 ms and a degree."""
+"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within a degree."""
 LIMP_SEEN_S = 0.08
 """A servo that lost its torque before, and is heard, is known to be limp: it is read every 33 ms."""
 LIMP_KNOWN_S = 0.35
@@ -143,9 +143,9 @@ def a_lock_is_obeyed(seen: Evidence) -> Found:
 
 def _lifts(seen: Evidence, locked: Asked) -> Iterator[Asked]:
     for asked in seen.asked:
-        if isinstance(asked.message, Resume) and asked.message.lift and asked.who != "policy":
-            if asked.answered_s > locked.at_s:
-                yield asked
+        lifts = isinstance(asked.message, Resume) and asked.message.lift and asked.who != "policy"
+        if lifts and asked.answered_s > locked.at_s:
+            yield asked
 
 
 def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:

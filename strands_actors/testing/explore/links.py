@@ -171,8 +171,7 @@ class Net:
 
 
 class SimMesh:
-    """Takes the place of ``ZenohMesh``. Who listens at, or connects to, a policy's endpoint is apart from the mesh of
-    the user."""
+    """Takes the place of ``ZenohMesh``. A policy's endpoint is apart from the mesh of the user."""
 
     net: Net
 

@@ -1,7 +1,8 @@
 """One process's trio loop, advanced from outside one task step at a time.
 
-Between any two task steps the process can be killed, frozen or starved, so that a fault falls at any ``await``. Which
-of the runnable tasks is next is drawn; as in trio, each of a batch runs before what became runnable meanwhile.
+Between any two task steps the process can be killed, frozen or starved: a fault falls at any
+``await``. Which of the runnable tasks is next is drawn; as in trio, each of a batch runs before
+what became runnable meanwhile.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class Loop:
             strict_exception_groups=True,
         )
         self._runner.runq = _RunQueue(rng)  # type: ignore[assignment]
-        self._run: Generator[float, Any, None] = unrolled_run(self._runner, main, (), True)  # type: ignore[arg-type]
+        self._run: Generator[float, Any, None] = unrolled_run(self._runner, main, (), True)
         self._begun = False
         self.result: outcome.Outcome[object] | None = None
         """Of ``main``, once it has ended."""
@@ -122,7 +123,7 @@ class Loop:
             context.__dict__.clear()
 
     def abandon(self) -> None:
-        """Give back this system's descriptors. What the tasks hold stays as it is: a process that was killed runs no
+        """Give back this system's descriptors. What the tasks hold stays as it is: who was killed runs no
         ``finally``."""
         if self.result is None:
             self._runner.entry_queue.close()

@@ -53,7 +53,7 @@ class Run:
                 "strands_actors.supervisors.root.tasks:main": ("policy", tasks._main),  # type: ignore[dict-item]
             },
         )
-        driver = self.driver = Feetech("so101", PATH, Feetech.resolve("so101", {}))
+        self.driver = Feetech("so101", PATH, Feetech.resolve("so101", {}))
         for name in (CALLER, *OPERATORS):
             events = self._asks(name)
             if name == CALLER or events:

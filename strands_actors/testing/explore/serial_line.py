@@ -1,7 +1,7 @@
 """A serial adapter in memory: open files, duplicates of their descriptors, an exclusive lock, a cable to pull.
 
-Descriptors are real ones of this system (of an empty file in memory each), so that the code that duplicates, sends and
-closes them runs as it is.
+Descriptors are real ones of this system (of an empty file in memory each), so that the code that
+duplicates, sends and closes them runs as it is.
 """
 
 from __future__ import annotations

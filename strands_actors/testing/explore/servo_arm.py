@@ -15,6 +15,7 @@ from .world import World
 PATH = "/dev/serial/by-id/explored"
 BAUD = 1_000_000
 BYTE_S = 10 / BAUD
+STS3215 = 777
 
 # By name, as the registry loads drivers.
 FeetechBus: Any = load("strands_actors.drivers.feetech.twin:FeetechBus")
@@ -56,14 +57,8 @@ class ServoArm:
         joints = table["joints"]
         self.ids = tuple(joint["id"] for joint in joints)
         self.plant = Joints([joint["key"] for joint in joints])
-        self.bus = FeetechBus(
-            self.plant,
-            self.ids,
-            [777] * len(joints),
-            float(table["voltage_v"]),
-            lambda: world.now_s,
-            goal_energises,
-        )
+        models, volts = [STS3215] * len(joints), float(table["voltage_v"])
+        self.bus = FeetechBus(self.plant, self.ids, models, volts, lambda: world.now_s, goal_energises)
         self.line = SerialLine(world, PATH, self._hear)
         self.trouble = Trouble()
         self.frames: list[Frame] = []

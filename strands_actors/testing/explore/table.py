@@ -32,8 +32,8 @@ def plan_table(plan: Plan, title: str) -> Table:
 def history_table(rows: Iterable[Row], violations: Iterable[Violation], full: bool) -> Table:
     """``full``: with what says little: who hosts what, beats, questions for the status."""
     table = Table(title="history", title_justify="left")
-    for name in ("at", "who", "does", "what"):
-        table.add_column(name, no_wrap=True, overflow="ellipsis")
+    for name, width in (("at", 7), ("who", 8), ("does", 10), ("what", None)):
+        table.add_column(name, no_wrap=True, overflow="ellipsis", min_width=width)
     broken = sorted(violations, key=lambda violation: violation.t_s)
     for row in rows:
         while broken and broken[0].t_s < row.t_s:

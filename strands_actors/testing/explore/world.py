@@ -211,8 +211,8 @@ class Process:
             more_s = self.loop.step(self._deliver)
         finally:
             world.running = None
-        if self.dead:
-            return
+        if self.code is not None:
+            return  # it has ended in this step
         if self.loop.result is not None:
             self._ended()
         elif more_s <= 0.0:
