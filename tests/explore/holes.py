@@ -1,4 +1,8 @@
-"""The nine holes of the first attack, each put back as a change of a few functions."""
+"""Holes of the past, each put back as a change of a few functions.
+
+Of the nine of the first attack one is missing: an unreadable note in the run directory is a matter of the program that
+looks for robots, which is not simulated (``tests/mesh/test_notes.py``). The last one here is what was suspected of
+the one trial that nobody could explain."""
 
 from __future__ import annotations
 
@@ -62,8 +66,6 @@ def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch)
 
 def a_task_begins_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
     """Nobody looks at it, and who asked lets the matter rest."""
-    start = Tasks._start_process if hasattr(Tasks, "_start_process") else None
-    assert start is None
     patch.setattr(Tasks, "_refuse_late", lambda self, message: None)
     patch.setattr(Asker, "_never_started", _nothing)
     init = Tasks.__init__

@@ -92,7 +92,8 @@ class Step(NamedTuple):
 
 
 ASKERS = (CALLER, *OPERATORS)
-RECIPES: tuple[tuple[Step, Step, tuple[float, float]], ...] = (
+Recipe = tuple[Step, Step, tuple[float, float]] | tuple[Step, Step, tuple[float, float], Step, tuple[float, float]]
+RECIPES: tuple[Recipe, ...] = (
     (Step("lose replies", ("",)), Step("stop", ASKERS), (0.5, 1.2)),
     (Step("pull", ("",), (0.1, 0.5)), Step("mute", ("",)), (0.0, 0.1)),
     (Step("cleanup", (CALLER,)), Step("resume", OPERATORS), (-0.01, 0.09)),
@@ -101,7 +102,13 @@ RECIPES: tuple[tuple[Step, Step, tuple[float, float]], ...] = (
     (Step("lose replies", ("",), (0.05, 0.5)), Step("freeze", (CALLER,)), (0.0, 0.4)),
     (Step("unload", ("",)), Step("oneshot", (CALLER,)), (0.05, 0.7)),
     (Step("unload", ("",)), Step("release", (CALLER,)), (0.0, 0.5)),
-    (Step("kill", ("wire",)), Step("stop task", ASKERS), (-0.31, 0.02)),
+    (
+        Step("kill", ("wire",)),
+        Step("start task", (CALLER,), (0.3, 0.6)),
+        (-0.02, 0.1),
+        Step("stop task", ASKERS),
+        (0.002, 0.03),
+    ),
     (Step("slow spawner", (CALLER,), (0.9, 1.3)), Step("start task", (CALLER,), (0.5, 2.0)), (0.0, 0.01)),
     (Step("estop", ASKERS), Step("restart", (CALLER,)), (0.0, 0.3)),
     (Step("start task", (CALLER,), (0.3, 1.0)), Step("attack", ("policy",)), (0.02, 0.3)),
@@ -110,7 +117,7 @@ RECIPES: tuple[tuple[Step, Step, tuple[float, float]], ...] = (
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )
-"""Two things that are dangerous beside each other, and how long the second comes after the first: seconds."""
+"""Things that are dangerous beside each other, and how many seconds each comes after the one before."""
 
 
 def plan_of(seed: int, robot: str) -> Plan:
@@ -130,13 +137,16 @@ def plan_of(seed: int, robot: str) -> Plan:
 
 
 def _recipe(rng: random.Random) -> list[Event]:
-    first, second, (least_s, most_s) = rng.choice(RECIPES)
+    first, second, gap_s, *third = rng.choice(RECIPES)
     at_s = BOOT_S + 0.9 * rng.random()
-    gap_s = rng.uniform(least_s, most_s)
+    steps = [(first, at_s), (second, at_s := max(0.0, at_s + rng.uniform(*gap_s)))]
     motor = rng.randrange(1, 7)
+    if third:
+        step, gap_s = third
+        steps.append((step, at_s + rng.uniform(*gap_s)))
     return [
         Event(round(t_s, 5), step.kind, rng.choice(step.who), round(rng.uniform(*step.value), 4), motor)
-        for step, t_s in ((first, at_s), (second, max(0.0, at_s + gap_s)))
+        for step, t_s in steps
     ]
 
 
