@@ -1,8 +1,8 @@
 """Holes of the past, each put back as a change of a few functions.
 
-Of the nine of the first attack one is missing: an unreadable note in the run directory is a matter of the program that
-looks for robots, which is not simulated (``tests/mesh/test_notes.py``). The last one here is what was suspected of
-the one trial that nobody could explain."""
+Of the nine of the first attack one is missing: an unreadable note in the run directory is a matter
+of the program that looks for robots, which is not simulated (``tests/mesh/test_notes.py``). The last
+one here is what was suspected of the one trial that nobody could explain."""
 
 from __future__ import annotations
 
