@@ -13,13 +13,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import __version__
+
 if TYPE_CHECKING:
     from .caller.robot import Robot, open_robot
+    from .drivers import list_native_drivers, register_native_driver
     from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
     from .surfaces.recording import RecordingError, read, record, replay
 
 _WHERE = {
     "caller.robot": ("Robot", "open_robot"),
+    "drivers": ("list_native_drivers", "register_native_driver"),
     "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
@@ -30,17 +34,19 @@ __all__ = [
     "MeshConfig",
     "RecordingError",
     "Robot",
+    "__version__",
     "control",
     "estop",
     "estop_button",
+    "list_native_drivers",
     "open_mesh",
     "open_robot",
     "read",
     "record",
+    "register_native_driver",
     "replay",
     "resume",
 ]
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
@@ -52,4 +58,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return list(__all__)

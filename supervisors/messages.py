@@ -104,7 +104,7 @@ class StopReport(Message, frozen=True):
     epoch: int
     confirmed: bool
     motors: tuple[MotorReport, ...]
-    path: str = "wire"  # or "second": the root's own way
+    path: str = "wire"  # or "stop_channel": the root's own way
     took_ms: float = 0.0
     at_ns: int = 0  # when it was made: all motors had been asked
     note: str = ""  # of an e-stop: why its lock does not outlive the tree; empty: it does

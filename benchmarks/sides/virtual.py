@@ -106,7 +106,7 @@ class VirtualArm(Feetech):
         self.bus = MemoryBus(FeetechBus.for_robot(ROBOT, now_s=trio.current_time))
 
     def open_wire(self, clock: Clock) -> FeetechWire:
-        return FeetechWire(self, clock, lambda path, baud: self.bus)
+        return FeetechWire(self.config, clock, lambda path, baud: self.bus)
 
 
 @dataclass
@@ -189,7 +189,7 @@ def run_recorded(seconds: float) -> Ran:
             path = addresses.of(robot).instrument("wire")
             description: Mapping[str, Any] = {"class": "memory", "robot": ROBOT, "port": "memory", "options": {}}
             keeper = tree.node.cell(
-                path, lambda: instrument_keeper(tree.node, tree.driver, dict(description), robot), "tap"
+                path, lambda: instrument_keeper(tree.node, tree.driver, dict(description), robot), "instrument"
             )
             await nursery.start(keeper.run)
             node = Node("recorder", VirtualClock())

@@ -64,11 +64,15 @@ class HttpPort:
             try:
                 if self._stream is None:
                     await self.open()
-                while self._stream is not None:
-                    await self._hear()
+                await self.hear()
             except WireDown:
                 self.close()
             await trio.sleep(REOPEN_S)
+
+    async def hear(self) -> None:
+        """Take in what arrives until the connection is closed. Raise ``WireDown`` when it is lost."""
+        while self._stream is not None:
+            await self._hear()
 
     def send(self, method: str, target: str, body: bytes = b"") -> int:
         """Hand a request over now; return its number on this connection. Raise ``WireDown``."""

@@ -8,7 +8,7 @@ from .physics import Plant
 from .simulation_control.body import Felt, Hand
 
 
-class PlantBody:
+class JointedBody:
     """The body of a robot whose joints are driven one by one."""
 
     def __init__(self, plant: Plant, pass_time: Callable[[], None]) -> None:

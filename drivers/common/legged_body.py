@@ -18,7 +18,7 @@ TIPPED = math.cos(math.radians(60.0))
 _TOUCHING_M = 0.001
 
 
-class Walker(Jointed):
+class LeggedBody(Jointed):
     """Each motor gives ``tau + kp (q - position) + kd (dq - speed)`` with the joint's effort at most, as motor
     controllers do. At first it stands at ``home_rad``, its lowest point on the floor, and they give nothing."""
 

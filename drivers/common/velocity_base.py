@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, parse_action
-from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, WireDown
+from strands_actors.contract.driver import Candidate, GateState, MotorReport, WireDown
 from strands_actors.kernel.messages import Refused
 
 from .http_port import HttpPort
@@ -84,12 +84,12 @@ class Outcome(NamedTuple):
     acknowledged: bool
     detail: str
 
-    def reports(self, driver: Driver, targets: Sequence[float | None] = ()) -> tuple[MotorReport, ...]:
+    def reports(self, axes: Sequence[Axis], targets: Sequence[float | None] = ()) -> tuple[MotorReport, ...]:
         """Return one report an axis. ``targets``: where each was told to stay."""
-        told = tuple(targets) or (None,) * len(driver.axes)
+        told = tuple(targets) or (None,) * len(axes)
         return tuple(
-            MotorReport(axis, number, self.written, self.acknowledged, not self.detail, self.detail, target)
-            for axis, number, target in zip(driver.axes, driver.ids, told, strict=True)
+            MotorReport(axis.key, axis.id, self.written, self.acknowledged, not self.detail, self.detail, target)
+            for axis, target in zip(axes, told, strict=True)
         )
 
 

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
-from strands_actors.contract.driver import StopChannel
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
-from strands_actors.kernel.clock import Clock
 
 from . import watchdog
 from .gates import FAULT_CODES, REMEDIES
 from .robots import TABLES
 from .table import BAUD_RATES
-
-if TYPE_CHECKING:
-    from .wire import DynamixelWire
 
 DEFAULT_BAUD = 1_000_000
 """As lerobot sets the servos up; at delivery they speak 57 600."""
@@ -26,6 +20,8 @@ DEFAULT_BAUD = 1_000_000
 class Dynamixel(ServoDriver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    WIRE: ClassVar[str] = "strands_actors.drivers.dynamixel.wire:DynamixelWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.dynamixel.wire:DynamixelStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.dynamixel.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = options_of(DEFAULT_BAUD, BAUD_RATES)
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x0403, 0x6014), (0x2F5D, 0x2202), (0x1A86, 0x55D3))
@@ -42,17 +38,3 @@ class Dynamixel(ServoDriver):
         f"bus watchdog (register 98) armed at {watchdog.SECONDS:g} s and read back whenever the arm is energised: "
         "a servo that hears nothing for so long stops where it is, torque on, and takes no goal until resume()"
     )
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-        importlib.import_module("serial")  # the root may have to open the port itself
-
-    def open_wire(self, clock: Clock) -> DynamixelWire:
-        from .wire import DynamixelWire
-
-        return DynamixelWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .wire import DynamixelStopChannel
-
-        return DynamixelStopChannel(self, descriptors, clock)

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.servo.config import ServoConfig
 from strands_actors.drivers.common.servo.handshake import command
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.safing import LIMP
-from strands_actors.drivers.common.servo.wire import Handshake, ServoStopChannel, ServoWire
+from strands_actors.drivers.common.servo.stop_channel import ServoStopChannel
+from strands_actors.drivers.common.servo.wire import Handshake, ServoWire
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol, table, watchdog
 from .identify import Identity, check, facts, identify, reach
 from .readings import DynamixelReadings
 from .safing import DynamixelSafing
-
-if TYPE_CHECKING:
-    from .driver import Dynamixel
 
 _STATE = (table.TORQUE_ENABLE.address, table.BUS_WATCHDOG.address - table.TORQUE_ENABLE.address + 1)
 ANSWER_EVERYTHING = 2
@@ -38,17 +37,17 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     """64 to 146: hardware errors and the bus watchdog, too."""
 
     def __init__(
-        self, driver: Dynamixel, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
+        self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
     ) -> None:
-        super().__init__(driver, clock, open_port)
+        super().__init__(config, clock, open_port)
         self._readings = DynamixelReadings((), {})
         self._feed_until_ns: int | None = None  # None: the arm rests or holds, and may be read for ever
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         self._feed_until_ns = None
-        bus.send(protocol.sync_write(table.STATUS_LEVEL, dict.fromkeys(self.driver.ids, ANSWER_EVERYTHING)))
+        bus.send(protocol.sync_write(table.STATUS_LEVEL, dict.fromkeys(self.config.ids, ANSWER_EVERYTHING)))
         servos: dict[int, Identity] = {}
-        calibration = self.driver.calibration
+        calibration = self.config.calibration
         for axis in self.axes:
             servo = await identify(bus, axis)
             check(axis, servo, calibration[axis.key] if calibration else None)
@@ -88,7 +87,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     async def _set_watchdogs(self, counts: int) -> None:
         """On every servo, and read back. Raise ``WireDown``."""
         register = table.BUS_WATCHDOG
-        self.session.bus.send(protocol.sync_write(register, dict.fromkeys(self.driver.ids, counts)))
+        self.session.bus.send(protocol.sync_write(register, dict.fromkeys(self.config.ids, counts)))
         replies = await self.ask_all(register.address, register.size, "its bus watchdog")
         for axis in self.axes:
             found = register.decode(replies[axis.id].params)
@@ -126,11 +125,5 @@ class DynamixelWire(ServoWire[protocol.Packet]):
 
 
 class DynamixelStopChannel(ServoStopChannel[protocol.Packet]):
-    def __init__(
-        self,
-        driver: Dynamixel,
-        descriptors: Sequence[int],
-        clock: Clock,
-        open_port: Callable[[str, int], BytePort] = open_serial,
-    ) -> None:
-        super().__init__(driver, protocol, DynamixelSafing, descriptors, clock, open_port)
+    CODEC = protocol
+    SAFING = DynamixelSafing

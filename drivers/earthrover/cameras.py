@@ -12,6 +12,8 @@ from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .driver import EarthRover
+
+__all__ = ["picture", "take_picture"]
 from .protocol import NOT_FOUND, OK, PICTURES, Picture, decode_picture
 
 PICTURE_S = 2.0
@@ -23,7 +25,7 @@ async def picture(port: str, view: str = "front") -> Picture:
     another name, ``WireDown`` when there is no picture."""
     if view not in PICTURES:
         raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
-    host, number = EarthRover("earthrover", port, {}).address()
+    host, number = EarthRover("earthrover", port, {}).config.address()
     client = HttpClient(f"http://{host}:{number}")
     try:
         answer = await client.get(PICTURES[view], PICTURE_S)

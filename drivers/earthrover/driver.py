@@ -7,28 +7,23 @@ lives 300 ms. After that a new one may go on; after a stop only ``resume()`` let
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
 from strands_actors.contract.axis_gates import axis_gates
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, StopChannel, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
-from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
-from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
-from .protocol import PORT
+from .config import EarthRoverConfig
+from .protocol import SPEAK_S
 from .robots import TABLES
-
-if TYPE_CHECKING:
-    from .wire import EarthRoverWire
 
 SPOKEN = 200
 """Characters of a text to speak, at most [assumed]."""
@@ -49,6 +44,8 @@ class EarthRover(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.earthrover.wire:EarthRoverWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.earthrover.stop:EarthRoverStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.earthrover.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(EarthRoverOptions)
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
@@ -78,9 +75,10 @@ class EarthRover(Driver):
         STOP,
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        "speak": Service("say a text by the rover's speaker", within_s=5.0, arguments={"text": ""})
+        "speak": Service("say a text by the rover's speaker", within_s=SPEAK_S, arguments={"text": ""})
     }
 
+    config: EarthRoverConfig
     unit = "fractions of full speed, -1 to 1 (lamp: lit from 0.5 on)"
     timing = Timing(
         control_hz=10.0,
@@ -107,8 +105,7 @@ class EarthRover(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         resolved = self.resolve(robot, options)
         self.robot = TABLES.canonical(robot)
-        self.port = port
-        self.timeout_s: float = resolved["timeout_s"]
+        timeout_s: float = resolved["timeout_s"]
         self.declare(
             Part(
                 PartKind.BASE,
@@ -122,8 +119,9 @@ class EarthRover(Driver):
         timing = type(self).timing
         self.timing = Timing(
             **{name: getattr(timing, name) for name in timing.__struct_fields__ if name != "open_s"},
-            open_s=self.timeout_s + timing.handover_s + 1.0,
+            open_s=timeout_s + timing.handover_s + 1.0,
         )
+        self.config = EarthRoverConfig(port, self.table, timeout_s, self.timing.control_hz)
         self.gates = axis_gates(self.table, self.timing.state_ttl_s)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
@@ -140,35 +138,6 @@ class EarthRover(Driver):
         return Refused(
             "bad_argument", f"{service}: text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit
         )
-
-    def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a service."""
-        scheme, found, rest = self.port.partition("://")
-        if not found:
-            scheme, rest = "http", self.port
-        rest = rest.removesuffix("/")
-        if scheme != "http" or not rest or any(sign in rest for sign in "/?#@ "):
-            raise ValueError(
-                f"port is {self.port!r}. Give the address of the SDK process: 192.0.2.10:{PORT} or "
-                f"http://192.0.2.10:{PORT}, without a user or a path. It speaks no https"
-            )
-        return parse_address(rest, PORT)
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.stop")
-
-    def preload_wire(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-
-    def open_wire(self, clock: Clock) -> EarthRoverWire:
-        from .wire import EarthRoverWire
-
-        return EarthRoverWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .stop import EarthRoverStopChannel
-
-        return EarthRoverStopChannel(self)
 
 
 def _axis(key: str, number: int, mode: AxisMode, sign: float = 1.0) -> Axis:

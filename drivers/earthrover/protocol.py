@@ -20,6 +20,8 @@ PORT = 8000
 CONTROL = "/control"
 DATA = "/data"
 SPEAK = "/speak"
+SPEAK_S = 5.0
+"""Longest time that saying a text may take."""
 PICTURES = {"front": "/v2/front", "rear": "/v2/rear"}
 
 OK = 200

@@ -6,18 +6,13 @@ puts it out; the wire leaves it as it was told.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import trio
-
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
 
 from . import protocol as p
-
-if TYPE_CHECKING:
-    from .driver import EarthRover
+from .config import EarthRoverConfig
 
 STOP_S = 1.7
 """How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a link is reached."""
@@ -37,35 +32,19 @@ class RoverZero:
         return Standing(data.stamp_s, data.speed)
 
 
-def open_port(driver: EarthRover) -> HttpPort:
-    """Return a port to the service, not yet connected. Raise ``WireDown`` for an address that is none."""
-    try:
-        return HttpPort(*driver.address())
-    except ValueError as error:
-        raise WireDown(str(error)) from None
+class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):
+    async def connect(self) -> HttpPort:
+        port = self.config.open_port()
+        await port.open()
+        return port
 
+    async def keep_up(self, session: HttpPort) -> None:
+        await session.hear()
 
-class EarthRoverStopChannel(StopChannel):
-    """The root's way to the rover."""
-
-    def __init__(self, driver: EarthRover) -> None:
-        self._driver = driver
-        self._port: HttpPort | None = None
-
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        await self._open().serve(task_status)
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: HttpPort | None, safe_state: str) -> tuple[MotorReport, ...]:
         try:
-            outcome = await stop_base(self._open(), RoverZero(), STOP_S)
+            self.session = session or self.config.open_port()
+            outcome = await stop_base(self.session, RoverZero(), STOP_S)
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
-        return outcome.reports(self._driver)
-
-    def close(self) -> None:
-        if self._port is not None:
-            self._port.close()
-
-    def _open(self) -> HttpPort:
-        self._port = self._port or open_port(self._driver)
-        return self._port
+        return outcome.reports(self.config.axes)

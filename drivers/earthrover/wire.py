@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import trio
@@ -24,10 +24,8 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .stop import STOP_S, RoverZero, open_port
-
-if TYPE_CHECKING:
-    from .driver import EarthRover
+from .config import EarthRoverConfig
+from .stop import STOP_S, RoverZero
 
 COMMAND_S = 0.5
 """Within which a command must be answered, or the link counts as lost."""
@@ -50,8 +48,8 @@ SILENT_S = 1.0
 class EarthRoverWire(Wire):
     interruptible: ClassVar[bool] = True
 
-    def __init__(self, driver: EarthRover, clock: Clock) -> None:
-        self._driver = driver
+    def __init__(self, config: EarthRoverConfig, clock: Clock) -> None:
+        self._config = config
         self._clock = clock
         self._stop: HttpPort | None = None
         self._commands: HttpPort | None = None
@@ -64,10 +62,9 @@ class EarthRoverWire(Wire):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        driver = self._driver
         port = self._port()
         try:
-            answer = await port.ask("GET", p.DATA, within_s=driver.timeout_s)
+            answer = await port.ask("GET", p.DATA, within_s=self._config.timeout_s)
             data = self._data(answer.status, answer.body)
         except MalformedFrame as malformed:
             raise WireDown(f"{port.name}: GET {p.DATA}: {malformed}. Check what is served there") from None
@@ -78,14 +75,14 @@ class EarthRoverWire(Wire):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         url = f"http://{self._port().name}"
         reports = HttpClient(url)
-        commands = self._commands = open_port(self._driver)
+        commands = self._commands = self._config.open_port()
         try:
             async with trio.open_nursery() as nursery:
                 await nursery.start(self._port().serve)
                 await nursery.start(commands.serve)
                 self._nursery = nursery
                 task_status.started()
-                async for _ in self._clock.ticks(1 / self._driver.timing.control_hz):
+                async for _ in self._clock.ticks(1 / self._config.control_hz):
                     await self._hear(reports)
         finally:
             self._nursery = None
@@ -117,7 +114,7 @@ class EarthRoverWire(Wire):
             raise PermitDenied("the command before has not been answered")
         if not port.is_open:  # the service has closed it, as it may
             await port.open()
-        linear, angular, lamp = (axis.sign * value for axis, value in zip(self._driver.table, values, strict=True))
+        linear, angular, lamp = (axis.sign * value for axis, value in zip(self._config.axes, values, strict=True))
         body = p.encode_setpoint(linear, angular, lamp)
         permit.check()
         number = port.send("POST", p.CONTROL, body)
@@ -138,7 +135,7 @@ class EarthRoverWire(Wire):
             )
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
-        return outcome.reports(self._driver, self._told)
+        return outcome.reports(self._config.axes, self._told)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer; zero follows its
@@ -154,7 +151,7 @@ class EarthRoverWire(Wire):
         client = HttpClient(f"http://{self._port().name}")
         try:
             body = msgspec.json.encode({"text": arguments["text"]})
-            answer = await client.post(p.SPEAK, body, self._driver.SERVICES[service].within_s, permit)
+            answer = await client.post(p.SPEAK, body, p.SPEAK_S, permit)
         finally:
             with trio.CancelScope(shield=True):
                 await client.aclose()
@@ -237,5 +234,5 @@ class EarthRoverWire(Wire):
         )
 
     def _port(self) -> HttpPort:
-        self._stop = self._stop or open_port(self._driver)
+        self._stop = self._stop or self._config.open_port()
         return self._stop

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
-from strands_actors.contract.driver import StopChannel
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
-from strands_actors.kernel.clock import Clock
 
 from .gates import FAULT_CODES, REMEDIES
 from .protocol import BAUD_RATES, HOMING_OFFSET
 from .robots import TABLES
 
-if TYPE_CHECKING:
-    from .wire import FeetechWire
-
 
 class Feetech(ServoDriver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    WIRE: ClassVar[str] = "strands_actors.drivers.feetech.wire:FeetechWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.feetech.wire:FeetechStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.feetech.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = options_of(BAUD_RATES[0], BAUD_RATES)
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x1A86, 0x55D3), (0x1A86, 0x7523))
@@ -37,17 +33,3 @@ class Feetech(ServoDriver):
     REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
 
     firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-        importlib.import_module("serial")  # the root may have to open the port itself
-
-    def open_wire(self, clock: Clock) -> FeetechWire:
-        from .wire import FeetechWire
-
-        return FeetechWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .wire import FeetechStopChannel
-
-        return FeetechStopChannel(self, descriptors, clock)

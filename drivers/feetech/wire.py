@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
-from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.identity import limits_of
 from strands_actors.drivers.common.servo.readings import Readings, Sample
-from strands_actors.drivers.common.servo.wire import Handshake, ServoStopChannel, ServoWire
-from strands_actors.kernel.clock import Clock
+from strands_actors.drivers.common.servo.stop_channel import ServoStopChannel
+from strands_actors.drivers.common.servo.wire import Handshake, ServoWire
 
 from . import protocol
 from .identify import Identity, answer_at_once, check, facts, identify
 from .safing import FeetechSafing
-
-if TYPE_CHECKING:
-    from .driver import Feetech
 
 
 class FeetechReadings(Readings[protocol.Packet]):
@@ -52,7 +47,7 @@ class FeetechWire(ServoWire[protocol.Packet]):
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         servos: dict[int, Identity] = {}
-        calibration = self.driver.calibration
+        calibration = self.config.calibration
         for axis in self.axes:
             servo = await identify(bus, axis)
             check(axis, servo, calibration[axis.key] if calibration else None)
@@ -65,11 +60,5 @@ class FeetechWire(ServoWire[protocol.Packet]):
 
 
 class FeetechStopChannel(ServoStopChannel[protocol.Packet]):
-    def __init__(
-        self,
-        driver: Feetech,
-        descriptors: Sequence[int],
-        clock: Clock,
-        open_port: Callable[[str, int], BytePort] = open_serial,
-    ) -> None:
-        super().__init__(driver, protocol, FeetechSafing, descriptors, clock, open_port)
+    CODEC = protocol
+    SAFING = FeetechSafing

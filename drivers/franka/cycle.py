@@ -1,10 +1,12 @@
 """The process that answers each state of the controller with a command, a thousand times a second.
 
-It does one thing, so that nothing of the tree's delays it: hear a state, take the next step of the trajectory, send
-it. What it may do is the wire process's to say, over a pair of sockets (``Order``, ``Report``) and a page of
-memory that both share: there it notes when it heard the last state, and there the wire notes that the last
-setpoint still stands. Without that note it brakes, and ends the motion. It never begins one: a motion is begun, and
-stopped, on TCP, which is the wire process's alone and ends with it.
+It does one thing, so that nothing of the tree's delays it (beside a loop that computed 15 % of the
+time a thread was late 3 to 11 times in a hundred): hear a state, take the next step of the
+trajectory, send it. What it may do is the wire process's to say, over a pair of sockets (``Order``,
+``Report``) and a page of memory that both share: there it notes when it heard the last state, and
+there the wire notes that the last setpoint still stands. Without that note it brakes, and ends the
+motion. It never begins one: a motion is begun, and stopped, on TCP, which is the wire process's
+alone and ends with it.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ FEED_S = 0.2
 SILENT_MS = 20
 """Between two looks at whether the wire process is there, while no state comes."""
 JUMP_TICKS = 5000
-"""No controller that is still connected was silent for so long: a number beyond is no state's of this one."""
+"""No controller that is still connected was silent for so long: a number beyond is no state's of
+this one."""
 START_TICKS = 1000
 """For a motion to begin, from the order to the first state that shows it."""
 
@@ -118,7 +121,8 @@ class Cycle:
         # while it finishes or brakes: the wire process sees that the goal was not reached, and asks again
 
     def is_news(self, data: bytes) -> bool:
-        """Return whether ``data`` is a state, and the controller's clock has gone on since the last."""
+        """Return whether ``data`` is a state, and the controller's clock has gone on since the
+        last."""
         if not self.dialect.is_plausible(data):
             return False
         (heard,) = self.dialect.get(data, "message_id")
@@ -177,7 +181,8 @@ class Cycle:
 
 
 class Reporter:
-    """Which states the wire process is told of: each ``stride``-th, and each that shows something new."""
+    """Which states the wire process is told of: each ``stride``-th, and each that shows something
+    new."""
 
     def __init__(self, dialect: p.Dialect, stride: int) -> None:
         self._dialect = dialect
@@ -260,7 +265,8 @@ def _receive(wire: socket.socket) -> bytes | None:
 
 
 def _send(there: socket.socket, data: bytes) -> None:
-    """Send a datagram now or not at all: one that waits would be late. Who reads nothing is judged by others."""
+    """Send a datagram now or not at all: one that waits would be late. Who reads nothing is judged
+    by others."""
     with contextlib.suppress(OSError):
         there.send(data)
 

@@ -7,25 +7,20 @@ arm. Safe, for whatever reason, is StopMove: the controller brakes the arm and h
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, StopChannel, Timing
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.kernel.clock import Clock
 
 from .arms import arm_of, arms
+from .config import FrankaConfig
 from .gates import CONDITIONS, all_gates
 from .generator import limits_of
-from .protocol import MISSED_TICKS, PORT, STATE_HZ
-
-if TYPE_CHECKING:
-    from .wire import FrankaWire
+from .protocol import MISSED_TICKS, STATE_HZ
 
 
 class Options(DriverOptions, frozen=True):
@@ -41,6 +36,8 @@ class Options(DriverOptions, frozen=True):
 class Franka(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(arms())
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.franka.wire:FrankaWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.franka.stop_channel:FrankaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.franka.twin:main"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
@@ -52,6 +49,7 @@ class Franka(Driver):
         "recover": Service("let the controller clear a reflex, so that the arm may be armed again", within_s=5.0)
     }
 
+    config: FrankaConfig
     unit = "radians"
     fallbacks: Mapping[Reason, str] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
@@ -71,19 +69,20 @@ class Franka(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         given = read_options(robot, Options, options)
         self.robot = robot
-        self.port = port
         self.arm = arm_of(robot)
-        self.speed_factor = given.speed_factor
         self.limits = limits_of(self.arm, given.speed_factor)
-        self.stride = round(STATE_HZ / given.stream_rate_hz)
+        stride = round(STATE_HZ / given.stream_rate_hz)
         self.timing = Timing(
-            control_hz=STATE_HZ / self.stride,
+            control_hz=STATE_HZ / stride,
             keepalive_s=0.05,
             stream_ttl_s=0.1,
             oneshot_ttl_s=None,
             state_ttl_s=0.15,
             safe_s=2.0,
             silent_s=0.5,  # starting the process of the cycle stops this one until it has begun
+        )
+        self.config = FrankaConfig(
+            self.robot, port, self.arm, self.limits, stride, given.speed_factor, self.timing.state_ttl_s
         )
         rows = zip(self.arm.keys, self.limits.low, self.limits.high, self.limits.speed, strict=True)
         axes = tuple(
@@ -93,31 +92,10 @@ class Franka(Driver):
         self.declare(Part(PartKind.ARM, axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
 
-    @property
-    def host(self) -> str:
-        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: that is fixed."""
-        host, port = parse_address(self.port, PORT)
-        if port != PORT:
-            raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")
-        return host
-
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {
             "robot": self.robot,
             "joints": list(self.axes),
             "targets": self.as_json(values),
-            "speed_factor": self.speed_factor,
+            "speed_factor": self.config.speed_factor,
         }
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-
-    def open_wire(self, clock: Clock) -> FrankaWire:
-        from .wire import FrankaWire
-
-        return FrankaWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .stop_channel import FrankaStopChannel
-
-        return FrankaStopChannel(self)

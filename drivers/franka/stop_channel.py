@@ -8,57 +8,66 @@ moving the arm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
-import trio
-
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import WatchedFirmware
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
-
-if TYPE_CHECKING:
-    from .driver import Franka
+from .config import FrankaConfig
 
 STANDING_RAD_S = 0.02
 CONFIRM_S = 0.6
 """From top speed a joint stands after 0.3 s at its acceleration."""
 
 
-class FrankaStopChannel(StopChannel):
-    def __init__(self, driver: Franka) -> None:
-        self._driver = driver
+class StopWatch:
+    """A connection by which the arm is told to stop, and seen to. ``first``: the state that it began with."""
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await stop_anew(self._driver)
+    def __init__(self, config: FrankaConfig, client: Fci, first: p.State) -> None:
+        self._config = config
+        self._client = client
+        self._first = first
+        self._stop: int | None = None  # number of the request
+        self._acknowledged = False
+        self._state: p.State | None = None
+
+    def order(self) -> None:
+        """Raise ``WireDown``."""
+        self._stop = self._client.send("stop")
+
+    def look(self) -> tuple[MotorReport, ...]:
+        self._acknowledged = self._acknowledged or any(reply.id == self._stop for reply in self._client.replies())
+        newest = self._client.newest_state()
+        if newest is not None and newest.message_id > self._first.message_id:
+            self._state = newest  # the time stamp of a controller that is alive goes on
+        return self.reports("" if self._state is not None else "the controller's time stamp stands still")
+
+    def reports(self, trouble: str) -> tuple[MotorReport, ...]:
+        return reports(self._config, self._stop is not None, self._acknowledged, self._state, trouble)
 
     def close(self) -> None:
-        pass
+        self._client.close()
 
 
-async def stop_anew(driver: Franka) -> tuple[MotorReport, ...]:
-    """Connect, stop, see the arm stand, close. Never raises."""
-    client: Fci | None = None
-    written = acknowledged = False
-    state: p.State | None = None
-    try:
-        client, first = await connect(driver.host, driver.arm.fci, driver.robot)
-        stop = client.send("stop")
-        written = True
-        with trio.move_on_after(CONFIRM_S):
-            while not (acknowledged and state is not None and not moving(state)):
-                acknowledged = acknowledged or any(reply.id == stop for reply in client.replies())
-                newest = client.newest_state()
-                # the time stamp of a controller that is alive goes on
-                state = newest if newest is not None and newest.message_id > first.message_id else state
-                await trio.sleep(LOOK_S)
-        trouble = "" if state is not None else "the controller's time stamp stands still"
-    except (WireDown, ValueError) as error:
-        trouble = str(error)
-    finally:
-        if client is not None:
-            client.close()
-    return reports(driver, written, acknowledged, state, trouble)
+class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
+    CONFIRM_S: ClassVar[float] = CONFIRM_S
+    LOOK_S: ClassVar[float] = LOOK_S
+
+    async def connect(self) -> StopWatch:
+        config = self.config
+        try:
+            host = config.host
+        except ValueError as error:
+            raise WireDown(str(error)) from None
+        return StopWatch(config, *await connect(host, config.arm.fci, config.robot))
+
+    def order(self, watch: StopWatch, safe_state: str) -> None:
+        watch.order()
+
+    def failed(self, why: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:
+        return reports(self.config, False, False, None, why) if watch is None else watch.reports(why)
 
 
 def moving(state: p.State) -> list[int]:
@@ -69,15 +78,15 @@ def moving(state: p.State) -> list[int]:
 
 
 def reports(
-    driver: Franka, written: bool, acknowledged: bool, state: p.State | None, trouble: str = ""
+    config: FrankaConfig, written: bool, acknowledged: bool, state: p.State | None, trouble: str = ""
 ) -> tuple[MotorReport, ...]:
     """Return what became of each joint. ``state``: the last one since the stop was written, if there is one."""
-    moves: Sequence[int] = range(len(driver.axes)) if state is None else moving(state)
+    moves: Sequence[int] = range(len(config.arm.keys)) if state is None else moving(state)
     found = []
-    for at, joint in enumerate(driver.axes):
+    for at, joint in enumerate(config.arm.keys):
         safe = state is not None and at not in moves
         detail = "" if safe else trouble or "it moves"
         if safe and state is not None and state.robot_mode not in (p.RobotMode.IDLE, p.RobotMode.MOVE):
             detail = ", ".join((p.mode_name(state.robot_mode), *state.reasons))
-        found.append(MotorReport(joint, driver.ids[at], written, acknowledged, safe, detail))
+        found.append(MotorReport(joint, at + 1, written, acknowledged, safe, detail))
     return tuple(found)

@@ -6,7 +6,7 @@ import contextlib
 import os
 import socket
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import trio
@@ -20,12 +20,10 @@ from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
+from .config import FrankaConfig
 from .cycle import ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
-from .stop_channel import CONFIRM_S, moving, reports, stop_anew
-
-if TYPE_CHECKING:
-    from .driver import Franka
+from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
 
 BEGIN_S = 3.0
 """For the process of the cycle to start, on a busy machine."""
@@ -40,7 +38,7 @@ _BY_US = ("success", "preempted")
 class _Session:
     """What exists between ``open`` and ``close``."""
 
-    def __init__(self, driver: Franka, client: Fci, clock: Clock) -> None:
+    def __init__(self, config: FrankaConfig, client: Fci, clock: Clock) -> None:
         self.client = client
         self._clock = clock
         self._dialect = client.dialect
@@ -51,9 +49,9 @@ class _Session:
             udp = given.enter_context(client.udp)  # the child's from now on
             given.enter_context(theirs)
             told = {
-                "fci": driver.arm.fci,
-                "limits": msgspec.to_builtins(driver.limits),
-                "stride": driver.stride,
+                "fci": config.arm.fci,
+                "limits": msgspec.to_builtins(config.limits),
+                "stride": config.stride,
                 "udp": udp.fileno(),
                 "wire": theirs.fileno(),
                 "page": page,
@@ -136,8 +134,8 @@ class _Session:
 
 
 class FrankaWire(Wire):
-    def __init__(self, driver: Franka, clock: Clock) -> None:
-        self._driver = driver
+    def __init__(self, config: FrankaConfig, clock: Clock) -> None:
+        self._config = config
         self._clock = clock
         self._session_or_none: _Session | None = None
 
@@ -147,14 +145,14 @@ class FrankaWire(Wire):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        driver = self._driver
+        config = self._config
         try:
-            host = driver.host
+            host = config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        client, _ = await connect(host, driver.arm.fci, driver.robot)
+        client, _ = await connect(host, config.arm.fci, config.robot)
         try:
-            session = _Session(driver, client, self._clock)
+            session = _Session(config, client, self._clock)
         except OSError as error:
             client.close()
             raise WireDown(f"open: no process for the 1 kHz cycle ({error.strerror})") from None
@@ -169,11 +167,11 @@ class FrankaWire(Wire):
             raise WireDown(f"open: no state has passed the 1 kHz cycle within {BEGIN_S:g} s")
         return {
             "address": host,
-            "fci": driver.arm.fci,
-            "speed_factor": driver.speed_factor,
+            "fci": config.arm.fci,
+            "speed_factor": config.speed_factor,
             "state_hz": p.STATE_HZ,
-            "stride": driver.stride,
-            "stream_rate_hz": p.STATE_HZ / driver.stride,
+            "stride": config.stride,
+            "stream_rate_hz": p.STATE_HZ / config.stride,
             "cycle_scheduling": scheduling_of(session.child.pid),
         }
 
@@ -187,7 +185,7 @@ class FrankaWire(Wire):
             raise WireDown(refusal.text.removeprefix("move: "))
         if state.robot_mode != p.RobotMode.IDLE:
             raise WireDown("somebody else moves the arm. End that program, then resume()")
-        if (silent_s := session.silent_s()) > self._driver.timing.state_ttl_s:
+        if (silent_s := session.silent_s()) > self._config.state_ttl_s:
             raise WireDown(f"no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
         permit.check()
         session.lost = ""
@@ -198,7 +196,7 @@ class FrankaWire(Wire):
         session.look()
         state = self._state(session)
         silent_s = session.silent_s()
-        if silent_s > self._driver.timing.state_ttl_s:
+        if silent_s > self._config.state_ttl_s:
             if not session.child.alive:
                 raise WireDown("read: the process of the 1 kHz cycle has ended")
             raise WireDown(f"read: no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
@@ -228,7 +226,7 @@ class FrankaWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return reports(self._driver, False, False, None, "not connected")
+            return reports(self._config, False, False, None, "not connected")
         written, trouble = False, ""
         try:
             number = session.client.send("stop")
@@ -241,10 +239,10 @@ class FrankaWire(Wire):
             state = session.state if session.report and session.report.stamp_ns > since_ns else None
             trouble = "" if state is not None else "no state since the stop"
             acknowledged = session.answers.pop(number, None) is not None
-            return reports(self._driver, written, acknowledged, state, trouble)
+            return reports(self._config, written, acknowledged, state, trouble)
         except WireDown as down:
             session.stand_down()
-            return reports(self._driver, written, False, None, str(down))
+            return reports(self._config, written, False, None, str(down))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By what is still open, which ends there, and the motion with it. Then by a connection made for this."""
@@ -256,7 +254,7 @@ class FrankaWire(Wire):
             session.stand_down()
             session.client.close_in_order()
             self.close()
-        found = await stop_anew(self._driver)
+        found = await FrankaStopChannel(self._config, (), self._clock).make_safe(safe_state)
         return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in found)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:

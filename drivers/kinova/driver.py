@@ -6,10 +6,9 @@ are earned, and ``Stop`` when they are not; and before anything is energised the
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
 from strands_actors.contract.driver import (
@@ -18,23 +17,17 @@ from strands_actors.contract.driver import (
     Driver,
     GateState,
     Reason,
-    StopChannel,
     Timing,
 )
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
-from strands_actors.drivers.common.tcp_port import parse_address
-from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
+from .config import KinovaConfig
 from .gates import CONDITIONS, all_gates, needed_speeds
-from .protocol import TCP_PORT
 from .robots import TABLES
-
-if TYPE_CHECKING:
-    from .wire import KinovaWire
 
 SILENT_PERIODS = 3
 """So many periods without a speed that was earned, and the arm is stopped."""
@@ -50,12 +43,15 @@ class Kinova(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.kinova.wire:KinovaWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_position": "tool_position_m"}),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)
 
+    config: KinovaConfig
     unit = "radians"
     fallbacks: Mapping[Reason, str] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
@@ -74,22 +70,29 @@ class Kinova(Driver):
         wanted = read_options(robot, Options, options)
         table = TABLES.table(robot)
         self.robot = TABLES.canonical(robot)
-        self.port = port
-        self.login = wanted.username, wanted.password
-        self.fastest_rad_s = float(table["gate_rad_s"])
-        self.period_s = period_s = 1.0 / wanted.control_frequency
-        self.silent_s = SILENT_PERIODS * period_s
+        fastest_rad_s = float(table["gate_rad_s"])
+        period_s = 1.0 / wanted.control_frequency
+        silent_s = SILENT_PERIODS * period_s
         self.timing = Timing(
             control_hz=wanted.control_frequency,
             keepalive_s=period_s / 2,  # less than a period: in each of them
-            stream_ttl_s=self.silent_s,
+            stream_ttl_s=silent_s,
             oneshot_ttl_s=None,
-            state_ttl_s=self.silent_s,
+            state_ttl_s=silent_s,
             arm_s=3.0,
             tick_s=period_s / 2,  # so that a period is whole ticks
-            heartbeat_ttl_s=self.silent_s,
+            heartbeat_ttl_s=silent_s,
         )
-        self.declare(Part(PartKind.ARM, tuple(_axes(table, self.fastest_rad_s))))
+        self.declare(Part(PartKind.ARM, tuple(_axes(table, fastest_rad_s))))
+        self.config = KinovaConfig(
+            robot=self.robot,
+            port=port,
+            login=(wanted.username, wanted.password),
+            axes=self.axes,
+            fastest_rad_s=fastest_rad_s,
+            period_s=period_s,
+            silent_s=silent_s,
+        )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
@@ -98,7 +101,7 @@ class Kinova(Driver):
         if isinstance(parsed, Refused):
             return parsed
         target, named = parsed
-        return Candidate((*target, *needed_speeds(target, state, self.period_s)), named)
+        return Candidate((*target, *needed_speeds(target, state, self.config.period_s)), named)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return super().as_json(values[: len(self.axes)])
@@ -112,24 +115,6 @@ class Kinova(Driver):
             "joints": [axis for axis in self.axes if axis in named],
             "joint_speeds": {axis: speed for axis, speed in speeds.items() if axis in named},
         }
-
-    def preload(self) -> None:
-        for name in ("wire", "stop_channel"):
-            importlib.import_module(f"{__package__}.{name}")
-
-    def open_wire(self, clock: Clock) -> KinovaWire:
-        from .wire import KinovaWire
-
-        return KinovaWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .stop_channel import KinovaStopChannel
-
-        return KinovaStopChannel(self, descriptors, clock)
-
-    def address(self) -> tuple[str, int]:
-        """Raise ``ValueError`` for a ``port`` that is no address."""
-        return parse_address(self.port, TCP_PORT)
 
 
 def _axes(table: Mapping[str, Any], fastest_rad_s: float) -> list[Axis]:

@@ -12,7 +12,7 @@ from typing import Any, Unpack
 import msgspec
 import trio
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.twin import (
@@ -44,7 +44,7 @@ OPTIONS = {
 TICK_S = 0.01
 
 
-class KinovaBody(PlantBody):
+class KinovaBody(JointedBody):
     """The arm as a simulation: as long as no joint speeds drive it, targets come through the simulation
     control. The base keeps it energised whoever moves it: nothing here makes it limp."""
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from collections.abc import Awaitable, Callable
+from typing import Any, ClassVar, Protocol
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
@@ -20,16 +21,12 @@ from strands_actors.kernel.health.heartbeat import new_page
 
 from . import protocol as p
 from .client import HANDSHAKE_S, KortexClient, Page
+from .config import KinovaConfig
 from .gates import BASE, refuse_state
 from .protocol import Call, Feedback, ServoingMode
 from .speeds import Course, position_now
 from .stop_channel import KinovaStopChannel
 from .stopping import STANDING_DEG_S, not_connected, stop_arm
-
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
-
-    from .driver import Kinova
 
 READ_S = 0.01
 """How long one reading waits for its answer; the next one takes it."""
@@ -94,11 +91,11 @@ class KinovaWire(Wire):
 
     def __init__(
         self,
-        driver: Kinova,
+        config: KinovaConfig,
         clock: Clock,
         open_stream: Callable[[str, int], Awaitable[SharedStream]] = open_tcp,
     ) -> None:
-        self._driver = driver
+        self._config = config
         self._clock = clock
         self._open_stream = open_stream
         self._session_or_none: _Session | None = None
@@ -106,18 +103,18 @@ class KinovaWire(Wire):
     async def open(self) -> dict[str, Any]:
         self.close()
         try:
-            host, port = self._driver.address()
+            host, port = self._config.address()
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
         stream = await self._open_stream(host, port)
         page_fd = new_page()
         page = Page(mmap.mmap(page_fd, 0))
-        client = KortexClient(stream, f"{self._driver.robot} at {host}:{port}", self._clock, page)
+        client = KortexClient(stream, f"{self._config.robot} at {host}:{port}", self._clock, page)
         self._session_or_none = session = _Session(client, stream, page_fd)
-        await client.log_in(*self._driver.login)
+        await client.log_in(*self._config.login)
         joints = await client.number(Call.GET_ACTUATOR_COUNT)
         if joints != p.JOINTS:
-            raise WireDown(f"{self._driver.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7")
+            raise WireDown(f"{self._config.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7")
         await self._refresh(session)
         return {"address": f"{host}:{port}", "actuators": joints}
 
@@ -128,7 +125,7 @@ class KinovaWire(Wire):
         refusal = refuse_state(feedback.arm_state, feedback.faults[0])
         if refusal is not None:
             raise WireDown(refusal.text.removeprefix("move: "))
-        for axis, joint in zip(self._driver.axes, feedback.actuators, strict=True):
+        for axis, joint in zip(self._config.axes, feedback.actuators, strict=True):
             if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
                 raise WireDown(f"arm: {axis} turns, and not by us. Check who else commands the arm, then try again")
         client = session.client
@@ -152,19 +149,19 @@ class KinovaWire(Wire):
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session, driver = self._session(), self._driver
+        session, config = self._session(), self._config
         self._look_for_refusal(session)
         if session.lost:
             raise PermitDenied(session.lost)
         now_ns = self._clock.now_ns()
         age_s = (now_ns - session.stamp_ns) / NS
-        if age_s > driver.silent_s:
+        if age_s > config.silent_s:
             raise PermitDenied(f"nothing was heard for {age_s * 1e3:.0f} ms")
         position, now_s = position_now(session.position, session.velocity, age_s), now_ns / NS
         goal, course = values[: p.JOINTS], session.course
         if course is None or goal != course.goal:
-            course = Course(course.at(now_s) if course else position, goal, now_s, driver.period_s)
-        speeds = course.speeds(now_s, position, driver.fastest_rad_s)
+            course = Course(course.at(now_s) if course else position, goal, now_s, config.period_s)
+        speeds = course.speeds(now_s, position, config.fastest_rad_s)
         payload = p.encode_speeds([math.degrees(speed) for speed in speeds])
         permit.check()
         session.client.tell(Call.SEND_JOINT_SPEEDS, payload)
@@ -173,9 +170,9 @@ class KinovaWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return not_connected(self._driver.axes)
+            return not_connected(self._config.axes)
         session.course = None
-        reports = await stop_arm(self._driver.axes, [session.client])
+        reports = await stop_arm(self._config.axes, [session.client])
         if all(report.acknowledged for report in reports):
             session.turning = False
         return reports
@@ -184,7 +181,7 @@ class KinovaWire(Wire):
         """On the connection that was lost, if it still takes anything, and on one of its own."""
         session = self._session_or_none
         wires = None if session is None else session.client
-        channel = KinovaStopChannel(self._driver, (), self._clock, self._open_stream, wires)
+        channel = KinovaStopChannel(self._config, (), self._clock, self._open_stream, wires)
         try:
             return await channel.make_safe(safe_state)
         finally:
@@ -222,7 +219,7 @@ class KinovaWire(Wire):
         await session.client.listen(number, HANDSHAKE_S)
         self._collect(session)
         if session.stamp_ns == before_ns:
-            raise WireDown(f"{self._driver.robot}: no feedback of {p.JOINTS} joints comes. Check the base")
+            raise WireDown(f"{self._config.robot}: no feedback of {p.JOINTS} joints comes. Check the base")
 
     def _look_for_refusal(self, session: _Session) -> None:
         if session.client.refusal is not None and not session.lost:
@@ -243,7 +240,7 @@ class KinovaWire(Wire):
         now_ns = self._clock.now_ns()
         for since_ns, what in ((session.sent_ns, "sent"), (session.stamp_ns, "heard")):
             silent_s = (now_ns - since_ns) / NS
-            if silent_s > self._driver.silent_s and not session.lost:
+            if silent_s > self._config.silent_s and not session.lost:
                 session.lost = f"stopped, because nothing was {what} for {silent_s * 1e3:.0f} ms"
         if session.lost:
             session.stops.append(session.client.ask(Call.STOP))
@@ -252,7 +249,7 @@ class KinovaWire(Wire):
         feedback = session.feedback
         faults = {
             axis: f"fault banks 0x{one.faults[0]:x} 0x{one.faults[1]:x}"
-            for axis, one in zip(self._driver.axes, feedback.actuators, strict=True)
+            for axis, one in zip(self._config.axes, feedback.actuators, strict=True)
             if any(one.faults)
         }
         if session.lost:

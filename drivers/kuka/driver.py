@@ -6,27 +6,23 @@ position, which is the safe state for every reason; the drives stay on, the brak
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
-from ipaddress import IPv4Address
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec.structs import replace
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, StopChannel, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing, Wire
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState, check_fallbacks
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
-from strands_actors.drivers.common.tcp_port import parse_address
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
+from .config import KeptPort, KukaConfig
 from .gates import conditions, gates, last_target, span_s
 from .protocol import FRI_PORT
 from .robots import TABLES, arm_of
-
-if TYPE_CHECKING:
-    from .wire import KeptPort, KukaWire
 
 
 class Options(DriverOptions, frozen=True):
@@ -40,10 +36,13 @@ class Kuka(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     PORT_OPTIONAL: ClassVar[bool] = True
+    WIRE: ClassVar[str] = "strands_actors.drivers.kuka.wire:KukaWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kuka.stop_channel:KukaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kuka.twin:main"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
 
+    config: KukaConfig
     unit = "radians"
     fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.HOLD.value)
     firmware_watchdog = (
@@ -61,11 +60,7 @@ class Kuka(Driver):
         check_fallbacks(robot, self.fallbacks)
         self.arm = arm_of(robot)
         self.robot = self.arm.name
-        self.port = port
-        self.fri_port = chosen.fri_port
-        self.connect_timeout_s = chosen.connect_timeout
         self.period_s = 1.0 / chosen.control_frequency
-        self.kept: KeptPort | None = None
         self.declare(self.arm.part)
         self.timing = Timing(
             control_hz=chosen.control_frequency,
@@ -77,20 +72,10 @@ class Kuka(Driver):
             realtime=True,
             open_s=chosen.connect_timeout + 3.5,
         )
+        self.config = KukaConfig(self.arm, port, chosen.fri_port, chosen.connect_timeout, self.timing.stream_ttl_s)
+        self.kept = KeptPort(self.config)
         self.conditions = conditions(self.table, self.timing.state_ttl_s)
         self.gates = gates(self.table, self.period_s)
-
-    def place(self) -> tuple[str, int]:
-        """Return the controller's address, empty for any, and the UDP port of both ends: the one that ``port``
-        names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no address."""
-        return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
-
-    def numeric_host(self) -> str:
-        """Return the controller's address if it is given as a number; empty: not known without asking."""
-        try:
-            return str(IPv4Address(self.place()[0]))
-        except ValueError:
-            return ""
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return what the arm is told to hold: its measured position lags behind that."""
@@ -118,17 +103,6 @@ class Kuka(Driver):
             "control_period": self.period_s,
         }
 
-    def preload(self) -> None:
-        for module in ("wire", "stop_channel"):
-            importlib.import_module(f"{__package__}.{module}")
-
-    def open_wire(self, clock: Clock) -> KukaWire:
-        from .wire import KeptPort, KukaWire
-
-        self.kept = self.kept or KeptPort(self)
-        return KukaWire(self, self.kept, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .stop_channel import KukaStopChannel
-
-        return KukaStopChannel(self, descriptors[0] if descriptors else None, clock)
+    def open_wire(self, clock: Clock) -> Wire:
+        wire: Wire = load(self.WIRE)(self.config, clock, self.kept)
+        return wire

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.udp_port import UdpListener, listen_udp
 from strands_actors.kernel.clock import NS, Clock
 
+from .config import KeptPort, KukaConfig
 from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
-
-if TYPE_CHECKING:
-    from .driver import Kuka
 
 SHORTEST_MS, LONGEST_MS = 2, 20
 """Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the published bound."""
@@ -25,37 +22,12 @@ ACTIVE_S = 3.0
 """So long arming waits for a session that is on its way to being commanded."""
 
 
-class KeptPort:
-    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its socket, and
-    another one could not be bound beside that."""
-
-    def __init__(self, driver: Kuka) -> None:
-        self._driver = driver
-        self._port: UdpListener | None = None
-
-    async def get(self) -> UdpListener:
-        """Raise ``WireDown``."""
-        if self._port is None:
-            try:
-                host, number = self._driver.place()
-            except ValueError as error:
-                raise WireDown(f"open: {error}") from None
-            self._port = await listen_udp(number, host)
-        return self._port
-
-    def release(self) -> None:
-        """Give it back, which otherwise the end of the process does."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
-
-
 class KukaWire(Wire):
     interruptible: ClassVar[bool] = True
 
-    def __init__(self, driver: Kuka, kept: KeptPort, clock: Clock) -> None:
-        self._driver = driver
-        self._kept = kept
+    def __init__(self, config: KukaConfig, clock: Clock, kept: KeptPort | None = None) -> None:
+        self._config = config
+        self._kept = kept or KeptPort(config)
         self._clock = clock
         self._link_or_none: Link | None = None
         self._permit: Permit | None = None  # of the setpoint that the arm moves by
@@ -66,20 +38,20 @@ class KukaWire(Wire):
     async def open(self) -> dict[str, Any]:
         """Wait for the controller, which speaks first. Nothing is sent."""
         self.close()
-        driver = self._driver
+        config = self._config
         port = await self._kept.get()
         said: Monitoring | None = None
-        with trio.move_on_after(driver.connect_timeout_s):
+        with trio.move_on_after(config.connect_timeout_s):
             said = await first_message(port)
         if said is None:
-            host, number = driver.place()
+            host, number = config.place()
             raise WireDown(
                 f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
-                f"{driver.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
+                f"{config.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
                 "address that it speaks to"
             )
         refuse_cycle(said)
-        self._link_or_none = Link(port, driver.arm, self._clock, said)
+        self._link_or_none = Link(port, config.arm, self._clock, said)
         return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -95,7 +67,7 @@ class KukaWire(Wire):
 
     def _is_live(self) -> bool:
         """Whether the arm may still move: the setpoint stands, and was written or re-sent of late."""
-        lifetime_ns = self._driver.timing.stream_ttl_s * NS
+        lifetime_ns = self._config.stream_ttl_s * NS
         if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
             return False
         try:
@@ -146,7 +118,7 @@ class KukaWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         link = self._link_or_none
         if link is None:
-            return failed(self._driver.arm, "not connected")
+            return failed(self._config.arm, "not connected")
         self._permit = None  # from the next answer on nothing moves
 
         async def cycle() -> None:
@@ -156,7 +128,7 @@ class KukaWire(Wire):
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
-        arm, link = self._driver.arm, self._link_or_none
+        arm, link = self._config.arm, self._link_or_none
         written = False
         try:
             if link is not None:

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Service, StopChannel
-from strands_actors.drivers.common.simulation_control.protocol import HOLD, LIMP, MOST_STEPS, TIMESTEP_S
-from strands_actors.kernel.clock import Clock
+from strands_actors.contract.driver import Candidate, Driver, GateState, Service
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
 from strands_actors.kernel.messages import Refused
 
+from .config import SimConfig
 from .gates import held
-
-if TYPE_CHECKING:
-    from .wire import SimWire
 
 OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
 """What is declared of the robot, whatever it is made of."""
@@ -37,19 +35,22 @@ class SimDriver(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TRANSPORTS: ClassVar[tuple[str, ...]] = ()
+    WIRE: ClassVar[str] = "strands_actors.drivers.sim.wire:SimWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.sim.stop_channel:SimStopChannel"
     TWIN: ClassVar[str] = ""
 
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "step": Service(
             f"let so many steps of physics, of {TIMESTEP_S * 1e3:g} ms each, pass at once, as fast as they are "
             "computed; deadlines and leases are of the clock all the same",
-            within_s=30.0,
+            within_s=STEP_S,
             arguments={"steps": 1},
             counts={"steps": MOST_STEPS},
             in_motion=True,
         )
     }
 
+    config: SimConfig
     firmware_watchdog = "none: a simulation holds its last target"
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
@@ -57,11 +58,17 @@ class SimDriver(Driver):
         real_class: type[Driver] = getattr(importlib.import_module(module), name)
         self.real = real_class(robot, "", options["options"])
         real = self.real
-        self.robot, self.port = real.robot, port
+        self.robot = real.robot
         self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
         self.fallbacks = real.fallbacks
-        self.units = real.model_units()
+        self.config = SimConfig(
+            control=port,
+            axes=self.axes,
+            ids=self.ids,
+            units=real.model_units(),
+            energised=frozenset(str(state) for state in SafeState if real.energised(state)),
+        )
         self.gates = (held(self.axes),)
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
 
@@ -78,21 +85,7 @@ class SimDriver(Driver):
         return self.real.energised(safe_state)
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        return self.units
+        return self.config.units
 
     def travel(self) -> dict[str, tuple[float, float]]:
         return self.real.travel()
-
-    def open_wire(self, clock: Clock) -> SimWire:
-        from .wire import SimWire
-
-        return SimWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .wire import SimStopChannel
-
-        return SimStopChannel(self)
-
-    def control_safe_state(self, safe_state: str) -> str:
-        """Only a limp robot is let go of; one that is stopped otherwise stays where it is."""
-        return LIMP if safe_state == LIMP else HOLD

@@ -170,18 +170,6 @@ async def stop(control: Control) -> Outcome:
     return Outcome(written, acknowledged, detail)
 
 
-async def stop_anew(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Outcome:
-    """Do as ``stop``, over a connection of its own."""
-    try:
-        control = await open_control(config, clock, open_stream)
-    except WireDown as down:
-        return Outcome(False, False, str(down))
-    try:
-        return await stop(control)
-    finally:
-        control.close_in_order()
-
-
 def unsafe_words(data: bytes) -> str:
     """Return why a controller in this state is not stopped; empty when it is."""
     if data[:1] == bytes((State.STOPPED,)):

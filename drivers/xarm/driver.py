@@ -33,11 +33,12 @@ class XArm(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmStopChannel"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.xarm.stop_channel:XArmStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"xyz": "tcp_xyz_m", "rpy": "tcp_rpy_rad"}),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
 
+    config: XArmConfig
     unit = "radians"
     fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
     firmware_watchdog = (

@@ -1,4 +1,4 @@
-"""An xArm's controller in the wire process, and the root's stop channel to it.
+"""An xArm's controller in the wire process.
 
 Two connections: requests and replies on one, a hundred reports a second on the other. Reading is taking in what has
 arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a deadline.
@@ -6,7 +6,6 @@ arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a deadlin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import trio
@@ -16,7 +15,6 @@ from strands_actors.contract.driver import (
     Observation,
     Permit,
     PermitDenied,
-    StopChannel,
     Wire,
     WireDown,
 )
@@ -25,9 +23,10 @@ from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .config import XArmConfig
-from .control import CONFIRM_S, OpenStream, Outcome, stop, stop_anew
+from .control import CONFIRM_S, OpenStream, Outcome, stop
 from .protocol import Mode, Register, State
 from .session import Session, open_session
+from .stop_channel import XArmStopChannel
 
 ENABLE_S = 5.0
 """The vendor's SDK waits so long for motors to be enabled."""
@@ -120,11 +119,11 @@ class XArmWire(Wire):
         session.target = ()
         outcome = await stop(session.control)
         if not outcome.written:  # its connection is gone: the arm need not be
-            outcome = await stop_anew(self._config, self._clock, self._open_stream)
+            return await self.reach(safe_state)
         return outcome.reports()
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop_anew(self._config, self._clock, self._open_stream)).reports()
+        return await XArmStopChannel(self._config, (), self._clock, self._open_stream).make_safe(safe_state)
 
     def close(self) -> None:
         if self._session_or_none is not None:
@@ -218,22 +217,3 @@ class XArmWire(Wire):
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-
-class XArmStopChannel(StopChannel):
-    """The root's way to the controller: a connection of its own, made when it is needed. By then the wire's is
-    gone with its process, so a controller that takes one client takes this one. A name for an address has to be
-    looked up then, too: a number is quicker."""
-
-    def __init__(
-        self, config: XArmConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
-    ) -> None:
-        self._config = config
-        self._clock = clock
-        self._open_stream = open_stream
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop_anew(self._config, self._clock, self._open_stream)).reports()
-
-    def close(self) -> None:
-        """Nothing is kept open."""

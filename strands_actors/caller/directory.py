@@ -21,6 +21,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import (
     Describe,
@@ -45,9 +46,8 @@ UNREACHABLE = "unreachable"
 JOIN_S = 0.5
 """How long after joining a process that does not appear counts as unreachable."""
 ANSWER_S = 0.5
-STOP_S = 2.0
-FENCE_S = 3.0
-RESUME_S = 12.0
+RESUME_ROOM_S = 2.0
+"""Beside what energising may take."""
 
 
 class Directory:
@@ -78,12 +78,12 @@ class Directory:
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
         """Make a robot safe: by its gate, or when that does not answer by the root's own path."""
-        at = addresses.of(note.robot)
+        at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s)
         try:
-            answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), STOP_S)
+            answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):
             try:
-                answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), FENCE_S)
+                answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
             except (AskTimeout, Unreachable):
                 return Refused("unconfirmed", "neither wire nor root answers", "look at the robot")
         return answer if isinstance(answer, StopReport | Refused) else _NO_ANSWER
@@ -91,7 +91,7 @@ class Directory:
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
         """Lift a lockout and energise at the measured position."""
         try:
-            answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), RESUME_S)
+            answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
             return Refused("unreachable", f"the wire does not answer ({failure})", "is it being restarted?")
         return answer if isinstance(answer, Resumed | Refused) else _NO_ANSWER

@@ -310,7 +310,7 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
 
 
 def _twin_process_of(wanted: Wanted) -> TwinProcess:
-    twin_process = getattr(wanted.sim, "engine", None)
+    twin_process = getattr(wanted.sim, "twin_process", None)
     if getattr(wanted.sim, "transport", None) != SIM or not isinstance(twin_process, TwinProcess):
         raise ValueError(f"Robot: sim is {wanted.sim!r}. give a simulation: Robot({wanted.robot!r}), mode 'sim'")
     if twin_process.robot != wanted.robot:

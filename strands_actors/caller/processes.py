@@ -6,13 +6,14 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
 from strands_actors.supervisors.messages import GetStatus, Lease, Status, StopReport, TreeReport
 
@@ -37,14 +38,14 @@ class Patience(NamedTuple):
 
     ask_s: float = 0.5
     status_s: float = 0.1
-    stop_s: float = 2.0
+    stop_s: float = 2.0  # of the gate; it may take longer, as the driver says
     command_s: float = 0.25
 
 
 class Processes(ABC):
     """All methods belong to the trio loop of ``nursery``. ``gate``: once it was started."""
 
-    patience = Patience()
+    PATIENCE: ClassVar[Patience] = Patience()
     elsewhere = False
     """The robot is another host's: it is not started, and not ended, from here."""
     gate: ActorRef
@@ -53,6 +54,9 @@ class Processes(ABC):
 
     def __init__(self, node: Node, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         self.driver = driver
+        self.deadlines = StopDeadlines.of(driver.timing.safe_s)
+        longer_s = self.deadlines.gate_s - Patience().stop_s
+        self.patience = self.PATIENCE._replace(stop_s=self.PATIENCE.stop_s + max(0.0, longer_s))
         self.node = node
         self.nursery = nursery
         self.plan = plan

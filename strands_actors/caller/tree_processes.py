@@ -37,8 +37,6 @@ from .run_directory import Name, Note, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
-FENCE_S = 3.0
-
 
 class TreeProcesses(Processes):
     """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was started."""
@@ -100,7 +98,16 @@ class TreeProcesses(Processes):
         entry = "strands_actors.supervisors.root.process:main"
         process = start(entry, args, [name.lock_fd], label_of(self.robot))
         name.publish(
-            Note(self.robot, plan.robot, process.pid, [listen, wire_listen], [mesh], caller=self._endpoint)
+            Note(
+                self.robot,
+                plan.robot,
+                process.pid,
+                [listen, wire_listen],
+                [mesh],
+                caller=self._endpoint,
+                safe_s=self.driver.timing.safe_s,
+                arm_s=self.driver.timing.arm_s,
+            )
         )
         # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
         from strands_actors.supervisors.gate.gate import Gate
@@ -142,12 +149,12 @@ class TreeProcesses(Processes):
             # A root that does not answer is fenced at once; the wire then makes itself safe.
             if await self.describe() is not None:
                 with contextlib.suppress(AskTimeout, Unreachable):
-                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), FENCE_S)
+                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), self.deadlines.end_s)
                     report = answer if isinstance(answer, StopReport) else None
                 if report is not None and not report.confirmed:
                     self._part(process)
                 else:
-                    with trio.move_on_after(FENCE_S):
+                    with trio.move_on_after(self.deadlines.end_s):
                         await process.wait()
             await self._discard()
         if self._name is not None:
@@ -163,7 +170,7 @@ class TreeProcesses(Processes):
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
         """By the root, which fences the wire and writes by its own path."""
         try:
-            answer = await self.guardian.ask(Fence(reason, by, lock), FENCE_S)
+            answer = await self.guardian.ask(Fence(reason, by, lock), self.deadlines.root_s)
         except (AskTimeout, Unreachable) as failure:
             # Neither the wire nor the root answers. Without its root the wire makes itself safe.
             await self._fence()

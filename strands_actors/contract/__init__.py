@@ -1,1 +1,96 @@
-"""What the author of a driver reads: axes, safe states, options, and the gates that follow from them. Pure."""
+"""What the author of a driver imports. Declarations are pure; the stop channels are the only part
+with I/O.
+
+``Driver``, ``Wire``, ``StopChannel``   the three classes a driver consists of, beside a twin
+``Part``, ``Axis``, ``axis_gates``      what can be told to the robot, and what is refused
+``SafeState``, ``Reason``, ``Timing``   what it is brought to and why, and how long things may take
+``DriverOptions``, ``option``           keywords of the constructor
+``DuplicateDescriptor`` ... ``OwnProcess``   stop channels ready made
+
+``strands_actors.testing`` has the suite that a driver must pass.
+"""
+
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from .axis import Axis, AxisMode, Part, PartKind
+from .axis_gates import axis_gates, past_range, stale, too_fast
+from .driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Condition,
+    Driver,
+    GateCheck,
+    GateState,
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    ProcessSpent,
+    Reason,
+    Service,
+    StopChannel,
+    Timing,
+    Wire,
+    WireDown,
+)
+from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
+from .rotations import roll_pitch_yaw
+from .safe_state import SafeState, check_fallbacks
+from .sensors import Sensor
+from .stop_channels import ConnectWhenNeeded, DuplicateDescriptor, KeptSession, WatchedFirmware
+from .stop_process import OwnProcess
+from .tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolVerb
+
+__all__ = [
+    "HOLDING_REASONS",
+    "MOVE_TO",
+    "NS",
+    "SENSORS",
+    "SET_TORQUE",
+    "STATE",
+    "STATUS",
+    "STOP",
+    "Axis",
+    "AxisMode",
+    "Candidate",
+    "Clock",
+    "Condition",
+    "ConnectWhenNeeded",
+    "Driver",
+    "DriverOptions",
+    "DuplicateDescriptor",
+    "GateCheck",
+    "GateState",
+    "KeptSession",
+    "MotorReport",
+    "Observation",
+    "OwnProcess",
+    "Part",
+    "PartKind",
+    "Permit",
+    "PermitDenied",
+    "ProcessSpent",
+    "Reason",
+    "Refused",
+    "SafeState",
+    "Sensor",
+    "Service",
+    "StopChannel",
+    "Timing",
+    "ToolVerb",
+    "WatchedFirmware",
+    "Wire",
+    "WireDown",
+    "axis_gates",
+    "check_fallbacks",
+    "meanings",
+    "option",
+    "past_range",
+    "plain",
+    "read_options",
+    "roll_pitch_yaw",
+    "secrets_of",
+    "stale",
+    "too_fast",
+]

@@ -5,7 +5,8 @@ A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It
 ``Driver``      pure: the robots it serves, axes and units, gates, table of fallbacks, timing. Built in the caller,
                 in the wire process and in the root process from the same plain options.
 ``Wire``        the I/O, in the wire process only, used by one actor (the transport), one call at a time.
-``StopChannel``  how the root reaches the hardware when the wire process is gone.
+``StopChannel``  how the root reaches the hardware when the wire process is gone; ``stop_channels`` and
+                ``stop_process`` have five kinds ready made.
 a twin          the robot's side of the wire (see ``drivers/common/twin/``).
 
 The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.

@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import trio
 
@@ -24,10 +24,9 @@ from .frames import Protocol, protocol_of
 from .inline_dispatch import BURST, LONGEST_NS
 from .mailbox import Mailbox, ReplyTo, Slot
 from .messages import Message, Refused
+from .ref import Ref
+from .router import Router
 from .ticker import Ticker
-
-if TYPE_CHECKING:
-    from .node import Node, Ref
 
 
 class Deferred:
@@ -152,7 +151,7 @@ class Context:
 class Cell:
     """An address, a mailbox, and the incarnations of one actor. The mailbox survives a restart."""
 
-    def __init__(self, node: Node, address: str, factory: Callable[[], Actor], role: str = "") -> None:
+    def __init__(self, node: Router, address: str, factory: Callable[[], Actor], role: str = "") -> None:
         self.node = node
         self.address = address
         self.role = role or address.rsplit("/", 1)[-1]

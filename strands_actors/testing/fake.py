@@ -212,7 +212,7 @@ class FakeStopChannel(StopChannel):
         self._clock = clock
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        reports = self._hardware.make_safe(self._clock, safe_state, "second")
+        reports = self._hardware.make_safe(self._clock, safe_state, "stop_channel")
         await trio.sleep(0.002)
         return reports
 

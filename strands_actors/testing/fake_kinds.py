@@ -10,28 +10,35 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import trio
 
-from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
-from strands_actors.contract.axis_gates import axis_gates
-from strands_actors.contract.driver import (
+from strands_actors.contract import (
     HOLDING_REASONS,
+    NS,
+    Axis,
+    AxisMode,
+    Clock,
     Condition,
+    ConnectWhenNeeded,
     Driver,
+    DriverOptions,
     MotorReport,
     Observation,
+    Part,
+    PartKind,
     Permit,
     PermitDenied,
     Reason,
-    StopChannel,
+    Refused,
+    SafeState,
     Timing,
     Wire,
     WireDown,
+    axis_gates,
+    plain,
+    read_options,
 )
-from strands_actors.contract.options import DriverOptions, plain, read_options
-from strands_actors.contract.safe_state import SafeState
-from strands_actors.kernel.clock import NS, Clock
-from strands_actors.kernel.messages import Refused
 
 
 class Sent(NamedTuple):
@@ -85,12 +92,31 @@ class NoOptions(DriverOptions, frozen=True):
     """Nothing can be set."""
 
 
+class KindConfig(msgspec.Struct, frozen=True):
+    """What wire and stop channel know of the robot."""
+
+    port: str
+    axes: tuple[Axis, ...]
+    answer_s: float
+    control_hz: float
+    state_ttl_s: float
+
+    @property
+    def peer(self) -> Peer:
+        return PEERS.setdefault(self.port, Peer(len(self.axes), answer_s=self.answer_s))
+
+
 class _Kind(Driver):
     """What the three share."""
+
+    WIRE: ClassVar[str] = "strands_actors.testing.fake_kinds:KindWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.testing.fake_kinds:KindStopChannel"
+    ANSWER_S: ClassVar[float] = 0.001
 
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = ""
     PARTS: ClassVar[tuple[Part, ...]]
+    config: KindConfig
     firmware_watchdog = "none: it goes on as it was last told"
 
     @classmethod
@@ -98,20 +124,11 @@ class _Kind(Driver):
         return plain(read_options(robot, NoOptions, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        self.robot, self.port = robot, port
+        self.robot = robot
         self.declare(*self.PARTS)
         self.unit = ", ".join(dict.fromkeys(axis.unit for axis in self.table))
         self.gates = axis_gates(self.table, self.timing.state_ttl_s)
-
-    @property
-    def peer(self) -> Peer:
-        return PEERS.setdefault(self.port, Peer(len(self.axes)))
-
-    def open_wire(self, clock: Clock) -> Wire:
-        return KindWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        return KindStopChannel(self, clock)
+        self.config = KindConfig(port, self.table, self.ANSWER_S, self.timing.control_hz, self.timing.state_ttl_s)
 
 
 def _velocity(key: str, unit: str, limit: float) -> Axis:
@@ -181,17 +198,13 @@ class FakeHttp(_Kind):
     }
     ANSWER_S: ClassVar[float] = 0.3
 
-    @property
-    def peer(self) -> Peer:
-        return PEERS.setdefault(self.port, Peer(len(self.axes), answer_s=self.ANSWER_S))
-
 
 class KindWire(Wire):
     """Keeps the newest sample in the background, so that a reading is given at once, however slow the answers."""
 
-    def __init__(self, driver: _Kind, clock: Clock) -> None:
-        self._driver = driver
-        self._peer = driver.peer
+    def __init__(self, config: KindConfig, clock: Clock) -> None:
+        self._config = config
+        self._peer = config.peer
         self._clock = clock
         self._sample: Observation | None = None
 
@@ -202,7 +215,7 @@ class KindWire(Wire):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
         async with trio.open_nursery() as nursery:
-            async for _ in self._clock.ticks(1 / self._driver.timing.control_hz):
+            async for _ in self._clock.ticks(1 / self._config.control_hz):
                 nursery.start_soon(self._refresh)
 
     async def arm(self, permit: Permit) -> Observation:
@@ -215,7 +228,7 @@ class KindWire(Wire):
     async def read(self) -> Observation:
         await trio.lowlevel.checkpoint()
         sample = self._sample
-        silent_ns = round(self._driver.timing.state_ttl_s * NS)
+        silent_ns = round(self._config.state_ttl_s * NS)
         if sample is None or self._clock.now_ns() - sample.t_ns > silent_ns:
             raise WireDown("the service does not answer. Check its network")
         return sample
@@ -227,7 +240,7 @@ class KindWire(Wire):
         self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self._driver, self._clock, safe_state, "wire")
+        return await _make_safe(self._config, self._clock, safe_state, "wire")
 
     def close(self) -> None:
         self._sample = None
@@ -240,7 +253,7 @@ class KindWire(Wire):
         return Observation(
             now_ns,
             self._peer.told,
-            (now_ns,) * len(self._driver.axes),
+            (now_ns,) * len(self._config.axes),
             sensors={"battery_pct": (self._peer.battery_pct,)},
         )
 
@@ -250,34 +263,35 @@ class KindWire(Wire):
             self._sample = sample
 
 
-class KindStopChannel(StopChannel):
-    """A connection made when it is needed."""
-
-    def __init__(self, driver: _Kind, clock: Clock) -> None:
-        self._driver = driver
-        self._clock = clock
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await _make_safe(self._driver, self._clock, safe_state, "second")
-
+class _Connection:
     def close(self) -> None:
-        pass
+        """Nothing behind it."""
 
 
-async def _make_safe(driver: _Kind, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
+class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
+    async def connect(self) -> _Connection:
+        return _Connection()
+
+    async def make_safe_by(self, port: _Connection, safe_state: str) -> tuple[MotorReport, ...]:
+        return await _make_safe(self.config, self.clock, safe_state, "stop_channel")
+
+    def failed(self, why: str, port: _Connection | None = None) -> tuple[MotorReport, ...]:
+        return tuple(MotorReport(axis.key, axis.id, False, False, False, why) for axis in self.config.axes)
+
+
+async def _make_safe(config: KindConfig, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
     """Send the frame before the first wait; a landing is confirmed when it is over."""
-    peer = driver.peer
+    peer = config.peer
     written = peer.reachable
     if written:
-        rest = tuple(axis.rest if axis.mode is AxisMode.VELOCITY else now for axis, now in _pairs(driver, peer))
+        rest = tuple(
+            axis.rest if axis.mode is AxisMode.VELOCITY else now
+            for axis, now in zip(config.axes, peer.told, strict=True)
+        )
         peer.take(clock.now_ns(), "safe", rest, safe_state, path)
     await trio.sleep(peer.answer_s)
     if written and safe_state == SafeState.LAND and peer.height_m > 0:
         await trio.sleep(LANDING_S)
         peer.height_m, peer.motors_on = 0.0, False
     detail = "" if written else "the service is not reachable"
-    return tuple(MotorReport(axis.key, axis.id, written, written, written, detail) for axis in driver.table)
-
-
-def _pairs(driver: _Kind, peer: Peer) -> zip[tuple[Axis, float]]:
-    return zip(driver.table, peer.told, strict=True)
+    return tuple(MotorReport(axis.key, axis.id, written, written, written, detail) for axis in config.axes)

@@ -1,4 +1,18 @@
-"""The kill matrix: every victim with every fault on every robot that has a twin, measured and written down."""
+"""The kill matrix: every victim with every fault on every robot that has a twin, measured and
+written down.
+
+A *bench* is a twin, a template and a caller. Callers are forked from the template, which has
+imported everything and has one thread; each ends as a script does. *Jobs* are worker processes with
+a bench each, given ten trials of one cell at a time; a robot that runs first (``Timing.realtime``)
+has one bench.
+
+Benches disturb each other, which must neither be hidden nor taken for the robot's. A trial that is
+safe but past its bound is *disturbed* when, between fault and safe frame, the processes of tree,
+robot and bench together stood in line for a processor for more than 10 ms, and it would have kept
+the bound without. It is repeated, and counted on the page. One that is not safe, or has setpoints
+after, always counts. A cell of which more trials were disturbed than not is not called safe. A
+trial begins only when the last that the wire showed before the fault is a setpoint.
+"""
 
 from __future__ import annotations
 

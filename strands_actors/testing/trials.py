@@ -18,8 +18,9 @@ from pathlib import Path
 
 import msgspec
 
-from strands_actors import __version__, drivers, supervisors
+from strands_actors import drivers, supervisors
 from strands_actors import kernel as runtime
+from strands_actors.version import __version__
 
 from .cells import Outcome
 from .faults import Cell, Faults, Victims

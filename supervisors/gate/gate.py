@@ -1,4 +1,4 @@
-"""The gate decides. Every writer, local or on the mesh, comes through here.
+"""The gate. Every writer, local or on the mesh, comes through here; ``admission`` says what is let through.
 
 It holds the failsafe state, the one lease, and the last observation. It reads no clock: what it decides follows
 from its memory, the message, and when that was taken up. It never waits: a stop is answered when the transport
@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.axis import AxisMode
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, GateState, Observation, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -50,8 +49,10 @@ from strands_actors.supervisors.messages import (
 )
 
 from . import failsafe
+from .admission import LATCHED, Admission, Known, refuse_at_the_end
 from .failsafe import Action, Event, Mode
-from .lease import LEASE_TTL_NS, Leases, refuse_by_deadline
+from .held_target import held_target
+from .lease import LEASE_TTL_NS, Leases
 from .memory import GateMemory
 
 _STOP_AGAIN_NS = round(0.5 * NS)
@@ -73,6 +74,7 @@ class Gate(Actor):
         locked_since: str = "",
     ) -> None:
         self._driver = driver
+        self._admission = Admission(driver)
         self._addresses = transport, watchdog, guardian
         self._state = start
         self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
@@ -183,129 +185,44 @@ class Gate(Actor):
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
         now_ns = self.context.received_ns
-        refusal = (
-            self._refuse_by_mode()
-            or self._refuse_by_lease("move", message)
-            or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
-            or self._refuse_latched(message)
-        )
-        if refusal is not None:
-            return refusal
-        observation = self._observation
-        if observation is None:
-            return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
-        if self._services:
-            return Refused("busy", "move: one of the robot's own services is under way", "wait until it is done")
-        refusal = self._refuse_by_condition(observation, now_ns)
-        if refusal is not None:
-            return refusal
-        state = GateState(
-            now_ns,
-            observation,
-            self._target,
-            self._target_ns,
-            message.period_s > 0,
-            message.period_s,
-            self._live_until_ns,
-        )
-        candidate = self._driver.parse(message.action, state)
-        if isinstance(candidate, Refused):
-            return candidate
-        for gate in self._driver.gates:
-            refusal = gate(candidate, state)
-            if refusal is not None:
-                return refusal
+        admitted = self._admission.setpoint(message, self._known(), now_ns)
+        if isinstance(admitted, Refused):
+            return admitted
         self._advance(Event.SETPOINT)
-        self._target, self._target_ns = candidate.values, now_ns
-        until_ns = 0 if message.latched else message.deadline_ns
-        if candidate.until_ns:
-            until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
-        self._live_until_ns = until_ns or -1
+        self._target, self._target_ns = admitted.values, now_ns
+        self._live_until_ns = admitted.until_ns or LATCHED
         if self._leases.held is not None:
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
-        deadline_ns = min(message.deadline_ns, until_ns or message.deadline_ns)
-        self._transport.tell(Write(message.epoch, deadline_ns, candidate.values, until_ns))
-        return Accepted(self._state.epoch, candidate.values)
+        write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns)
+        self._transport.tell(write)
+        return Accepted(self._state.epoch, admitted.values)
 
-    def _refuse_by_mode(self) -> Refused | None:
-        mode = self._state.mode
-        if self._state.locked_by:
-            return Refused(
-                "locked_out", f"move: e-stopped by {self._state.locked_by}", "resume() lifts the lockout"
-            )
-        if mode in failsafe.WRITABLE:
-            return None
-        if mode in failsafe.OVER:
-            return self._refuse_at_the_end("move")
-        if mode not in failsafe.LINKED:
-            why = "the restart budget is spent" if mode is Mode.FAILED else self._connect_error
-            return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
-        if mode is Mode.ARMING:
-            return Refused("arming", "move: the robot is being energised", "try again when it is armed")
-        cause = f" ({self._cause})" if self._cause else ""
-        return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
-
-    def _refuse_latched(self, message: Setpoint) -> Refused | None:
-        """Refuse a command without an end to a robot that would go on moving by it: a base, a drone, legs."""
-        longest_s = self._driver.timing.oneshot_ttl_s
-        if not message.latched or longest_s is None:
-            return None
-        why = f"move: {self._driver.robot} takes no command without an end"
-        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
-
-    def _refuse_at_the_end(self, what: str) -> Refused:
-        return Refused("ending", f"{what}: the tree of this robot ends ({self._cause})", "start it again")
-
-    def _refuse_by_lease(self, what: str, message: Setpoint | Perform) -> Refused | None:
-        refusal = self._leases.refuse(what, message.lease, message.channel)
-        if refusal is None and message.epoch != self._state.epoch:
-            return Refused(
-                "stale_epoch",
-                f"{what}: prepared in epoch {message.epoch}, now it is {self._state.epoch} ({self._cause})",
-                "acquire the lease again and start from the measured position",
-                str(message.epoch),
-                str(self._state.epoch),
-            )
-        return refusal
-
-    def _refuse_by_condition(self, observation: Observation, now_ns: int) -> Refused | None:
-        for condition in self._driver.conditions:
-            refusal = condition.check(observation, now_ns)
-            if refusal is not None:
-                return refusal
-        return None
+    def _known(self) -> Known:
+        return Known(
+            self._state,
+            self._leases,
+            self._cause,
+            self._connect_error,
+            self._observation,
+            self._target,
+            self._target_ns,
+            self._live_until_ns,
+            bool(self._services),
+        )
 
     # -- the driver's own services
 
     def _perform(self, message: Perform) -> Refused | Deferred:
-        service = message.service
-        refusal = self._driver.check_service(service, message.arguments)
+        refusal = self._admission.service(message, self._known())
         if refusal is not None:
             return refusal
-        state = self._state
-        if state.locked_by:
-            return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
-        if state.mode in failsafe.OVER:
-            return self._refuse_at_the_end(service)
-        if state.mode not in failsafe.LINKED:
-            return Refused("not_connected", f"{service}: not connected: {self._connect_error}")
-        if state.mode in (Mode.ARMING, Mode.STOPPING):
-            return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
-        refusal = self._refuse_by_lease(service, message)
-        if refusal is not None:
-            return refusal
-        moves = self._live_until_ns != 0 or message.first is not None
-        if moves and not self._driver.SERVICES[service].in_motion:
-            return Refused(
-                "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
-            )
         if message.first is not None:
             answer = self._setpoint(message.first)
             if isinstance(answer, Refused):
                 return answer
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
-        self._transport.tell(CarryOut(state.epoch, self._service, service, message.arguments))
+        self._transport.tell(CarryOut(self._state.epoch, self._service, message.service, message.arguments))
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
@@ -347,7 +264,7 @@ class Gate(Actor):
         live_until = self._live_until_ns
         if live_until > 0 and now_ns >= live_until:
             self._trip(Reason.EXPIRED, "the setpoint expired")
-        elif silent := self._leases.lapsed(now_ns, live_until < 0):
+        elif silent := self._leases.lapsed(now_ns, live_until == LATCHED):
             self._trip(Reason.LEASE, f"{silent} stopped answering")
         elif not admitted:
             self._look_at_conditions(now_ns, live=True)
@@ -356,13 +273,11 @@ class Gate(Actor):
         """End what is live, or with the conditions that are always looked at a hold, when one is not true."""
         if self._observation is None:
             return
-        for condition in self._driver.conditions:
-            if live or condition.always:
-                refusal = condition.check(self._observation, now_ns)
-                if refusal is not None:
-                    cause = refusal.reason.removeprefix("move: ")
-                    self._trip(condition.reason, cause, safe_state=condition.safe_state)
-                    return
+        broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
+        if broken is not None:
+            condition, refusal = broken
+            cause = refusal.reason.removeprefix("move: ")
+            self._trip(condition.reason, cause, safe_state=condition.safe_state)
 
     def _tell_alive(self, number: int) -> None:
         live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
@@ -454,7 +369,7 @@ class Gate(Actor):
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
-                return self._refuse_at_the_end("resume")
+                return refuse_at_the_end("resume", self._cause)
             if mode not in failsafe.LINKED:
                 return Refused("not_connected", f"resume: not connected: {self._connect_error}")
             return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
@@ -485,24 +400,9 @@ class Gate(Actor):
         self._live_until_ns = 0
 
     def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
-        """The next command moves what it names, and nothing else: an axis that could not be held where it is keeps
-        its last target, one that was is not sent elsewhere by an older reading."""
         before = self._target
         self._aim_at_measured(observation)
-        aimed = list(self._target)
-        motors = {motor.axis: motor for motor in report.motors}
-        for at, axis in enumerate(self._driver.axes):
-            motor = motors.get(axis)
-            if motor is not None and motor.target is not None:
-                aimed[at] = motor.target
-            elif motor is not None and not motor.safe and not self._rests(at):
-                aimed[at] = before[at]
-        self._target = tuple(aimed)
-
-    def _rests(self, at: int) -> bool:
-        """Whether the axis is a velocity's: its first target is rest, wherever it is."""
-        table = self._driver.table
-        return bool(table) and table[at].mode is AxisMode.VELOCITY
+        self._target = held_target(self._driver, report, before, self._target)
 
     # -- the link
 

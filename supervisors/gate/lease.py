@@ -1,4 +1,8 @@
-"""The right to write, and how long what was written with it may stand."""
+"""The right to write, and how long what was written with it may stand.
+
+There are two leases at most: a policy writes under its caller's. When it gives its own back, the
+robot is held before the answer is given: that is what ``stop_task()`` waits for.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,8 @@ _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
 
 
 class Held(msgspec.Struct):
-    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it writes for."""
+    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it
+    writes for."""
 
     id: int
     holder: str
@@ -35,17 +40,18 @@ class Held(msgspec.Struct):
 
 
 class Leases(msgspec.Struct):
-    """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it was last stopped:
-    a rollout of before begins no more."""
+    """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it
+    was last stopped: a rollout of before begins no more."""
 
     given: int
     held: Held | None = None
     ended: int = 0
 
     def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
-        """The number of a new lease. Who has a channel with a name (a policy process) gets one under its caller's
-        only. ``holding``: nothing of the present writer stands any more. Who has lent its lease to a rollout may
-        then have it back, though that rollout (cut off, perhaps) has not returned it."""
+        """The number of a new lease. Who has a channel with a name (a policy process) gets one
+        under its caller's only. ``holding``: nothing of the present writer stands any more. Who
+        has lent its lease to a rollout may then have it back, though that rollout (cut off,
+        perhaps) has not returned it."""
         if message.channel and not message.over:
             why = f"acquire: {message.channel} may write under its caller's lease alone"
             return Refused("channel", why, "name that lease")
@@ -113,7 +119,8 @@ def _is_its_own(held: Held, message: Acquire) -> bool:
 
 
 def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:
-    """None when that time has neither passed nor is far away. ``prefix``: of the reason, what was asked for."""
+    """None when that time has neither passed nor is far away. ``prefix``: of the reason, what was
+    asked for."""
     late_ns = now_ns - deadline_ns
     if late_ns >= 0:
         return Refused("expired", f"{prefix}the command is {late_ns / 1e6:.1f} ms past its deadline")

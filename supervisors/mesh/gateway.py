@@ -22,10 +22,12 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.node import PREFIX, AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.router import Router
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import (
     Accepted,
@@ -74,7 +76,7 @@ class FromOutside:
     """The way of frames from other hosts into the root's node, and of answers back. Answers alone: the node tells
     nobody there anything."""
 
-    def __init__(self, node: Node, pubsub: PubSub, robot: str) -> None:
+    def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
         at = addresses.of(robot)
         self.channel: Channel | None = channels.of_elsewhere(robot)
         self._node = node
@@ -256,8 +258,9 @@ class GatewayStop(Actor):
     """Stops for callers of other hosts. Whoever may reach the gateway may stop, however often, with or without a
     lease."""
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, deadlines: StopDeadlines) -> None:
         self._at = addresses.of(robot)
+        self._deadlines = deadlines
 
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(self._at.gate, Gate)
@@ -271,7 +274,7 @@ class GatewayStop(Actor):
     async def _stop(self, message: Stop, deferred: Deferred) -> None:
         if message.reason not in _STOPS:  # another one would end the tree, or hold only
             message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
-        deferred.send(await make_safe(self._gate, self._guardian, message))
+        deferred.send(await make_safe(self._gate, self._guardian, message, self._deadlines))
 
 
 _STOPS = (Reason.STOP, Reason.ESTOP)

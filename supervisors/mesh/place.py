@@ -19,6 +19,7 @@ from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.messages import StateIs, TaskStatus
 
 from .answers import Answers
@@ -77,6 +78,7 @@ class MeshPlace:
     def _supervisor(self, pubsub: PubSub) -> Supervisor:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
+        deadlines = StopDeadlines.of(driver.timing.safe_s)
 
         def counts() -> dict[str, int]:
             return {"commands": shared.taken, "commands_refused": answers.refused}
@@ -85,7 +87,7 @@ class MeshPlace:
             node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
             node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared)),
             node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
-            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot), "gateway_stop"),
+            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
             node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
         ]
         return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)

@@ -22,6 +22,7 @@ from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import Resume, Resumed, StateIs, Stop
 from strands_actors.supervisors.root.guardian import Guardian
@@ -86,6 +87,7 @@ class Safety(Actor):
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot
         self._arm_s = driver.timing.arm_s + 2.0
+        self._deadlines = StopDeadlines.of(driver.timing.safe_s)
         self._pubsub = pubsub
         self._answers = answers
         self._shared = shared
@@ -215,7 +217,8 @@ class Safety(Actor):
         reason = Reason.ESTOP if first.lock else Reason.STOP
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._tell_interim, orders)
-            report = await make_safe(self._gate, self._guardian, Stop(reason, first.by, first.lock), first.sent)
+            stop = Stop(reason, first.by, first.lock)
+            report = await make_safe(self._gate, self._guardian, stop, self._deadlines, first.sent)
             nursery.cancel_scope.cancel()
         result = _unconfirmed(report.text) if isinstance(report, Refused) else told(report)
         self._answers.event(str(reason), by=first.by, **result)
@@ -223,7 +226,8 @@ class Safety(Actor):
 
     async def _tell_interim(self, orders: Sequence[StopOrder]) -> None:
         await trio.sleep(INTERIM_S)
-        self._tell(orders, _unconfirmed("not confirmed yet"), final=False)
+        within_s = self._deadlines.gate_s + self._deadlines.root_s
+        self._tell(orders, {**_unconfirmed("not confirmed yet"), "within_s": within_s}, final=False)
 
     def _tell(self, orders: Sequence[StopOrder], result: dict[str, Any], final: bool) -> None:
         for order in orders:

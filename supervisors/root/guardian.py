@@ -372,9 +372,12 @@ class Guardian(Actor):
         self.idle.set()
 
     async def _fence_place(self, place: Place) -> bool:
-        """Write, then fence: who dies in between leaves a wire that acts by itself, or a robot that was told."""
+        """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a safe robot.
+
+        Only where the wire is broken. A root that ends while its wire is well fences first: that wire could write
+        a setpoint after the safe frame. The wire would make safe by itself if the root died before the fence."""
         async with trio.open_nursery() as nursery:
-            if self._stop_channel is not None and place.alive:
+            if self._stop_channel is not None and place.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
@@ -410,7 +413,7 @@ class Guardian(Actor):
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
-        report = StopReport(reason, safe_state, epoch, self._confirmed, motors, "second", took_ms, now_ns)
+        report = StopReport(reason, safe_state, epoch, self._confirmed, motors, "stop_channel", took_ms, now_ns)
         self.last_report = report
         self.state = StateIs(Mode.DOWN if self._confirmed else Mode.LOST, epoch, self.state.locked_by, why)
         self.context.note(report)

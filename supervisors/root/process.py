@@ -33,6 +33,7 @@ from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
@@ -65,10 +66,6 @@ from .stop_channel import not_reached
 from .tasks import Tasks
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
-STOP_S = 0.25
-"""How long the root waits for the wire's own stop before it fences."""
-REPORT_S = 2.0
-"""For the first report of a robot that has to be made safe by the root; who asked waits for one second more."""
 LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
 ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
@@ -140,7 +137,7 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
-        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"])
+        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"], safe_s=self.driver.timing.safe_s)
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.guardian = Guardian(
@@ -227,7 +224,7 @@ class Tree:
             cell(at.path("tasks"), lambda: self.tasks),
             cell(at.path("root"), lambda: Root(self)),
             cell(at.introspection("root"), Introspector, "introspection"),
-            cell(at.instrument("root"), self.instrument_keeper, "tap"),
+            cell(at.instrument("root"), self.instrument_keeper, "instrument"),
         ]
         return [ChildSpec(each.role, partial(self._told, each)) for each in cells]
 
@@ -299,7 +296,7 @@ class Tree:
         report = await self._stop_by_gate(reason, by)
         if self.tasks.process is not None:
             self.tasks.process.kill()
-        with trio.move_on_after(REPORT_S):
+        with trio.move_on_after(StopDeadlines.of(self.driver.timing.safe_s).attempt_s):
             await self.guardian.end(reason, by, report is not None)
         if not self.guardian.confirmed or report is None:
             report = self._report_of_guardian(reason)
@@ -315,8 +312,9 @@ class Tree:
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
         """Its report, if every motor is confirmed. From then on it obeys nobody."""
+        within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s
         try:
-            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), STOP_S)
+            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)
         except (AskTimeout, Unreachable):
             return None
         if not isinstance(answer, StopReport) or not answer.confirmed:
@@ -330,7 +328,7 @@ class Tree:
             return report
         safe_state = self.driver.fallbacks[Reason.WIRE]
         motors = not_reached(self.driver, "no report yet")
-        return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "second")
+        return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "stop_channel")
 
     # -- the tree, described
 

@@ -13,9 +13,8 @@ import trio
 from strands_actors.contract.driver import Driver, MotorReport, StopChannel
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.clock import Clock
+from strands_actors.supervisors.deadlines import StopDeadlines
 
-ROOM_S = 0.5
-"""How much longer than ``Timing.safe_s`` an attempt may take: it hangs then."""
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
 """Pauses between attempts; the last one goes on."""
 INSIST_S = 2.0
@@ -27,11 +26,12 @@ LINGER_S = 60.0
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[MotorReport, ...]:
     """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not reached."""
+    within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
-        with trio.fail_after(driver.timing.safe_s + ROOM_S):
+        with trio.fail_after(within_s):
             return await path.make_safe(safe_state)
     except trio.TooSlowError:
-        why = f"no end within {driver.timing.safe_s + ROOM_S:g} s"
+        why = f"no end within {within_s:g} s"
     except Exception as error:  # of a driver; the next attempt may do better
         why = describe(error)
     return not_reached(driver, why)

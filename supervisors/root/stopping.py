@@ -6,28 +6,30 @@ import trio
 
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.messages import Fence, GetStatus, Stop, StopReport
 
 SILENT_S = 0.1
 """A gate that does not answer for so long is fenced."""
-STOP_S = 2.0
-FENCE_S = 3.0
 
 
-async def make_safe(gate: Ref, guardian: Ref, stop: Stop, sent: Sent | None = None) -> StopReport | Refused:
+async def make_safe(
+    gate: Ref, guardian: Ref, stop: Stop, deadlines: StopDeadlines, sent: Sent | None = None
+) -> StopReport | Refused:
     """``sent``: the gate has been asked already."""
     answer: Message | None = None
+    within_s = deadlines.gate_s
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_cancel_when_silent, gate, nursery.cancel_scope)
         try:
-            answer = await (gate.ask(stop, STOP_S) if sent is None else sent.answer(STOP_S))
+            answer = await (gate.ask(stop, within_s) if sent is None else sent.answer(within_s))
         except (AskTimeout, Unreachable):
             answer = None
         nursery.cancel_scope.cancel()
     if isinstance(answer, StopReport):
         return answer
     try:
-        answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), FENCE_S)
+        answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), deadlines.root_s)
     except (AskTimeout, Unreachable) as failure:
         return Refused("unconfirmed", f"neither wire nor guardian answers: {failure}", "look at the robot")
     if isinstance(answer, StopReport | Refused):

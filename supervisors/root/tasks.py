@@ -21,6 +21,7 @@ from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.deadlines import USUAL_SAFE_S, StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 from strands_actors.supervisors.introspection import Introspector
@@ -42,7 +43,8 @@ from strands_actors.supervisors.policy import Policy
 from .guardian import Guardian
 
 STOP_S = 0.3
-"""A policy process that has not ended its rollout by then is killed."""
+"""A policy process that has not ended its rollout by then is killed, a wire that has not held a robot fenced; of a
+robot that needs longer than most to be safe, so much later."""
 LAST_WORDS_S = 0.05
 """For the last status to leave."""
 
@@ -55,11 +57,14 @@ class Tasks(Actor):
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
         endpoint: str,
+        safe_s: float = USUAL_SAFE_S,
     ) -> None:
-        """``endpoint``: where the wire lets policies in."""
+        """``endpoint``: where the wire lets policies in. ``safe_s``: what the robot's driver says that a stop may
+        take."""
         self._robot = robot
         self._start_process = start
         self._endpoint = endpoint
+        self._stop_s = STOP_S + StopDeadlines.of(safe_s).longer_s
         self.process: ChildProcess | None = None
         self.starts = 0
         self.status = TaskStatus()
@@ -173,7 +178,7 @@ class Tasks(Actor):
             return self.status
         self._stopping = True
         try:
-            status = await self._policy.ask(StopTask(), STOP_S)
+            status = await self._policy.ask(StopTask(), self._stop_s)
         except (AskTimeout, Unreachable):
             status = None
         if isinstance(status, TaskStatus):
@@ -189,7 +194,7 @@ class Tasks(Actor):
     async def _hold(self) -> str:
         """Have the gate end what the policy commanded. What is to be said if it does not answer."""
         try:
-            answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), STOP_S)
+            answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), self._stop_s)
         except Unreachable:
             return "; the wire is gone, and its end makes the robot safe"
         except AskTimeout:

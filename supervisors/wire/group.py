@@ -266,7 +266,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             nursery.start_soon(let_policies_in)
             nursery.start_soon(node.cell(at.introspection("wire"), Introspector, "introspection").run)
             instrument = node.cell(
-                at.instrument("wire"), lambda: instrument_keeper(node, driver, args["driver"], robot), "tap"
+                at.instrument("wire"), lambda: instrument_keeper(node, driver, args["driver"], robot), "instrument"
             )
             nursery.start_soon(instrument.run)
     except Exception as error:

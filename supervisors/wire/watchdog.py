@@ -29,11 +29,10 @@ from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Standing
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.messages import BROUGHT, Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
 
 ASKS = 2
-ROOM_S = 0.5
-"""How much longer than ``Timing.safe_s`` gate and transport may take to make safe when the root is gone."""
 
 
 class Tick(Message, frozen=True):
@@ -83,7 +82,7 @@ class Watchdog(Actor):
         self._addresses = gate, transport
         self._heartbeat = heartbeat
         self._tick_s = timing.tick_s
-        self._leave_s = timing.safe_s + ROOM_S
+        self._leave_s = StopDeadlines.of(timing.safe_s).attempt_s
         self._tick_ns = round(timing.tick_s * NS)
         self._heartbeat_ttl_ns = round(timing.heartbeat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)

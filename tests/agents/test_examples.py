@@ -25,7 +25,7 @@ SAID = {
         "success: {'commanded': {'shoulder_pan': 20.0}}",
         "operator: agent asks so101: set_torque enabled=True? no",
         "error: set_torque: set_torque needs an operator's approval: it was not given",
-        "success: {'stopped': True, 'safe state': 'limp', 'unconfirmed': []}",
+        "success: {'stopped': True, 'safe_state': 'limp', 'unconfirmed': []}",
     ),
 }
 

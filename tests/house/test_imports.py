@@ -33,7 +33,7 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
 
 
 def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
-    """What a module imports when it runs; what only type checkers read is left out."""
+    """Return what a module imports: when it is loaded, later in a function, and for type checkers alone."""
     yield from _walk(ast.parse(source), name if is_package else name.rpartition(".")[0], is_lazy=False)
 
 
@@ -49,16 +49,9 @@ def _walk(node: ast.AST, package: str, is_lazy: bool) -> Iterator[Import]:
                 base = ".".join([*above, base] if base else above)
             for alias in child.names:
                 yield Import(child.lineno, f"{base}.{alias.name}", is_lazy)
-        elif isinstance(child, ast.If) and _is_type_checking(child.test):
-            for other in child.orelse:
-                yield from _walk(ast.Module([other], []), package, is_lazy)
         else:
             inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             yield from _walk(child, package, is_lazy or inside)
-
-
-def _is_type_checking(test: ast.expr) -> bool:
-    return ast.unparse(test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
 
 
 MODULES = modules_below(ROOT, PACKAGE)
@@ -156,7 +149,16 @@ def test_a_module_imports_only_what_is_below_it(name: str) -> None:
     assert faults(name, IMPORTS[name]) == []
 
 
+TO_BE_PORTED = ("ur", "robotiq", "unitree")
+"""Wires that still take their driver instead of a frozen config: wire and driver name each other."""
+
+
+def is_to_be_ported(cycle: list[str]) -> bool:
+    return any(all(is_in(name, f"{PACKAGE}.drivers.{wire}") for name in cycle) for wire in TO_BE_PORTED)
+
+
 def test_no_module_imports_itself_by_a_detour() -> None:
+    """Not even for type checkers."""
     lazy = {f"{PACKAGE}"}  # its names are looked up when they are asked for
     graph = {
         name: {
@@ -167,7 +169,8 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         - {name}
         for name, imports in IMPORTS.items()
     }
-    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
+    found = cycles({name: targets & set(graph) for name, targets in graph.items()})
+    assert [cycle for cycle in found if not is_to_be_ported(cycle)] == []
 
 
 # -- the rules themselves
@@ -191,6 +194,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         ("strands_actors.caller.tree", "import drivers.feetech.wire"),
         ("strands_actors.caller.tree", "from supervisors import gate"),
         ("strands_actors.caller.tree", "if TYPE_CHECKING:\n  pass\nelse:\n  import supervisors"),
+        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
     ],
 )
 def test_a_fault_is_found(name: str, source: str) -> None:
@@ -202,7 +206,6 @@ def test_a_fault_is_found(name: str, source: str) -> None:
     ("name", "source"),
     [
         ("strands_actors.kernel.node", "import trio\nfrom .actor import Actor\nfrom . import link"),
-        ("strands_actors.kernel.node", "if TYPE_CHECKING:\n  from ..caller.tree import RobotTree"),
         (
             "strands_actors.supervisors.gate.gate",
             "from ...kernel.actor import Actor\nfrom .lease import Lease",
@@ -218,3 +221,17 @@ def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:
 def test_a_cycle_is_found() -> None:
     assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c", "b"]]
     assert cycles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_a_cycle_for_type_checkers_is_found() -> None:
+    sources = {"a.b": "if TYPE_CHECKING:\n  from .c import C", "a.c": "from a.b import B"}
+    graph = {
+        name: {target.rpartition(".")[0] for _, target, _ in imports_of(name, False, source)}
+        for name, source in sources.items()
+    }
+    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == [["a.b", "a.c", "a.b"]]
+
+
+def test_no_wire_that_was_ported_is_excused() -> None:
+    assert not is_to_be_ported([f"{PACKAGE}.drivers.xarm.driver", f"{PACKAGE}.drivers.xarm.wire"])
+    assert not is_to_be_ported([f"{PACKAGE}.drivers.ur.driver", f"{PACKAGE}.kernel.node"])

@@ -172,8 +172,19 @@ def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
             gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # answers nobody
             tree.node.cells[tree.gate.address].mailbox.capacity = 0
             (outcome,) = await client.estop(within_s=5.0)
-            assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "second")
+            assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "stop_channel")
             status = await until(lambda: tree.keeper.state.locked_by, "it is locked")
             assert status
+
+    run(test)
+
+
+def test_a_stop_is_waited_for_as_long_as_the_robot_says_that_it_takes() -> None:
+    """It has told that it heard: who ordered the stop then waits for its driver's deadlines, not for their own."""
+
+    async def test() -> None:
+        async with robot_on_mesh(FakeHardware(confirm_s=1.0)) as (robot, _, _), mesh() as client:
+            outcome = await client.stop(robot, "a test", within_s=0.5)
+            assert (outcome.outcome, outcome.safe_state) == ("safe", "limp")
 
     run(test)

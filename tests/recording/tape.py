@@ -93,7 +93,9 @@ async def open_tape() -> AsyncIterator[Tape]:
         network.join().attach(tree.node)
         path = addresses.of(robot).instrument("wire")
         description = {"class": "fake", "robot": "fake", "port": robot, "options": {}}
-        keeper = tree.node.cell(path, lambda: instrument_keeper(tree.node, tree.driver, description, robot), "tap")
+        keeper = tree.node.cell(
+            path, lambda: instrument_keeper(tree.node, tree.driver, description, robot), "instrument"
+        )
         await nursery.start(keeper.run)
         node = Node("recorder", VirtualClock())
         network.join().attach(node)

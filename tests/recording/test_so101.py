@@ -344,7 +344,7 @@ def test_the_death_of_the_wire_is_in_the_file(tmp_path: Path) -> None:
     ended = ("the wire has ended", "the wire process ended with signal 9")
     assert ended in happened
     assert any(what == "the wire process was started" for what, _ in happened[happened.index(ended) :])
-    (second,) = [row for row in after["/so101/safe"] if row["path"] == "second"]
+    (second,) = [row for row in after["/so101/safe"] if row["path"] == "stop_channel"]
     assert second["confirmed"] and second["safe_state"] == "limp" and len(second["motors"]) == 6
     assert [row["source"] for row in after["/so101/gap"]] == ["wire"]
     last = after["/so101/command"][-1]

@@ -92,7 +92,7 @@ async def test_a_message_costs_one_reading_of_the_clock() -> None:
 
 # -- the memory a recording begins with is the whole memory
 
-WIRING = {"_driver", "_addresses"}
+WIRING = {"_driver", "_addresses", "_admission"}
 
 
 def test_a_gate_has_no_state_but_its_memory() -> None:

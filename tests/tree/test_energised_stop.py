@@ -105,7 +105,7 @@ def test_saf_008_a_crash_of_the_wire_leaves_it_held_and_disarmed() -> None:
             tree.place._scope.cancel()
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
-            assert (safe[0].path, safe[0].safe_state) == ("second", "hold")
+            assert (safe[0].path, safe[0].safe_state) == ("stop_channel", "hold")
             assert tree.hardware.of("setpoint", safe[0].t_ns) == []
 
     run_virtual(run)

@@ -151,7 +151,7 @@ def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
                 wire.read = read
                 assert await fenced_after_ms(tree, since_ns) < FENCED_MS
                 safe = tree.hardware.of("safe", since_ns)[0]
-                assert (safe.path, safe.safe_state) == ("second", "limp")
+                assert (safe.path, safe.safe_state) == ("stop_channel", "limp")
                 await tree.until("disarmed")
                 assert len(tree.places) == life + 1
                 assert not tree.hardware.of("setpoint", safe.t_ns + 1), "a restart resumes no motion"

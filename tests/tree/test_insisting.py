@@ -42,7 +42,7 @@ def test_saf_005_a_motor_that_is_heard_late_is_released_before_the_next_wire() -
             tree.hardware.silent.clear()
             await trio.sleep(INSIST_S / 2)
             assert tree.hardware.energised == LIMP
-            assert {entry.path for entry in tree.hardware.of("safe")} == {"second"}
+            assert {entry.path for entry in tree.hardware.of("safe")} == {"stop_channel"}
             assert (await tree.until("disarmed")).cause
 
     run_virtual(run)
@@ -80,7 +80,7 @@ def test_saf_020_a_wire_that_dies_before_it_found_the_robot_again_is_no_end_of_i
             tree.hardware.plugged = True
             await kill(tree)
             first = tree.hardware.of("safe", back_ns)[0]
-            assert first.path == "second"
+            assert first.path == "stop_channel"
             assert tree.hardware.energised == LIMP
 
     run_virtual(run)
@@ -151,7 +151,7 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
             tree.place.let_go = lambda: None  # type: ignore[method-assign]  # it hangs
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
-            assert tree.hardware.of("safe")[-1].path == "second"
+            assert tree.hardware.of("safe")[-1].path == "stop_channel"
 
     run_virtual(run)
 
@@ -165,7 +165,7 @@ def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> 
             tree.place.let_go = tree.place._scope.cancel  # type: ignore[method-assign]
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
-            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["stop_channel"]
 
     run_virtual(run)
 
@@ -210,7 +210,7 @@ def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
 
             place.fence = slow  # type: ignore[method-assign]
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
-            assert isinstance(report, StopReport) and report.confirmed and report.path == "second"
+            assert isinstance(report, StopReport) and report.confirmed and report.path == "stop_channel"
             assert tree.hardware.energised == LIMP
             await trio.sleep(1.0)
             assert len(tree.places) == 1, "no two processes at one port"
@@ -226,7 +226,7 @@ def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() ->
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._silence.heard_ns = 0
+            tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.place
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
@@ -245,7 +245,7 @@ def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadlin
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._silence.heard_ns = 0
+            tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.place
             freeze(tree, "watchdog")

@@ -12,7 +12,9 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.messages import Accepted, Stop, StopReport
+from strands_actors.supervisors.root import stopping
 from strands_actors.testing import check_driver, open_inline_tree, run_virtual
 from strands_actors.testing.conformance import report
 from strands_actors.testing.fake_kinds import LANDING_S, PEERS, FakeBase, FakeDrone, FakeHttp, Peer, _Kind
@@ -31,7 +33,7 @@ async def tree_of(kind: type[_Kind]) -> AsyncIterator[tuple[InlineTree, Peer, Wr
     driver = kind(kind.SUPPORTED_ROBOTS[0], port, {})
     try:
         async with open_inline_tree(driver=driver) as tree:
-            yield tree, driver.peer, await armed(tree)
+            yield tree, driver.config.peer, await armed(tree)
     finally:
         PEERS.pop(port, None)
 
@@ -87,7 +89,7 @@ def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind])
             await tree.places[-1].fence()
             await trio.sleep(0.05)
             safe = peer.of("safe", began_ns)[0]
-            assert safe.path == "second" and safe.safe_state == kind.fallbacks[Reason.WIRE]
+            assert safe.path == "stop_channel" and safe.safe_state == kind.fallbacks[Reason.WIRE]
             assert peer.after("setpoint", safe) == []
 
     run_virtual(run)
@@ -151,6 +153,29 @@ def test_a_drone_hovers_when_its_writer_is_late_and_lands_for_a_stop() -> None:
             assert not peer.motors_on and peer.height_m == 0
 
     run_virtual(run)
+
+
+def test_a_stop_from_the_mesh_lets_a_drone_land_and_does_not_fence_its_wire() -> None:
+    async def run() -> None:
+        async with tree_of(FakeDrone) as (tree, peer, writer):
+            peer.height_m = 1.0
+            assert isinstance(await writer.send(ttl_s=0.3, vx=0.5), Accepted)
+            began_ns = tree.node.clock.now_ns()
+            deadlines = StopDeadlines.of(tree.driver.timing.safe_s)
+            report = await stopping.make_safe(tree.gate, tree.guardian, Stop(Reason.STOP, "a test"), deadlines)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert tree.node.clock.now_ns() - began_ns >= LANDING_S * 1e9
+            assert [sent.path for sent in peer.of("safe", began_ns)] == ["wire"]
+            assert len(tree.places) == 1, "no wire was fenced"
+
+    run_virtual(run)
+
+
+def test_who_waits_for_a_stop_waits_as_long_as_the_robot_may_take() -> None:
+    usual, landing = StopDeadlines.of(1.5), StopDeadlines.of(2 * LANDING_S)
+    assert usual == (0.0, 2.0, 2.0, 3.0, 0.25, 3.25)
+    assert all(longer - shorter >= 2 * LANDING_S - 1.5 for shorter, longer in zip(usual, landing, strict=True))
+    assert landing.end_s >= landing.own_stop_s + landing.attempt_s
 
 
 def test_a_drone_whose_battery_is_low_lands_whoever_flies() -> None:

@@ -248,7 +248,7 @@ def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
             lost_ns = await lost(tree)
             await trio.sleep(0.05)
             assert {(entry.path, entry.safe_state) for entry in tree.hardware.of("safe", lost_ns)} == {
-                ("second", "limp")
+                ("stop_channel", "limp")
             }
             assert tree.hardware.energised == [False, False]
             tree.hardware.energised = [True, True]

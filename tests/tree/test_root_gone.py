@@ -124,6 +124,17 @@ def test_saf_016_a_root_that_wrote_before_it_died_has_made_a_frozen_wire_safe(st
     run_virtual(run)
 
 
+def test_saf_002_a_root_that_ends_beside_a_healthy_wire_fences_it_before_it_writes() -> None:
+    """That wire streams: between a safe frame and the fence it could write a setpoint."""
+
+    async def run() -> None:
+        async with moving_tree() as (tree, root):
+            assert tree.place.alive
+        assert root.steps[:3] == [STEPS[1], STEPS[2], "it is about to write"]
+
+    run_virtual(run)
+
+
 # -- the wire without its root
 
 
@@ -187,7 +198,7 @@ def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
             root.die()
             await trio.sleep(0.5)
             assert tree.hardware.energised == LIMP
-            assert [entry.path for entry in tree.hardware.of("safe")] == ["second"]
+            assert [entry.path for entry in tree.hardware.of("safe")] == ["stop_channel"]
 
     run_virtual(run)
 

@@ -287,7 +287,7 @@ def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.
                 while not tree.hardware.of("safe", frozen_ns):  # noqa: ASYNC110  # the wire's own record
                     await trio.sleep(0.001)
             safe = tree.hardware.of("safe", frozen_ns)[0]
-            assert safe.path == "second"
+            assert safe.path == "stop_channel"
             assert 0.010 * NS < safe.t_ns - frozen_ns <= 0.040 * NS
             tree.hardware.read_hangs = False
 
@@ -372,7 +372,7 @@ def test_saf_003_a_stop_channel_that_is_lost_stops_the_robot(monkeypatch: pytest
             while len(tree.places) < 2:  # noqa: ASYNC110  # the tree's own record
                 await trio.sleep(0.01)
             await tree.until("disarmed")
-            assert tree.keeper.last_report is not None and tree.keeper.last_report.path == "second"
+            assert tree.keeper.last_report is not None and tree.keeper.last_report.path == "stop_channel"
             answer = await tree.gate.ask(Resume("test"), 1.0)
             assert not isinstance(answer, Refused)
 

@@ -145,7 +145,7 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
             await trio.sleep(0.9)
             assert len(tree.places) > 1
             safe = tree.hardware.of("safe", began_ns)[0]
-            assert safe.path == "second" and tree.hardware.after("setpoint", safe) == []
+            assert safe.path == "stop_channel" and tree.hardware.after("setpoint", safe) == []
 
     run_virtual(run)
 

@@ -95,8 +95,8 @@ class _Link:
 
 
 @asynccontextmanager
-async def tasks_of(tree: InlineTree, start_s: float = 0.0) -> AsyncIterator[Ref]:
-    """Its tasks, whose processes take ``start_s`` to be started."""
+async def tasks_of(tree: InlineTree, start_s: float = 0.0, safe_s: float = 1.5) -> AsyncIterator[Ref]:
+    """Its tasks, whose processes take ``start_s`` to be started. ``safe_s``: what a stop may take."""
     path = addresses.of(robot_of(tree)).path("tasks")
     async with trio.open_nursery() as nursery:
 
@@ -107,7 +107,7 @@ async def tasks_of(tree: InlineTree, start_s: float = 0.0) -> AsyncIterator[Ref]
             nursery.start_soon(process.run)
             return process
 
-        made = Tasks(robot_of(tree), start, "")
+        made = Tasks(robot_of(tree), start, "", safe_s=safe_s)
         cell = tree.node.cell(path, lambda: made)
         await nursery.start(Supervisor([ChildSpec("tasks", cell.run)]).run)
         yield tree.node.ref(cell.address, Tasks)
@@ -194,8 +194,28 @@ def test_saf_010_a_stop_of_a_task_that_is_not_answered_fences_the_wire() -> None
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "fenced" in status.exit_detail
             await tree.until("disarmed")
-            assert tree.hardware.of("safe", asked_ns)[-1].path == "second"
+            assert tree.hardware.of("safe", asked_ns)[-1].path == "stop_channel"
             assert tree.hardware.energised == [False, False]
+
+    run_virtual(run)
+
+
+def test_a_robot_that_may_take_long_to_be_safe_is_not_fenced_for_it_when_its_task_is_stopped() -> None:
+    """A drone that lands, a base behind a slow service."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree, tasks_of(tree, safe_s=4.0) as tasks:
+            writer = await armed(tree)
+            await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            await trio.sleep(0.1)
+            asked_ns = tree.node.clock.now_ns()
+            freeze(tree, "policy")
+            tree.hardware.confirm_s = 1.0
+            status = await tasks.ask(StopTask(), 6.0)
+            assert isinstance(status, TaskStatus) and not status.running, status
+            assert "fenced" not in status.exit_detail
+            assert {sent.path for sent in tree.hardware.of("safe", asked_ns)} == {"wire"}
+            assert tree.hardware.energised == [True, True], "it holds"
 
     run_virtual(run)
 

@@ -182,7 +182,7 @@ def test_saf_010_fence_makes_safe_when_the_gate_does_not_answer() -> None:
             freeze(tree, "gate")
             fenced_ns = tree.node.clock.now_ns()
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 2.0)
-            assert isinstance(report, StopReport) and report.confirmed and report.path == "second"
+            assert isinstance(report, StopReport) and report.confirmed and report.path == "stop_channel"
             assert tree.hardware.of("safe", fenced_ns)[0].t_ns - fenced_ns < 20 * MS
             assert tree.hardware.energised == [False, False]
 

@@ -148,7 +148,7 @@ def test_saf_003_a_crashed_actor_ends_its_group_and_the_stop_channel_makes_safe(
             gate._look = lambda now_ns: 1 / 0  # type: ignore[attr-defined]
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
-            assert safe[0].path == "second" and safe[0].safe_state == "limp"
+            assert safe[0].path == "stop_channel" and safe[0].safe_state == "limp"
             assert safe[0].t_ns - crashed_ns < 50 * MS
             assert setpoints(tree, safe[0].t_ns) == []
             assert tree.hardware.energised == [False, False]
@@ -167,7 +167,7 @@ def test_saf_004_frozen_gate_stops_the_keepalive_and_is_fenced() -> None:
             await trio.sleep(0.4)
             assert len(setpoints(tree, frozen_ns + 20 * MS)) == 0
             safe = tree.hardware.of("safe", frozen_ns)
-            assert safe[0].path == "second"
+            assert safe[0].path == "stop_channel"
             assert safe[0].t_ns - frozen_ns < 250 * MS
 
     run_virtual(run)
@@ -184,7 +184,7 @@ def test_saf_004_frozen_transport_stops_the_keepalive_and_is_fenced() -> None:
             await trio.sleep(0.4)
             tree.hardware.read_hangs = False
             safe = tree.hardware.of("safe", frozen_ns)
-            assert safe[0].path == "second"
+            assert safe[0].path == "stop_channel"
             assert safe[0].t_ns - frozen_ns < 250 * MS
             assert len(setpoints(tree, frozen_ns + 25 * MS)) == 0
 

@@ -1,4 +1,5 @@
-"""RTPS, the wire of DDS, as far as robots need it: discovery, best effort, reliable delivery, fragments.
+"""RTPS, the wire of DDS, as far as robots need it: discovery, best effort, reliable delivery,
+fragments.
 
     participant = Participant(address="192.168.123.99")      # sockets are open
     writer = participant.writer("rt/lowcmd", "unitree_hg::msg::dds_::LowCmd_")
@@ -7,8 +8,13 @@
     await participant.wait_matched(writer, reader)
     writer.write(payload)                                     # an ordinary function
 
-Protocol 2.2, IPv4. No type information is sent: a peer of another generation stumbles over it. Not here: security,
-keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.
+A peer counts as matched once it has acknowledged that our endpoint exists, a reliable one once it
+has spoken to it: what is written from then on is heard. A sample is as old as its datagram's
+arrival, by the kernel's time. Everything is bounded: peers, remote endpoints, samples that came too
+early, fragments; what does not fit is counted.
+
+Protocol 2.2, IPv4. No type information is sent: a peer of another generation stumbles over it. Not
+here: security, keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.
 """
 
 from .engine import Counters

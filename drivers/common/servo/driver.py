@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -14,6 +15,7 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.kernel.messages import Refused
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
+from .config import ServoConfig
 from .gates import all_gates
 
 NO_CALIBRATION = "none: full servo travel"
@@ -45,6 +47,7 @@ class ServoDriver(Driver):
     REMEDIES: ClassVar[Mapping[str, str]]
     """By such a code."""
 
+    config: ServoConfig
     unit = "degrees (gripper: percent open)"
     timing = Timing(
         control_hz=30.0,
@@ -75,22 +78,30 @@ class ServoDriver(Driver):
         resolved = options if "calibration_source" in options else self.resolve(robot, options)
         motors = resolved.get("calibration")
         self.robot = self.TABLES.canonical(robot)
-        self.port = port
-        self.baud = int(resolved.get("baud") or self.DEFAULT_BAUD)
-        self.calibration_source: str = resolved["calibration_source"]
-        self.calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
-        joints = self.TABLES.robots[self.robot]["joints"]
-        self.joints = axes_of(joints, self.calibration, self.HOST_INVERTS)
+        calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
+        self.joints = axes_of(self.TABLES.robots[self.robot]["joints"], calibration, self.HOST_INVERTS)
+        self.config = ServoConfig(
+            robot=self.robot,
+            port=port,
+            baud=int(resolved.get("baud") or self.DEFAULT_BAUD),
+            joints=self.joints,
+            calibration=calibration,
+            calibration_source=resolved["calibration_source"],
+        )
         self.axes = tuple(axis.key for axis in self.joints)
         self.ids = tuple(axis.id for axis in self.joints)
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
         self._index = {key: at for at, key in enumerate(self.axes)}
 
+    def preload(self) -> None:
+        super().preload()
+        importlib.import_module("serial")  # the root may have to open the port itself
+
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
 
     def travel(self) -> dict[str, tuple[float, float]]:
-        return {axis.key: axis.limits for axis in self.joints} if self.calibration else {}
+        return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.joints, self._index, state)

@@ -10,10 +10,12 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
-from strands_actors.kernel.clock import NS
+from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.kernel.clock import NS, Clock
 
 from .axes import Axis
 from .codec import Codec
+from .config import ServoConfig
 from .readings import STILL_COUNTS
 
 LIMP = "limp"
@@ -266,3 +268,11 @@ class Safing(Generic[PacketT]):
                 tally.answered(motor, False, f"refuses: {self._bus.refusals[motor]}")
             elif motor not in replies:
                 tally.unanswered(motor, detail)
+
+
+def safing_on(
+    port: BytePort, config: ServoConfig, codec: Codec[PacketT], safing: type[Safing[PacketT]], clock: Clock
+) -> Safing[PacketT]:
+    """Return the safing on a port about which nothing is known."""
+    bus = HalfDuplexBus(port, codec.Decoder(), clock, config.baud, overhead=codec.OVERHEAD)
+    return safing(bus, codec, config.joints)

@@ -1,4 +1,4 @@
-"""The bus of position servos in the wire process, and the root's stop channel to it.
+"""The bus of position servos in the wire process.
 
 What one protocol or firmware does differently is in its subclass: ``handshake``, and the hooks around arming.
 """
@@ -17,21 +17,20 @@ from strands_actors.contract.driver import (
     Observation,
     Permit,
     PermitDenied,
-    StopChannel,
     Wire,
     WireDown,
 )
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
 from strands_actors.drivers.common.port_users import users_of
-from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, in_use, open_serial
+from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial
 from strands_actors.kernel.clock import NS, Clock
 
 from .axes import COUNTS, Axis
 from .codec import Codec
-from .driver import ServoDriver
+from .config import ServoConfig
 from .handshake import ask, command, roll_call, untold
 from .readings import Readings
-from .safing import Safing, unreachable
+from .safing import Safing, safing_on, unreachable
 
 TORQUE_CHECK_S = 0.5
 LINK_SILENT_S = 0.5
@@ -101,10 +100,10 @@ class ServoWire(Wire, Generic[PacketT]):
     """The same with what precedes it: one question, so that a torque check cannot fail on its own."""
 
     def __init__(
-        self, driver: ServoDriver, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
+        self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
     ) -> None:
-        self.driver = driver
-        self.axes = driver.joints
+        self.config = config
+        self.axes = config.joints
         self.clock = clock
         self._open_port = open_port
         self._session_or_none: _Session[PacketT] | None = None
@@ -127,24 +126,24 @@ class ServoWire(Wire, Generic[PacketT]):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        driver = self.driver
-        self._port = self._open_port(driver.port, driver.baud)
+        config = self.config
+        self._port = self._open_port(config.port, config.baud)
         codec = self.CODEC
-        bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, driver.baud, overhead=codec.OVERHEAD)
+        bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, config.baud, overhead=codec.OVERHEAD)
         try:
-            await roll_call(bus, codec, driver.robot, self.axes, f"{driver.port} at {driver.baud} baud")
+            await roll_call(bus, codec, config.robot, self.axes, f"{config.port} at {config.baud} baud")
             handshake = await self.handshake(bus)
         except BaseException as error:
             self.close()
-            if isinstance(error, WireDown) and (users := users_of(driver.port)):
-                raise WireDown(f"connect: {in_use(driver.port, users)}") from error  # and garbles what it hears
+            if isinstance(error, WireDown) and (users := users_of(config.port)):
+                raise WireDown(f"connect: {in_use(config.port, users)}") from error  # and garbles what it hears
             raise
         safing = self.SAFING(bus, codec, self.axes, handshake.travel)
-        self._session_or_none = _Session(bus, driver.ids, handshake, safing)
+        self._session_or_none = _Session(bus, config.ids, handshake, safing)
         return {
-            "port": driver.port,
-            "baud": driver.baud,
-            "calibration_source": driver.calibration_source,
+            "port": config.port,
+            "baud": config.baud,
+            "calibration_source": config.calibration_source,
             **handshake.facts,
         }
 
@@ -161,7 +160,7 @@ class ServoWire(Wire, Generic[PacketT]):
             await self._energise(axis, permit)
         await self.after_arming(permit)
         session.readings.energised()
-        session.health = Health(self.driver.ids)
+        session.health = Health(self.config.ids)
         session.observation = session.readings.observation(self.clock.now_ns(), (), armed=True)
         return session.observation
 
@@ -197,7 +196,7 @@ class ServoWire(Wire, Generic[PacketT]):
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The old descriptor may still take what nobody answers; a new one reaches what was plugged in again."""
-        old, driver = self._port, self.driver
+        old, config = self._port, self.config
         shouted = False
         try:
             if old is not None and safe_state != "hold":
@@ -205,7 +204,7 @@ class ServoWire(Wire, Generic[PacketT]):
         finally:
             self.close()
         try:
-            port = self._open_port(driver.port, driver.baud)
+            port = self._open_port(config.port, config.baud)
         except WireDown as error:
             return unreachable(self.axes, str(error), shouted)
         try:
@@ -215,7 +214,7 @@ class ServoWire(Wire, Generic[PacketT]):
             port.close()
 
     def _safing_on(self, port: BytePort) -> Safing[PacketT]:
-        return safing_on(port, self.driver, self.CODEC, self.SAFING, self.clock)
+        return safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
 
     def handover(self) -> Sequence[int]:
         return () if self._port is None else (self._port.fileno(),)
@@ -241,7 +240,7 @@ class ServoWire(Wire, Generic[PacketT]):
 
     async def ask_all(self, address: int, size: int, what: str) -> dict[int, PacketT]:
         """A sync read that every servo must answer, before any of them is energised. Raise ``WireDown``."""
-        ids, bus = self.driver.ids, self.session.bus
+        ids, bus = self.config.ids, self.session.bus
         replies = await ask(bus, self.CODEC.sync_read(ids, address, size), dict.fromkeys(ids, size))
         if missing := [axis.label for axis in self.axes if axis.id not in replies]:
             raise WireDown(untold(bus, ", ".join(missing), what))
@@ -282,7 +281,7 @@ class ServoWire(Wire, Generic[PacketT]):
         elif now_ns - session.silent_since_ns > LINK_SILENT_S * NS:
             silent_ms = (now_ns - session.silent_since_ns) / 1e6
             raise WireDown(
-                f"read: no servo of {self.driver.robot} answers for {silent_ms:.0f} ms. "
+                f"read: no servo of {self.config.robot} answers for {silent_ms:.0f} ms. "
                 "Check power and the bus cable, then reconnect"
             )
 
@@ -335,64 +334,3 @@ class ServoWire(Wire, Generic[PacketT]):
                 f"arm: {axis.label} rests {abs(outside_deg):.1f} deg outside its range and would be "
                 "pulled in. Move it inside by hand"
             )
-
-
-class ServoStopChannel(StopChannel, Generic[PacketT]):
-    """The root's way to the servos: the same open port, after its owner is gone for good; or, where that one is
-    dead or there never was one, the port opened anew by its path."""
-
-    def __init__(
-        self,
-        driver: ServoDriver,
-        codec: Codec[PacketT],
-        safing: type[Safing[PacketT]],
-        descriptors: Sequence[int],
-        clock: Clock,
-        open_port: Callable[[str, int], BytePort] = open_serial,
-    ) -> None:
-        self._driver = driver
-        self._clock = clock
-        self._codec = codec
-        self._safing = safing
-        self._open_port = open_port
-        self._port: BytePort | None = adopt_serial(descriptors[0], driver.port) if descriptors else None
-
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another name when it
-        comes back."""
-        task_status.started()
-        port = self._port
-        if port is not None:
-            await port.hung_up()
-            self.close()
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        axes = self._driver.joints
-        if self._port is not None:
-            reports = await self._by(self._port, safe_state)
-            if any(report.written for report in reports):
-                return reports
-            self.close()
-        try:
-            self._port = self._open_port(self._driver.port, self._driver.baud)
-        except WireDown as error:
-            return unreachable(axes, str(error))
-        return await self._by(self._port, safe_state)
-
-    async def _by(self, port: BytePort, safe_state: str) -> tuple[MotorReport, ...]:
-        safing = safing_on(port, self._driver, self._codec, self._safing, self._clock)
-        # nothing is known here of where the servos are: a hold begins with asking them
-        return await safing.hold({}) if safe_state == "hold" else await safing.limp()
-
-    def close(self) -> None:
-        if self._port is not None:
-            self._port.close()
-            self._port = None
-
-
-def safing_on(
-    port: BytePort, driver: ServoDriver, codec: Codec[PacketT], safing: type[Safing[PacketT]], clock: Clock
-) -> Safing[PacketT]:
-    """On a port about which nothing is known."""
-    bus = HalfDuplexBus(port, codec.Decoder(), clock, driver.baud, overhead=codec.OVERHEAD)
-    return safing(bus, codec, driver.joints)

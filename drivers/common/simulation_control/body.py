@@ -8,7 +8,13 @@ from typing import Any, NamedTuple, Protocol
 
 
 class Hand(enum.IntEnum):
-    """Who holds a joint."""
+    """Who holds a joint.
+
+    What is energised on the wire follows the wire: a servo with torque enabled there, an arm whose
+    controller runs a program. The simulation holds the rest, from ``take`` until it is stopped or
+    the wire takes it. It is never given back by itself, since then an old target would come back
+    with it.
+    """
 
     NONE = 0  # nobody: it is limp
     WIRE = 1  # the robot's own electronics, told by whoever is on its wire
@@ -26,7 +32,8 @@ class Felt(NamedTuple):
 
 
 class Body(Protocol):
-    """Time passes between calls, in ``pass_time``; nothing here waits. What the wire holds follows the wire."""
+    """Time passes between calls, in ``pass_time``; nothing here waits. What the wire holds follows
+    the wire."""
 
     @property
     def axes(self) -> tuple[str, ...]: ...

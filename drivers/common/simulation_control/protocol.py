@@ -20,6 +20,8 @@ MAX_REPLY = 1 << 26
 TIMESTEP_S = 0.002
 """Of the physics of every twin."""
 MOST_STEPS = 100_000
+STEP_S = 30.0
+"""Longest time that they may take."""
 
 LIMP = "limp"
 HOLD = "hold"

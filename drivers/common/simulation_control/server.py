@@ -7,8 +7,8 @@ import math
 import os
 import socket
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import Literal, Protocol
 
 import trio
 
@@ -16,13 +16,22 @@ from . import protocol as p
 from .body import Body, Hand
 from .renderer import CannotRender, Renderer
 
-if TYPE_CHECKING:
-    from strands_actors.drivers.common.twin.wirelog import WireLog
-
 BACKLOG = 16
 _CHUNK = 1 << 16
 _STEPS_AT_ONCE = 500
 """Three milliseconds or so."""
+
+
+class Log(Protocol):
+    """Where it is noted what the simulation was told: the twin's wire log."""
+
+    def write(
+        self,
+        t_ns: int,
+        source: Literal["control"],
+        frames: Iterable[tuple[str, bytes]],
+        safe_state: str | None = None,
+    ) -> None: ...
 
 
 class SimulationControl:
@@ -33,7 +42,7 @@ class SimulationControl:
     left in its socket would otherwise be obeyed after the safe frame.
     """
 
-    def __init__(self, path: str, body: Body, log: WireLog) -> None:
+    def __init__(self, path: str, body: Body, log: Log) -> None:
         """Raise ``OSError`` when there can be no socket at ``path``."""
         self._path = path
         self._body = body

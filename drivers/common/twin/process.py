@@ -9,7 +9,7 @@ import signal
 import stat
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack, runtime_checkable
+from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import trio
 
@@ -18,9 +18,6 @@ from strands_actors.drivers.common.simulation_control.body import body_of
 from .line import Line
 from .server import Robot, Server
 from .wirelog import WireLog
-
-if TYPE_CHECKING:
-    from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
 LINGER_S = 3.0
 """How long a twin outlives its parent, so that what others still write is logged."""
@@ -49,6 +46,13 @@ class Orderly(Protocol):
     def order(self, words: Sequence[str]) -> bool:
         """Carry one out. False: it is none of this robot's."""
         ...
+
+
+class Control(Protocol):
+    """The simulation control of a robot, while it is served."""
+
+    async def serve(self) -> None: ...
+    def close(self) -> None: ...
 
 
 class Start(TypedDict, total=False):
@@ -105,7 +109,7 @@ async def _main(
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
-    opened: SimulationControl | None = None
+    opened: Control | None = None
     try:
         if control is not None:
             opened = _open_control(control, server, wire_log)
@@ -138,10 +142,9 @@ async def _main(
                 os.unlink(port_file)
 
 
-def _open_control(path: str, server: Served, log: WireLog) -> SimulationControl:
-    from strands_actors.drivers.common.simulation_control.server import (
-        SimulationControl,  # MuJoCo: not every twin has it loaded
-    )
+def _open_control(path: str, server: Served, log: WireLog) -> Control:
+    # here: it brings MuJoCo, which not every twin has loaded
+    from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
     return SimulationControl(path, body_of(server), log)
 

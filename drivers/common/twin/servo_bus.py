@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.drivers.common.half_duplex import Decoder, PacketT
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.physics import Plant
 
 from .faults import Fault, Faults, Reply
@@ -117,7 +117,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.servos = tuple(servos)
         self.faults = Faults()
         self.now_s = now_s
-        self.body = PlantBody(plant, self.pass_time)
+        self.body = JointedBody(plant, self.pass_time)
         self._decoder = decoder
         self._heard_s = now_s()
 

@@ -25,7 +25,7 @@ class WireLog:
         said."""
         if self._fd is None:
             return
-        end = "" if safe_state is None else f', "safe state": "{safe_state}"'
+        end = "" if safe_state is None else f', "safe_state": "{safe_state}"'
         lines = [
             f'{{"t_ns": {t_ns}, "from": "{source}", "kind": "{kind}", "hex": "{data.hex()}"{end}}}\n'
             for kind, data in frames

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .controller import TICK_S, Controller
 
 
-class FrankaBody(PlantBody):
+class FrankaBody(JointedBody):
     """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, controller: Controller) -> None:

@@ -23,7 +23,7 @@ from strands_actors.drivers.kuka.protocol import (
 )
 from strands_actors.drivers.kuka.robots import Arm
 
-from .body import model_table
+from .model import model_table
 
 FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100
 """Answers in a row."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.legged_body import Walker
+from strands_actors.drivers.common.legged_body import LeggedBody
 from strands_actors.drivers.unitree.robots import TABLES, Model
 
 
-def body_of(model: Model) -> Walker:
+def body_of(model: Model) -> LeggedBody:
     """Limits, torque and speed come from the joints, the rest from ``links``."""
     table = TABLES.table(model.name)
     joints = {joint.key: joint for joint in model.joints}
@@ -18,4 +18,4 @@ def body_of(model: Model) -> Walker:
         joint = joints[key]
         limits = f"{joint.low},{joint.high} {joint.torque} {joint.speed}"
         rows.append(f"{body} {parent} {key} {axis} {xyz} {rot} {limits} {kg} {com} {geom}")
-    return Walker({**table, "model_rows": "\n".join(rows)}, model.axes)
+    return LeggedBody({**table, "model_rows": "\n".join(rows)}, model.axes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
@@ -13,7 +13,7 @@ from .controller import Controller
 from .motion import Hold, Servo
 
 
-class URBody(PlantBody):
+class URBody(JointedBody):
     """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, controller: Controller) -> None:

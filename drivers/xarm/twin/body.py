@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import PlantBody
+from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .controller import Controller
 
 
-class XArmBody(PlantBody):
+class XArmBody(JointedBody):
     """The controller holds its arm, or its brakes do, whoever moves it: nothing here makes it limp."""
 
     def __init__(self, controller: Controller) -> None:

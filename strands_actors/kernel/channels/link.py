@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import trio
 
-from strands_actors.kernel.node import Node
+from strands_actors.kernel.router import Router
 
 from .permissions import Channel
 
@@ -42,7 +42,7 @@ class Link:
 
     def __init__(
         self,
-        node: Node,
+        node: Router,
         sock: socket.socket,
         on_closed: Callable[[], None] | None = None,
         channel: Channel | None = None,

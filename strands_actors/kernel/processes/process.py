@@ -24,7 +24,7 @@ import trio
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.health.realtime import run_like_others, runs_first
-from strands_actors.kernel.node import Node
+from strands_actors.kernel.router import Router
 
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
@@ -78,7 +78,7 @@ class ChildProcess(ABC):
     def part(self) -> None:  # noqa: B027  # who has another parent is buried by that one
         """Let it go on without us; it is buried all the same."""
 
-    def link(self, node: Node, channel: Channel | None = None) -> Link:
+    def link(self, node: Router, channel: Channel | None = None) -> Link:
         """The parent's end; run its ``run``. ``channel``: what the child may say."""
         self._linked = True
         return Link(node, self.socket, channel=channel)

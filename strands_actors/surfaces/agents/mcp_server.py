@@ -13,9 +13,9 @@ from mcp.server import Server
 from mcp.server.context import ServerRequestContext
 from mcp.server.stdio import stdio_server
 
-from strands_actors import __version__
 from strands_actors.caller.async_robot import AsyncRobot
 from strands_actors.caller.envelopes import Answer
+from strands_actors.version import __version__
 
 ALLOW_MOTION = "start the server with --allow-motion"
 

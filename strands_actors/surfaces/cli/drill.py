@@ -19,7 +19,7 @@ The drill of {robot} at {port}.
 
 It energises the robot where it is, moves nothing, and makes it safe {count} times: by a stop, by killing its policy
 and its wire process, by freezing its root process, and with its cable out (you will be asked to pull it).
-Each time an arm may sink or fall: {safe states}.
+Each time an arm may sink or fall: {safe_states}.
 Have it at rest on its support, hands off, your hand near its power switch.
 """
 

@@ -49,7 +49,7 @@ def _told(report: StopReport | Refused) -> tuple[bool, str]:
         return False, f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
     if not report.motors:
         return True, f"{report.safe_state}, it was already"
-    how = " by the root's own path" if report.path == "second" else ""
+    how = " by the stop channel" if report.path == "stop_channel" else ""
     return True, f"{report.safe_state}, {_motors(len(report.motors))} confirmed in {report.took_ms:.1f} ms{how}"
 
 

@@ -172,7 +172,7 @@ def _tell(outcome: Outcome) -> Told:
     elif not outcome.motors:
         line = f"{outcome.safe_state}, it was already"
     else:
-        by = " by the root's own path" if outcome.path == "second" else ""
+        by = " by the stop channel" if outcome.path == "stop_channel" else ""
         line = f"{outcome.safe_state}, {len(outcome.motors)} motors confirmed in {outcome.took_ms:.1f} ms{by}"
     if outcome.locked and outcome.outcome == "safe":
         line += operate.locked_until(outcome.robot, outcome.note)

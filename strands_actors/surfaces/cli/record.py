@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import trio
 
-from strands_actors import __version__
 from strands_actors.contract.driver import Driver
 from strands_actors.surfaces.recording.code import build_driver, fingerprint
 from strands_actors.surfaces.recording.errors import RecordingError
@@ -17,6 +16,7 @@ from strands_actors.surfaces.recording.file import Info, RecordingFile, read
 from strands_actors.surfaces.recording.player import Difference, Outcome
 from strands_actors.surfaces.recording.player import replay as play
 from strands_actors.surfaces.recording.recorder import Summary, record_until_told
+from strands_actors.version import __version__
 
 from .errors import Problem
 

@@ -78,7 +78,9 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
         (report.robot, "bold"), "  ", styled(report.state), f"  epoch {report.epoch}" if report.epoch else ""
     )
     tree = Tree(head, guide_style="dim")
-    actors = [actor for actor in report.actors if introspection or actor.role not in ("introspection", "tap")]
+    actors = [
+        actor for actor in report.actors if introspection or actor.role not in ("introspection", "instrument")
+    ]
     width = max((len(_path(actor.address)) for actor in actors), default=0)
     for process in report.processes:
         state = (states or {}).get(process.pid, "running")

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors import __version__
 from strands_actors.caller.async_robot import open_tree
 from strands_actors.caller.plan import Plan, plan
 from strands_actors.caller.processes import NotConnected
@@ -21,6 +20,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.testing.twin import Twin
+from strands_actors.version import __version__
 
 from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
 from .steps import Drill, Failed

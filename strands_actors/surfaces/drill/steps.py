@@ -238,7 +238,7 @@ class Drill:
         if not self._driver.energised(safe_state) and (problem := await self._moves()):
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
         motors = f"{len(report.motors)} motors read back" if report.motors else "read back by the wire process"
-        by = " by the root's own path" if report.path == "second" else ""
+        by = " by the stop channel" if report.path == "stop_channel" else ""
         figure = Figure(step, True, safe_state, None, confirmed_ms, bound_s * 1e3, None, motors + by, proves)
         return figure if self._twin is None else self._with_log(figure, self._twin.log, began_ns)
 

@@ -47,6 +47,7 @@ AWAY_S = 0.004
 a quarter of 2.8 ms, on two."""
 ANSWER_S = 0.5
 STOP_S = 3.0
+"""Unless the robot says meanwhile that it has heard, and takes longer."""
 CLOCK_AGE_S = 10.0
 """A clock is read again when the last reading is older."""
 
@@ -255,10 +256,13 @@ class MeshClient:
             return Refused("unreachable", f"{robot} is not on the mesh", f"these are: {names}")
         with self._turn() as (turn, answers):
             self._put(via, key, robot, turn, body)
-            with trio.move_on_after(within_s):
+            with trio.move_on_after(within_s) as patience:
                 async for response in answers:
                     if response.final:
                         return result_of(response)
+                    # It is known that the robot heard; how long it may take is its driver's to say.
+                    longer_s = float((response.result or {}).get("within_s", 0.0))
+                    patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
         return Refused(
             "no_answer", f"{robot} gave no answer within {within_s:g} s", "is it frozen, or denied to you?"
         )

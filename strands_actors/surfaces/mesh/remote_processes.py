@@ -12,6 +12,7 @@ import re
 import secrets
 import socket
 from collections.abc import Awaitable, Callable
+from typing import ClassVar
 
 import trio
 import zenoh
@@ -37,7 +38,7 @@ SYNC_S = (0.1, 0.1, 0.1, 0.2, 0.5, 1.0, 2.0)
 
 
 class RemoteProcesses(Processes):
-    patience = Patience(ask_s=1.5, status_s=1.0, stop_s=3.0, command_s=1.0)
+    PATIENCE: ClassVar[Patience] = Patience(ask_s=1.5, status_s=1.0, stop_s=3.0, command_s=1.0)
     elsewhere = True
     gate: GatewayRef
 

@@ -18,8 +18,8 @@ from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from strands_actors import __version__
 from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry
+from strands_actors.version import __version__
 
 from .errors import RecordingError
 from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema

@@ -26,7 +26,7 @@ from .world import World
 
 Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
 FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
-FeetechStopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
+StopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
 
 
 class NoPlace:
@@ -86,11 +86,6 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         assert found is not None
         return found
 
-    def stop_channel(driver: Any, descriptors: Any, clock: Any) -> Any:
-        channel = FeetechStopChannel(driver, (), clock, robot.line.open)
-        channel._port = robot.line.adopt(descriptors[0]) if descriptors else None
-        return channel
-
     SimMesh.net = net
     table: tuple[tuple[Any, str, Any], ...] = (
         (trio.to_thread, "run_sync", _threads(world)),
@@ -120,8 +115,13 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
         (policy, "heap", SimpleNamespace(left_alone=contextlib.nullcontext)),
-        (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver, clock, robot.line.open)),
-        (Feetech, "stop_channel", stop_channel),
+        (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver.config, clock, robot.line.open)),
+        (
+            Feetech,
+            "stop_channel",
+            lambda driver, fds, clock: StopChannel(driver.config, fds, clock, robot.line.open),
+        ),
+        (StopChannel, "adopt", lambda channel, fd: robot.line.adopt(fd)),
     )
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]
     try:

@@ -128,7 +128,7 @@ def test_the_driver_finds_the_file_of_its_tool_name(
     path = write(tmp_path / "robots" / folder / "blue.json", content())
     resolved = Feetech.resolve("so101", {"tool_name": "blue"})
     driver = Feetech("so101", "p", resolved)
-    assert driver.calibration_source == str(path)
+    assert driver.config.calibration_source == str(path)
     assert (driver.joints[0].low, driver.joints[0].high) == (700, 3300)
 
 

@@ -75,7 +75,7 @@ def test_axes_fallbacks_and_the_firmwares_watchdog() -> None:
 def test_units_without_a_calibration() -> None:
     driver = koch()
     pan, gripper = driver.joints[0], driver.joints[5]
-    assert driver.calibration_source == "none: full servo travel"
+    assert driver.config.calibration_source == "none: full servo travel"
     assert pan.limits == pytest.approx((-180.0, 180.0))
     assert pan.count(90.0) == round(2047.5 + 90 * 4095 / 360)
     assert gripper.limits == pytest.approx((0.0, 100.0))
@@ -95,13 +95,13 @@ def test_drive_mode_is_the_servos_business() -> None:
 
 
 def test_an_offset_of_many_turns_is_taken_and_more_is_not() -> None:
-    assert koch(calibration=calibration(homing_offset=-1_044_479)).calibration
+    assert koch(calibration=calibration(homing_offset=-1_044_479)).config.calibration
     with pytest.raises(ValueError, match="homing_offset is 1044480"):
         koch(calibration=calibration(homing_offset=1_044_480))
 
 
 def test_options_are_checked() -> None:
-    assert koch(baud=57_600).baud == 57_600
+    assert koch(baud=57_600).config.baud == 57_600
     with pytest.raises(ValueError, match="baud is 500000"):
         koch(baud=500_000)
 

@@ -118,7 +118,7 @@ def test_a_timeout_bounds_how_long_opening_takes() -> None:
     ],
 )
 def test_an_address(port: str, address: tuple[str, int]) -> None:
-    assert EarthRover("earthrover", port, {}).address() == address
+    assert EarthRover("earthrover", port, {}).config.address() == address
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_an_address(port: str, address: tuple[str, int]) -> None:
 )
 def test_saf_014_what_is_no_address_of_the_service_is_refused(port: str) -> None:
     with pytest.raises(ValueError, match="It speaks no https"):
-        EarthRover("earthrover", port, {}).address()
+        EarthRover("earthrover", port, {}).config.address()
 
 
 @pytest.mark.parametrize("text", ["", "x" * 201, 3, None])

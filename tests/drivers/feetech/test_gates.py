@@ -154,7 +154,7 @@ def test_the_ends_themselves_are_accepted(driver: Feetech) -> None:
 
 
 def test_without_calibration_a_joint_has_the_whole_turn() -> None:
-    assert FREE.calibration_source.startswith("none")
+    assert FREE.config.calibration_source.startswith("none")
     assert FREE.joints[0].limits == pytest.approx((-180.0, 180.0))
     assert (FREE.joints[0].low, FREE.joints[0].high) == (0, 4095)
     gripper = FREE.joints[5]
@@ -366,7 +366,7 @@ def test_resolved_options_travel_as_plain_data() -> None:
     travelled = msgspec.msgpack.decode(msgspec.msgpack.encode(resolved))
     driver = Feetech("so101", "p", travelled)
     assert driver.joints == ARM.joints
-    assert driver.baud == 500_000
+    assert driver.config.baud == 500_000
     assert Feetech.resolve("so101", travelled) == resolved, "resolving twice changes nothing"
 
 

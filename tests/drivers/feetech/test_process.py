@@ -223,7 +223,7 @@ def test_saf_020_the_root_lets_go_of_a_port_that_was_pulled_and_opens_it_again_w
                 await nursery.start(path.serve)
                 twin.command("unplug")
                 wire.close()
-        assert path._port is None  # type: ignore[attr-defined]
+        assert path.port is None  # type: ignore[attr-defined]
         for report in await path.make_safe("limp"):
             assert not report.written and not report.safe and twin.port in report.detail
         twin.command("plug")

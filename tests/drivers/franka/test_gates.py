@@ -166,9 +166,9 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 
 
 def test_the_stride_follows_from_the_stream_rate() -> None:
-    assert Franka("panda", "", {}).stride == 33
+    assert Franka("panda", "", {}).config.stride == 33
     fast = Franka("panda", "", {"stream_rate_hz": 100.0})
-    assert (fast.stride, fast.timing.control_hz) == (10, 100.0)
+    assert (fast.config.stride, fast.timing.control_hz) == (10, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_the_stride_follows_from_the_stream_rate() -> None:
 def test_the_port_is_fixed(port: str, fits: bool) -> None:
     driver = Franka("panda", port, {})
     if fits:
-        assert driver.host == "192.0.2.1"
+        assert driver.config.host == "192.0.2.1"
     else:
         with pytest.raises(ValueError, match="its port is 1337"):
-            _ = driver.host
+            _ = driver.config.host

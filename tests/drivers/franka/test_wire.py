@@ -50,7 +50,7 @@ def on_wire(twin: Twin, act: Callable[[FrankaWire], Awaitable[None]]) -> None:
     """On a wire that is open."""
 
     async def run() -> None:
-        wire = FrankaWire(Franka("panda", twin.port, {}), MonotonicClock())
+        wire = FrankaWire(Franka("panda", twin.port, {}).config, MonotonicClock())
         try:
             with trio.fail_after(2 * PATIENCE_S):
                 await wire.open()
@@ -190,7 +190,7 @@ def test_saf_002_a_stop_leaves_before_anything_is_waited_for(twin: Twin) -> None
 
 
 def test_saf_005_a_stop_without_a_link_is_a_report_of_failures() -> None:
-    wire = FrankaWire(Franka("panda", "127.0.0.1", {}), MonotonicClock())
+    wire = FrankaWire(Franka("panda", "127.0.0.1", {}).config, MonotonicClock())
     reports = trio.run(wire.make_safe, "stop")
     assert len(reports) == 7
     assert not any(report.written or report.safe for report in reports)
@@ -247,7 +247,7 @@ def test_saf_020_a_controller_that_froze_finds_the_stop_when_it_goes_on(twin: Tw
 
 
 def stopped(twin: Twin) -> tuple[list[bool], str]:
-    channel = FrankaStopChannel(Franka("panda", twin.port, {}))
+    channel = FrankaStopChannel(Franka("panda", twin.port, {}).config, (), MonotonicClock())
     reports = trio.run(functools.partial(channel.make_safe, "stop"))
     channel.close()
     return [report.safe for report in reports], reports[0].detail
@@ -282,7 +282,7 @@ def test_saf_005_a_clock_that_stands_still_confirms_nothing(twin: Twin) -> None:
 
 
 def test_saf_005_nobody_there(twin: Twin, tmp_path: Path) -> None:
-    channel = FrankaStopChannel(Franka("panda", "127.0.0.1:1338", {}))
+    channel = FrankaStopChannel(Franka("panda", "127.0.0.1:1338", {}).config, (), MonotonicClock())
     assert not any(report.safe for report in trio.run(channel.make_safe, "stop"))
-    channel = FrankaStopChannel(Franka("panda", "127.9.9.9", {}))
+    channel = FrankaStopChannel(Franka("panda", "127.9.9.9", {}).config, (), MonotonicClock())
     assert "cannot connect" in trio.run(channel.make_safe, "stop")[0].detail

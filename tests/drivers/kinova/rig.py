@@ -26,7 +26,7 @@ class Rig:
         self.driver = Kinova("kinova_gen3", HOST, options or {})
         self.twin: KinovaTwin = twin_of("kinova_gen3", now_s=trio.current_time, **bench)
         self.clock = VirtualClock()
-        self.wire = KinovaWire(self.driver, self.clock, self.connect)
+        self.wire = KinovaWire(self.driver.config, self.clock, self.connect)
         self.ports: list[MemoryPort] = []
         self.told: list[tuple[float, Frame]] = []
         self.silent = False  # hears, and says nothing
@@ -61,7 +61,7 @@ class Rig:
 
     async def period(self, earned: bool = True) -> Observation:
         """One control period: re-send what is live, then read."""
-        await trio.sleep(self.driver.period_s)
+        await trio.sleep(self.driver.config.period_s)
         if earned and self.target is not None:
             await self.wire.write(self.target, Permission())
         return await self.wire.read()
@@ -78,7 +78,7 @@ class Rig:
         return await self.wire.make_safe(safe_state)
 
     def stop_channel(self) -> KinovaStopChannel:
-        return KinovaStopChannel(self.driver, (), self.clock, self.connect)
+        return KinovaStopChannel(self.driver.config, (), self.clock, self.connect)
 
     # -- what came of it
 

@@ -169,7 +169,7 @@ def test_the_clocks_follow_the_control_frequency(hz: float, silent_s: float) -> 
     arm = Kinova("kinova_gen3", "192.0.2.10", Kinova.resolve("kinova_gen3", {"control_frequency": hz}))
     timing = arm.timing
     assert timing.control_hz == hz
-    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.heartbeat_ttl_s, arm.silent_s):
+    for lapse_s in (timing.stream_ttl_s, timing.state_ttl_s, timing.heartbeat_ttl_s, arm.config.silent_s):
         assert lapse_s == pytest.approx(silent_s)
     assert timing.keepalive_s < 1 / hz
     step = 0.8727 / hz
@@ -211,9 +211,9 @@ def test_a_password_is_in_no_refusal() -> None:
     [("192.168.1.10", ("192.168.1.10", 10000)), ("arm.local:10001", ("arm.local", 10001))],
 )
 def test_the_address(port: str, address: tuple[str, int]) -> None:
-    assert Kinova("kinova_gen3", port, {}).address() == address
+    assert Kinova("kinova_gen3", port, {}).config.address() == address
 
 
 def test_a_port_that_is_no_address_is_refused() -> None:
     with pytest.raises(ValueError, match="Give an address"):
-        Kinova("kinova_gen3", "10.0.0.1:x", {}).address()
+        Kinova("kinova_gen3", "10.0.0.1:x", {}).config.address()

@@ -181,7 +181,7 @@ def test_a_stream_is_followed_at_its_speed() -> None:
         rig = await Rig().armed()
         start = (await rig.wire.read()).position
         for step in range(1, 41):
-            rig.target = (start[0] + 0.25 * step * rig.driver.period_s, *start[1:])
+            rig.target = (start[0] + 0.25 * step * rig.driver.config.period_s, *start[1:])
             seen = await rig.period()
             if step > 20:
                 assert seen.velocity[0] == pytest.approx(0.25, rel=0.2)

@@ -222,7 +222,7 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 
 def test_the_port_names_the_controller_and_may_name_the_port_of_both_ends() -> None:
     def place(port: str, **options: Any) -> tuple[str, int]:
-        return Kuka("kuka_iiwa", port, options).place()
+        return Kuka("kuka_iiwa", port, options).config.place()
 
     assert place("") == ("", 30200)
     assert place("192.0.2.10") == ("192.0.2.10", 30200)

@@ -52,7 +52,9 @@ class Rig:
         self.driver = driver
         self.log = log
         self.clock = MonotonicClock()
-        self.wire: KukaWire = driver.open_wire(self.clock)
+        wire = driver.open_wire(self.clock)
+        assert isinstance(wire, KukaWire)
+        self.wire = wire
         self.permit = Permit()
         self._nursery = nursery
         self._serving = trio.CancelScope()
@@ -82,12 +84,11 @@ class Rig:
         """End the wire as its process would; the root's channel with its duplicate."""
         fd = os.dup(self.wire.handover()[0])
         await self.release()
-        return KukaStopChannel(self.driver, fd, self.clock)
+        return KukaStopChannel(self.driver.config, (fd,), self.clock)
 
     async def release(self) -> None:
         await self.lose()
         self.wire.close()
-        assert self.driver.kept is not None
         self.driver.kept.release()
 
     async def write(self, rad: float) -> None:
@@ -313,7 +314,7 @@ def test_a_stranger_that_speaks_later_is_not_answered(tmp_path: Path) -> None:
             stranger.bind(("127.0.0.1", 0))
             stranger.setblocking(False)
             for _ in range(20):
-                stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.place()[1]))
+                stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.place()[1]))
                 await trio.sleep(0.005)
             with pytest.raises(BlockingIOError):
                 stranger.recv(100)
@@ -377,7 +378,7 @@ def test_saf_012_silence_is_a_lost_link_and_the_port_stays_ours(tmp_path: Path) 
         try:
             await rig.lose()
             rig.server.plug()
-            rig.wire = rig.driver.open_wire(rig.clock)
+            rig.wire = KukaWire(rig.driver.config, rig.clock, rig.driver.kept)
             await rig.wire.open()
         finally:
             os.close(fd)
@@ -502,7 +503,7 @@ def test_saf_003_the_root_answers_in_the_wires_place_and_moves_nothing(tmp_path:
         rig.log.no_setpoint_after_safe(began_ns)
         channel.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", rig.driver.place()[1]))
+            free.bind(("127.0.0.1", rig.driver.config.place()[1]))
         await rig.until(lambda: rig.controller.state == State.MONITORING_WAIT)
 
     on_a_twin(tmp_path, test)
@@ -541,7 +542,7 @@ def test_the_root_does_not_answer_a_stranger_in_its_place(tmp_path: Path) -> Non
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.bind(("127.0.0.1", 0))
             stranger.setblocking(False)
-            stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.place()[1]))
+            stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.place()[1]))
             assert all_safe(await channel.make_safe("hold"))
             with pytest.raises(BlockingIOError):
                 stranger.recv(100)

@@ -46,7 +46,7 @@ class Rig:
         self.port = MemoryPort(servos(bus))
         self.driver = driver
         self.clock = VirtualClock()
-        self.wire = wire_class(driver, self.clock, lambda path, baud: self.port)
+        self.wire = wire_class(driver.config, self.clock, lambda path, baud: self.port)
         self.protocol = protocol
         self._torque = torque
 

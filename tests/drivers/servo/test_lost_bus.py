@@ -110,10 +110,10 @@ class FeetechCable(Cable):
 
         class Arm(Feetech):
             def open_wire(self, clock: Clock) -> FeetechWire:
-                return LocalFeetech(self, clock, cable.open_port)
+                return LocalFeetech(self.config, clock, cable.open_port)
 
             def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-                return FeetechStopChannel(self, (), clock, cable.open_port)
+                return FeetechStopChannel(self.config, (), clock, cable.open_port)
 
         return Arm("so101", "memory", Arm.resolve("so101", {}))
 
@@ -132,10 +132,10 @@ class DynamixelCable(Cable):
 
         class Arm(Dynamixel):
             def open_wire(self, clock: Clock) -> DynamixelWire:
-                return LocalDynamixel(self, clock, cable.open_port)
+                return LocalDynamixel(self.config, clock, cable.open_port)
 
             def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-                return DynamixelStopChannel(self, (), clock, cable.open_port)
+                return DynamixelStopChannel(self.config, (), clock, cable.open_port)
 
         return Arm("koch", "memory", Arm.resolve("koch", {}))
 

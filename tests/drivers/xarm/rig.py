@@ -12,9 +12,10 @@ from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.twin import Faults
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.driver import XArm
+from strands_actors.drivers.xarm.stop_channel import XArmStopChannel
 from strands_actors.drivers.xarm.twin import ControlSession, controller_of
 from strands_actors.drivers.xarm.twin.publisher import Publisher
-from strands_actors.drivers.xarm.wire import XArmStopChannel, XArmWire
+from strands_actors.drivers.xarm.wire import XArmWire
 from strands_actors.kernel.clock import NS, Clock
 
 PORT = "192.0.2.1:502"

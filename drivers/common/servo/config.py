@@ -1,0 +1,24 @@
+"""What the wire and the stop channel of position servos know of their robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from strands_actors.drivers.common.calibration import MotorCalibration
+
+from .axes import Axis
+
+
+class ServoConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    baud: int
+    joints: tuple[Axis, ...]
+    calibration: Mapping[str, MotorCalibration] | None
+    calibration_source: str
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        return tuple(axis.id for axis in self.joints)

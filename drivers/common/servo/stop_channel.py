@@ -1,0 +1,59 @@
+"""The root's way to position servos: the open port of the wire that has ended, else the port opened
+anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Generic
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import DuplicateDescriptor
+from strands_actors.drivers.common.half_duplex import PacketT
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.kernel.clock import Clock
+
+from .codec import Codec
+from .config import ServoConfig
+from .safing import Safing, safing_on, unreachable
+
+
+class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[PacketT]):
+    CODEC: Codec[PacketT]
+    SAFING: type[Safing[PacketT]]
+
+    def __init__(
+        self,
+        config: ServoConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
+    ) -> None:
+        self._open = open_port
+        super().__init__(config, descriptors, clock)
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another
+        name when it comes back."""
+        task_status.started()
+        if self.port is not None:
+            await self.port.hung_up()
+            self.close()
+
+    def adopt(self, descriptor: int) -> BytePort:
+        return adopt_serial(descriptor, self.config.port)
+
+    async def open_port(self) -> BytePort:
+        return self._open(self.config.port, self.config.baud)
+
+    async def make_safe_on(self, port: BytePort, safe_state: str) -> tuple[MotorReport, ...]:
+        safing = safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
+        # Where the servos are is not known here: a hold begins with asking them.
+        reports = await safing.hold({}) if safe_state == "hold" else await safing.limp()
+        if not any(report.written for report in reports):
+            raise WireDown(reports[0].detail)
+        return reports
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
+        return unreachable(self.config.joints, why)

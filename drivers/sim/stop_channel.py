@@ -1,0 +1,47 @@
+"""How a simulation is stopped: by its wire, and by the root in a conversation of its own."""
+
+from __future__ import annotations
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import ConnectWhenNeeded
+from strands_actors.drivers.common.simulation_control import protocol as p
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.simulation_control.client import SimulationClient
+
+from .config import SimConfig
+from .gates import HELD_BY_WIRE
+
+SAFE_S = 1.0
+
+
+class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
+    async def connect(self) -> SimulationClient:
+        return SimulationClient(self.config.control)
+
+    async def make_safe_by(self, port: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
+        return await make_safe(self.config, port, safe_state)
+
+    def failed(self, why: str, port: SimulationClient | None = None) -> tuple[MotorReport, ...]:
+        return failed(self.config, why)
+
+
+async def make_safe(config: SimConfig, control: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
+    """Never raises. ``ask`` hands the frame over before anything waits."""
+    order = p.LIMP if safe_state == p.LIMP else p.HOLD  # only a limp robot is let go of; others stay where they are
+    try:
+        sample = await control.call(p.Safe(0, order), p.Sample, SAFE_S)
+    except WireDown as down:
+        return failed(config, str(down))
+    wire = int(Hand.WIRE)
+    targets = config.position(sample) if safe_state in config.energised else (None,) * len(config.axes)
+    return tuple(
+        MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "", target)
+        for axis, motor, hand, target in zip(config.axes, config.ids, sample.hands, targets, strict=True)
+    )
+
+
+def failed(config: SimConfig, why: str) -> tuple[MotorReport, ...]:
+    return tuple(
+        MotorReport(axis, motor, False, False, False, why)
+        for axis, motor in zip(config.axes, config.ids, strict=True)
+    )

@@ -1,0 +1,33 @@
+"""The root's way to an xArm's controller: a connection made for the stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.stop_channels import ConnectWhenNeeded
+from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.kernel.clock import Clock
+
+from .config import XArmConfig
+from .control import Control, OpenStream, Outcome, open_control, stop
+
+
+class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
+    def __init__(
+        self, config: XArmConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
+    ) -> None:
+        super().__init__(config, descriptors, clock)
+        self._open_stream = open_stream
+
+    async def connect(self) -> Control:
+        return await open_control(self.config, self.clock, self._open_stream)
+
+    async def make_safe_by(self, port: Control, safe_state: str) -> tuple[MotorReport, ...]:
+        return (await stop(port)).reports()
+
+    def failed(self, why: str, port: Control | None = None) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, why).reports()
+
+    def release(self, port: Control) -> None:
+        port.close_in_order()  # a frozen controller finds the stop when it goes on

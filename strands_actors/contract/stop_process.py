@@ -1,0 +1,259 @@
+"""The fifth kind of stop channel: a process of its own, for what needs a vendor's SDK or gRPC.
+
+Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary
+stop channel, and makes safe when it is asked to, one question at a time over a socket pair. A child
+that does not answer in time (its SDK hangs, or keeps the interpreter's lock) is killed, and another
+one is started and asked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import sys
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic
+
+import msgspec
+import trio
+
+from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.processes.process import ChildProcess, start
+
+from .driver import MotorReport, StopChannel, WireDown
+from .loading import load, place_of
+from .stop_channels import ConfigT, Reports
+
+_ENTRY = "strands_actors.contract.stop_process:main"
+_DEATH_SIGNAL = 1
+"""``PR_SET_PDEATHSIG`` of Linux."""
+_KILLED_S = 0.2
+"""How long the end of a killed child is waited for, before the next one is started."""
+_HEADER = 4
+
+
+class _Order(msgspec.Struct, frozen=True):
+    safe_state: str
+
+
+class _Answer(msgspec.Struct, frozen=True):
+    """``trouble``: why the child cannot be used. Without one: it is ready, or what became of each
+    motor."""
+
+    reports: tuple[MotorReport, ...] = ()
+    trouble: str = ""
+
+
+class OwnProcess(StopChannel, Generic[ConfigT]):
+    """``config`` is a struct of msgspec: it travels to the child as plain data."""
+
+    CHANNEL: ClassVar[str]
+    """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
+    clock)``."""
+    START_S: ClassVar[float] = 2.0
+    """Within which a child has loaded and connected what it needs."""
+    ANSWER_S: ClassVar[float] = 0.6
+    """Within which it has made safe. Two answers and a start are to fit into ``Timing.safe_s``."""
+    AGAIN_S: ClassVar[float] = 0.2
+    """Pause before a child that ended by itself is replaced."""
+    ATTEMPTS: ClassVar[int] = 2
+
+    def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
+        self.config = config
+        self._descriptors = tuple(descriptors)
+        self._child: _Child | None = None
+        self._starting = trio.Lock()
+        self._serving = trio.CancelScope()
+
+    @abstractmethod
+    def failed(self, why: str) -> Reports:
+        """Report that no motor is confirmed."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        told = False
+        with self._serving:
+            child = await self._ready()
+            told = True
+            task_status.started()
+            while True:
+                await child.process.wait()
+                await trio.sleep(self.AGAIN_S)
+                with contextlib.suppress(WireDown):
+                    await self._end()
+                    child = await self._ready()
+        if not told:
+            task_status.started()  # it has been used meanwhile
+
+    async def make_safe(self, safe_state: str) -> Reports:
+        self._serving.cancel()
+        why = ""
+        for _ in range(self.ATTEMPTS):
+            try:
+                child = await self._ready()
+                return await self._ask(child, safe_state)
+            except WireDown as down:
+                why = str(down)
+                await self._end()
+        return self.failed(why)
+
+    def close(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            child.abandon()
+        for descriptor in self._descriptors:
+            os.close(descriptor)
+        self._descriptors = ()
+
+    async def _ask(self, child: _Child, safe_state: str) -> Reports:
+        """Raise ``WireDown``. A child whose answer was not waited for is not asked again."""
+        answered = False
+        try:
+            child.send(_Order(safe_state))
+            reports = (await child.receive(self.ANSWER_S)).reports
+            answered = True
+            return reports
+        finally:
+            if not answered:
+                child.process.kill()
+
+    async def _ready(self) -> _Child:
+        """Return the child to ask, started when there is none. Raise ``WireDown``."""
+        # A stop may come while ``serve`` starts one: whoever is second takes that one, or starts
+        # another when it was given up, so that none is left that nobody knows of.
+        async with self._starting:
+            return self._child or await self._begin()
+
+    async def _begin(self) -> _Child:
+        """Start a child that is ready to be asked. Raise ``WireDown``."""
+        told = {
+            "channel": self.CHANNEL,
+            "config_class": place_of(type(self.config)),
+            "config": msgspec.to_builtins(self.config),
+            "descriptors": list(self._descriptors),
+            "parent": os.getpid(),
+        }
+        try:
+            process = start(_ENTRY, told, self._descriptors, label=f"stop channel {self.CHANNEL}")
+        except OSError as error:
+            raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
+        child = _Child(process, self.CHANNEL)
+        try:
+            await child.receive(self.START_S)
+            self._child = child
+            return child
+        finally:
+            if self._child is not child:
+                child.abandon()
+
+    async def _end(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            await child.process.fence(_KILLED_S)
+
+
+class _Child:
+    """The root's end of the conversation."""
+
+    def __init__(self, process: ChildProcess, name: str) -> None:
+        self.process = process
+        self._name = name
+        self._frames = _Frames(process.socket)
+
+    def send(self, order: _Order) -> None:
+        """Raise ``WireDown``."""
+        try:
+            self._frames.send(order)
+        except OSError as error:
+            raise WireDown(f"stop channel: {self._name} takes no order ({error.strerror})") from None
+
+    async def receive(self, within_s: float) -> _Answer:
+        """Raise ``WireDown`` when nothing comes in time, the child ends, or it tells of trouble."""
+        data: bytes | None = None
+        with trio.move_on_after(within_s) as scope:
+            data = await self._frames.receive()
+        if scope.cancelled_caught:
+            raise WireDown(f"stop channel: {self._name} did not answer within {within_s:g} s")
+        if data is None:
+            raise WireDown(f"stop channel: the process of {self._name} has ended. What it says is above")
+        answer = msgspec.msgpack.decode(data, type=_Answer)
+        if answer.trouble:
+            raise WireDown(answer.trouble)
+        return answer
+
+    def abandon(self) -> None:
+        """Kill it; nobody waits for its end."""
+        self.process.kill()
+        self.process.part()
+        self.process.socket.close()
+
+
+class _Frames:
+    """Messages on a stream: four bytes of length, then msgpack."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        self._socket = sock
+        self._heard = b""
+
+    def send(self, message: msgspec.Struct) -> None:
+        """Raise ``OSError``: at once, or not at all."""
+        data = msgspec.msgpack.encode(message)
+        self._socket.send(len(data).to_bytes(_HEADER, "little") + data)
+
+    async def receive(self) -> bytes | None:
+        """Return the next message; None: the other end is gone."""
+        while True:
+            size = int.from_bytes(self._heard[:_HEADER], "little")
+            if len(self._heard) >= _HEADER + size and self._heard:
+                data, self._heard = self._heard[_HEADER : _HEADER + size], self._heard[_HEADER + size :]
+                return data
+            await trio.lowlevel.wait_readable(self._socket)
+            try:
+                more = self._socket.recv(1 << 16)
+            except BlockingIOError:
+                continue
+            except OSError:
+                return None
+            if not more:
+                return None
+            self._heard += more
+
+
+# -- in the child
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    _end_with_parent(args["parent"])
+    config = msgspec.convert(args["config"], load(args["config_class"]))
+    channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
+    trio.run(_answer, channel, _Frames(sock))
+
+
+async def _answer(channel: StopChannel, frames: _Frames) -> None:
+    try:
+        async with trio.open_nursery() as nursery:
+            try:
+                await nursery.start(channel.serve)
+            except WireDown as down:
+                frames.send(_Answer(trouble=str(down)))
+                return
+            frames.send(_Answer())
+            while (data := await frames.receive()) is not None:
+                order = msgspec.msgpack.decode(data, type=_Order)
+                frames.send(_Answer(await channel.make_safe(order.safe_state)))
+            nursery.cancel_scope.cancel()
+    finally:
+        channel.close()
+
+
+def _end_with_parent(parent: int) -> None:
+    """End when the root does, whatever an SDK does here: it may hang, or keep the interpreter's
+    lock. Without Linux a child that hangs outlives a root that is killed."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
+        if os.getppid() != parent:
+            os._exit(1)  # it ended before that was said

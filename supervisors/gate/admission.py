@@ -1,0 +1,165 @@
+"""Whether a setpoint or a service is let through, and if not why. Pure: it is told what the gate
+knows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from strands_actors.contract.driver import Condition, Driver, GateState, Observation
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Perform, Setpoint
+
+from . import failsafe
+from .failsafe import Mode
+from .lease import Leases, refuse_by_deadline
+
+LATCHED = -1
+"""``live_until_ns`` of a target that stands as long as its lease lives."""
+
+
+class Known(NamedTuple):
+    """What the gate knows, of which a decision is made."""
+
+    state: failsafe.State
+    leases: Leases
+    cause: str  # of the state
+    connect_error: str
+    observation: Observation | None
+    target: tuple[float, ...]
+    target_ns: int  # when it was accepted
+    live_until_ns: int  # 0: no live setpoint
+    in_service: bool  # one of the robot's own services is under way
+
+
+class Admitted(NamedTuple):
+    """A setpoint that may go to the wire. ``until_ns``: when what it sets in motion ends; 0: with
+    the lease."""
+
+    values: tuple[float, ...]
+    until_ns: int
+    deadline_ns: int
+
+
+class Admission:
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+
+    def setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
+        """Ask in the order in which a person would want to hear it: mode, lease, epoch, deadline,
+        the robot's conditions, its axes, its gates."""
+        refusal = (
+            self._refuse_by_mode(known)
+            or _refuse_by_lease("move", message, known)
+            or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
+            or self._refuse_latched(message)
+        )
+        if refusal is not None:
+            return refusal
+        observation = known.observation
+        if observation is None:
+            return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
+        if known.in_service:
+            return Refused("busy", "move: one of the robot's own services is under way", "wait until it is done")
+        broken = self.broken_condition(observation, now_ns)
+        if broken is not None:
+            return broken[1]
+        state = GateState(
+            now_ns,
+            observation,
+            known.target,
+            known.target_ns,
+            message.period_s > 0,
+            message.period_s,
+            known.live_until_ns,
+        )
+        candidate = self._driver.parse(message.action, state)
+        if isinstance(candidate, Refused):
+            return candidate
+        for gate in self._driver.gates:
+            refusal = gate(candidate, state)
+            if refusal is not None:
+                return refusal
+        until_ns = 0 if message.latched else message.deadline_ns
+        if candidate.until_ns:
+            until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
+        return Admitted(candidate.values, until_ns, min(message.deadline_ns, until_ns or message.deadline_ns))
+
+    def service(self, message: Perform, known: Known) -> Refused | None:
+        """Refuse one of the driver's own services."""
+        service, state = message.service, known.state
+        refusal = self._driver.check_service(service, message.arguments)
+        if refusal is not None:
+            return refusal
+        if state.locked_by:
+            return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+        if state.mode in failsafe.OVER:
+            return refuse_at_the_end(service, known.cause)
+        if state.mode not in failsafe.LINKED:
+            return Refused("not_connected", f"{service}: not connected: {known.connect_error}")
+        if state.mode in (Mode.ARMING, Mode.STOPPING):
+            return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
+        refusal = _refuse_by_lease(service, message, known)
+        if refusal is not None:
+            return refusal
+        moves = known.live_until_ns != 0 or message.first is not None
+        if moves and not self._driver.SERVICES[service].in_motion:
+            return Refused(
+                "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
+            )
+        return None
+
+    def broken_condition(
+        self, observation: Observation, now_ns: int, only_always: bool = False
+    ) -> tuple[Condition, Refused] | None:
+        """Return the first condition of the robot that is not true, and why. ``only_always``: of
+        those that are looked at while nothing is live."""
+        for condition in self._driver.conditions:
+            if condition.always or not only_always:
+                refusal = condition.check(observation, now_ns)
+                if refusal is not None:
+                    return condition, refusal
+        return None
+
+    def _refuse_by_mode(self, known: Known) -> Refused | None:
+        mode = known.state.mode
+        if known.state.locked_by:
+            why = f"move: e-stopped by {known.state.locked_by}"
+            return Refused("locked_out", why, "resume() lifts the lockout")
+        if mode in failsafe.WRITABLE:
+            return None
+        if mode in failsafe.OVER:
+            return refuse_at_the_end("move", known.cause)
+        if mode not in failsafe.LINKED:
+            why = "the restart budget is spent" if mode is Mode.FAILED else known.connect_error
+            return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
+        if mode is Mode.ARMING:
+            return Refused("arming", "move: the robot is being energised", "try again when it is armed")
+        cause = f" ({known.cause})" if known.cause else ""
+        return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+
+    def _refuse_latched(self, message: Setpoint) -> Refused | None:
+        """Refuse a command without an end to a robot that would go on moving by it: a base, a
+        drone, legs."""
+        longest_s = self._driver.timing.oneshot_ttl_s
+        if not message.latched or longest_s is None:
+            return None
+        why = f"move: {self._driver.robot} takes no command without an end"
+        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
+
+
+def refuse_at_the_end(what: str, cause: str) -> Refused:
+    """Refuse anything of a tree that ends."""
+    return Refused("ending", f"{what}: the tree of this robot ends ({cause})", "start it again")
+
+
+def _refuse_by_lease(what: str, message: Setpoint | Perform, known: Known) -> Refused | None:
+    refusal = known.leases.refuse(what, message.lease, message.channel)
+    if refusal is None and message.epoch != known.state.epoch:
+        return Refused(
+            "stale_epoch",
+            f"{what}: prepared in epoch {message.epoch}, now it is {known.state.epoch} ({known.cause})",
+            "acquire the lease again and start from the measured position",
+            str(message.epoch),
+            str(known.state.epoch),
+        )
+    return refusal

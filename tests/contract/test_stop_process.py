@@ -1,0 +1,214 @@
+"""A stop channel in a process of its own: whatever the SDK does there, the root gets an answer in time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+import trio
+
+from strands_actors.contract import MotorReport, OwnProcess, WireDown
+from strands_actors.kernel.clock import MonotonicClock
+from tests.contract.vendor import VendorConfig
+
+AXES = ("a", "b")
+PATIENCE_S = 20.0
+
+
+class Channel(OwnProcess[VendorConfig]):
+    CHANNEL: ClassVar[str] = "tests.contract.vendor:VendorStopChannel"
+    START_S: ClassVar[float] = PATIENCE_S  # a busy machine
+    ANSWER_S: ClassVar[float] = 1.0
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
+        return tuple(MotorReport(axis, at, False, False, False, why) for at, axis in enumerate(self.config.axes))
+
+
+class Folder:
+    """What the SDK is told to do, and what it notes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def tell(self, what: str) -> None:
+        (self.path / what).touch()
+
+    def notes(self, what: str) -> list[int]:
+        """Return the processes that have noted it."""
+        try:
+            lines = (self.path / "notes").read_text().splitlines()
+        except FileNotFoundError:
+            return []
+        return [int(pid) for pid, _, noted in (line.partition(" ") for line in lines) if noted == what]
+
+    async def until(self, what: str, times: int = 1) -> None:
+        with trio.fail_after(PATIENCE_S):
+            while len(self.notes(what)) < times:  # noqa: ASYNC110  # another process writes them
+                await trio.sleep(0.01)
+
+
+async def gone(pid: int) -> None:
+    with trio.fail_after(PATIENCE_S):
+        while alive(pid):  # noqa: ASYNC110  # a process of a process
+            await trio.sleep(0.01)
+
+
+def alive(pid: int) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def with_channel(
+    tmp_path: Path, test: Callable[[Channel, Folder], Awaitable[None]], descriptors: tuple[int, ...] = ()
+) -> None:
+    async def main() -> None:
+        channel = Channel(VendorConfig(str(tmp_path), AXES), descriptors, MonotonicClock())
+        try:
+            await test(channel, Folder(tmp_path))
+        finally:
+            channel.close()
+
+    trio.run(main)
+
+
+def test_what_the_sdk_reports_is_the_answer_and_the_sdk_stays_out_of_the_root(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+
+    async def test(channel: Channel, folder: Folder) -> None:
+        reports = await channel.make_safe("land")
+        assert [(report.axis, report.safe) for report in reports] == [("a", True), ("b", True)]
+        assert os.read(reading, 100) == b"land", "it was given the descriptor"
+        assert os.getpid() not in folder.notes("land")
+        await channel.make_safe("off")
+        assert len(folder.notes("began")) == 1, "one child answers again and again"
+
+    with_channel(tmp_path, test, (writing,))
+    os.close(reading)
+
+
+@pytest.mark.parametrize("trouble", ["hang", "spin", "crash"])
+def test_saf_003_an_sdk_that_does_not_answer_is_killed_and_another_one_asked(tmp_path: Path, trouble: str) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell(trouble)
+        reports = await channel.make_safe("stop")
+        assert all(report.safe for report in reports)
+        first, second = folder.notes("began")
+        assert folder.notes("stop") == [second]
+        assert not alive(first)
+
+    with_channel(tmp_path, test)
+
+
+def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_nobody_behind(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell("hang-always")
+        reports = await channel.make_safe("stop")
+        assert [report.safe for report in reports] == [False, False]
+        assert "did not answer within 1 s" in reports[0].detail
+        assert len(folder.notes("hangs")) == 2
+        for pid in folder.notes("began"):
+            await gone(pid)
+        (folder.path / "hang-always").unlink()
+        assert all(report.safe for report in await channel.make_safe("stop")), "the next attempt begins anew"
+
+    with_channel(tmp_path, test)
+
+
+def test_saf_010_an_answer_that_nobody_waited_for_is_nobodys_answer(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell("hang")
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(channel.make_safe, "stop")
+            await folder.until("hangs")
+            nursery.cancel_scope.cancel()
+        (first,) = folder.notes("began")
+        await gone(first)
+        assert all(report.safe for report in await channel.make_safe("land"))
+        assert folder.notes("land") == [folder.notes("began")[1]]
+
+    with_channel(tmp_path, test)
+
+
+def test_it_is_ready_before_the_link_counts_as_up_and_replaced_when_it_dies(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(channel.serve)
+            (first,) = folder.notes("began")
+            os.kill(first, signal.SIGKILL)
+            await folder.until("began", 2)
+            await channel.make_safe("stop")
+        assert len(folder.notes("stop")) == 1
+        assert not alive(first)
+
+    with_channel(tmp_path, test)
+
+
+def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell("unreachable")
+        with pytest.raises(WireDown, match="no route to the robot"):
+            await channel.serve()
+        reports = await channel.make_safe("stop")
+        assert not reports[0].safe and reports[0].detail == "no route to the robot"
+
+    with_channel(tmp_path, test)
+
+
+def test_saf_005_an_sdk_that_hangs_as_it_is_loaded_leaves_nobody_behind(tmp_path: Path) -> None:
+    class Impatient(Channel):
+        START_S: ClassVar[float] = 3.0
+
+    async def main() -> None:
+        folder = Folder(tmp_path)
+        folder.tell("hang-at-start")
+        channel = Impatient(VendorConfig(str(tmp_path), AXES), (), MonotonicClock())
+        reports = await channel.make_safe("stop")
+        assert "did not answer within 3 s" in reports[0].detail
+        for pid in folder.notes("began"):
+            await gone(pid)
+        channel.close()
+
+    trio.run(main)
+
+
+def test_its_end_is_the_end_of_its_child(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        await channel.make_safe("stop")
+        (pid,) = folder.notes("began")
+        channel.close()
+        await gone(pid)
+
+    with_channel(tmp_path, test)
+
+
+ROOT = """
+import sys, trio
+from strands_actors.kernel.clock import MonotonicClock
+from tests.contract.test_stop_process import Channel
+from tests.contract.vendor import VendorConfig
+Channel.ANSWER_S = 3600.0
+trio.run(Channel(VendorConfig(sys.argv[1], ("a",)), (), MonotonicClock()).make_safe, "stop")
+"""
+
+
+@pytest.mark.parametrize("trouble", ["hang", "spin"])
+def test_saf_003_a_hanging_sdk_ends_with_its_root(tmp_path: Path, trouble: str) -> None:
+    folder = Folder(tmp_path)
+    folder.tell(trouble)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    root = subprocess.Popen([sys.executable, "-c", ROOT, str(tmp_path)], env=environment)
+    try:
+        trio.run(folder.until, "hangs" if trouble == "hang" else "spins")
+    finally:
+        root.kill()
+        root.wait()
+    trio.run(gone, *folder.notes("began"))

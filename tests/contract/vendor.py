@@ -1,0 +1,67 @@
+"""A stop channel on a vendor's SDK that hangs, for the tests of one in a process of its own.
+
+What it does next is said by the files in its folder: ``hang``, ``spin`` and ``crash`` are obeyed
+once, the others always.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import trio
+
+from strands_actors.contract import Clock, MotorReport, StopChannel, WireDown
+
+
+class VendorConfig(msgspec.Struct, frozen=True):
+    folder: str
+    axes: tuple[str, ...]
+
+
+class VendorStopChannel(StopChannel):
+    def __init__(self, config: VendorConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        assert isinstance(config, VendorConfig)
+        self._folder = Path(config.folder)
+        self._axes = config.axes
+        self._descriptors = descriptors
+        self._note("began")
+        if (self._folder / "hang-at-start").exists():
+            time.sleep(3600)
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        if (self._folder / "unreachable").exists():
+            raise WireDown("no route to the robot")
+        task_status.started()
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        if (self._folder / "hang-always").exists() or self._once("hang"):
+            self._note("hangs")
+            time.sleep(3600)  # noqa: ASYNC251  # a call of an SDK that never returns
+        if self._once("spin"):
+            self._note("spins")
+            while True:
+                pass
+        if self._once("crash"):
+            os._exit(3)
+        self._note(safe_state)
+        for descriptor in self._descriptors:
+            os.write(descriptor, safe_state.encode())
+        return tuple(MotorReport(axis, at, True, True, True) for at, axis in enumerate(self._axes))
+
+    def close(self) -> None:
+        self._note("closed")
+
+    def _once(self, name: str) -> bool:
+        try:
+            (self._folder / name).unlink()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def _note(self, what: str) -> None:
+        with (self._folder / "notes").open("a") as notes:
+            notes.write(f"{os.getpid()} {what}\n")
