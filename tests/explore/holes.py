@@ -70,11 +70,11 @@ def a_task_begins_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Asker, "_never_started", _nothing)
     init = Tasks.__init__
 
-    def forgetful(self: Tasks, robot: str, start: Any, endpoint: str) -> None:
+    def forgetful(self: Tasks, robot: str, start: Any, *others: Any, **named: Any) -> None:
         async def without_deadline(entry: str, args: dict[str, Any]) -> Any:
             return await start(entry, {**args, "deadline_ns": 0})
 
-        init(self, robot, without_deadline, endpoint)
+        init(self, robot, without_deadline, *others, **named)
 
     patch.setattr(Tasks, "__init__", forgetful)
 

@@ -34,7 +34,7 @@ class SimChild(ChildProcess):
 
     @property
     def alive(self) -> bool:
-        return not self._child.dead
+        return not self._child.gone
 
     def kill(self, sig: int = 9) -> None:
         if not self._sock.process.dead:
@@ -53,7 +53,7 @@ async def until_ended(process: Process) -> None:
     """Return when the system has told of its end."""
     watcher = process.world.current
     ended = trio.Event()
-    if process.dead:
+    if process.gone:
         await trio.lowlevel.checkpoint()
         return
     process.at_end.append(lambda: watcher.post(ended.set))
@@ -141,7 +141,7 @@ class SimOs:
 
     def getppid(self) -> int:
         parent = self._world.current.parent
-        return 1 if parent is None or parent.dead else parent.pid
+        return 1 if parent is None or parent.gone else parent.pid
 
     def _exit(self, code: int) -> None:
         self._world.current.exit(code)
@@ -153,7 +153,7 @@ class SimOs:
 def suspected(world: World, pid: int) -> Standing | None:
     """How a process stands with the processor. One that lags stands in line."""
     process = world.by_pid(pid)
-    if process is None or process.dead:
+    if process is None or process.gone:
         return None
     if process.frozen:
         return Standing(0, 0, False, stopped=True)
@@ -163,4 +163,4 @@ def suspected(world: World, pid: int) -> Standing | None:
 
 def life_of(world: World, pid: int) -> Life:
     process = world.by_pid(pid)
-    return Life() if process is None or process.dead else Life(stopped=process.frozen)
+    return Life() if process is None or process.gone else Life(process.frozen, process.dead)

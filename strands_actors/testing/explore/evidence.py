@@ -20,6 +20,10 @@ PAIR_S = 0.4
 """A wire and a root that fail within this time: nobody is left [SAF-016 is not kept yet]."""
 
 
+AGAIN_S = 2.5
+"""The longest pause between two attempts of who is alone to make the robot safe, and an attempt."""
+
+
 class Fault(NamedTuple):
     t_s: float
     kind: str
@@ -87,10 +91,7 @@ class Evidence:
 
     def counts(self, frame: Frame) -> bool:
         """Whether who wrote this frame could know that no other would write: the wire, or its heir."""
-        return frame.role == "wire" or not any(
-            process.role == "wire" and process.began_s <= frame.t_s < process.until_s
-            for process in self.world.processes
-        )
+        return frame.role == "wire" or not self._wire_lives(frame.t_s)
 
     def limp_since(self, motor: int, t_s: float) -> float:
         """When a motor lost its torque that gets it back at ``t_s``."""
@@ -132,17 +133,22 @@ class Evidence:
 
     @property
     def excused(self) -> bool:
-        """Wire and root were killed, together or while nothing could be written: nobody was left to act."""
-        of = {
-            who: [fault.t_s for fault in self.faults if fault.who == who and fault.kind == "kill"]
-            for who in ("root", "wire")
-        }
+        """Nobody was left to act: wire and root were killed, together or while nothing could be
+        written; or the root, alone since its wire has ended, before it could be written again."""
         unheard = [fault for fault in self.faults if fault.kind in ("lose requests", "pull", "lag", "freeze")]
+        roots, wires = (
+            [fault.t_s for fault in self.faults if fault.who == who and fault.kind == "kill"]
+            for who in ("root", "wire")
+        )
+        pairs = [(min(root, wire), max(root, wire)) for root in roots for wire in wires]
+        if any(last - first < PAIR_S or _during(unheard, first, last) for first, last in pairs):
+            return True
+        cut = [fault for fault in unheard if fault.kind in ("lose requests", "pull")]
+        return any(not self._wire_lives(t_s) and _during(cut, t_s - AGAIN_S, t_s) for t_s in roots)
+
+    def _wire_lives(self, t_s: float) -> bool:
         return any(
-            abs(one - other) < PAIR_S
-            or any(fault.t_s < max(one, other) and fault.t_s + fault.for_s > min(one, other) for fault in unheard)
-            for one in of["root"]
-            for other in of["wire"]
+            process.role == "wire" and process.began_s <= t_s < process.until_s for process in self.world.processes
         )
 
     def gone_since(self, pid: int, t_s: float) -> float:
@@ -179,6 +185,10 @@ _WRONG = frozenset(
 
 
 _DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
+
+
+def _during(faults: list[Fault], from_s: float, to_s: float) -> bool:
+    return any(fault.t_s < to_s and fault.t_s + fault.for_s > from_s for fault in faults)
 
 
 def _near(t_s: float, fault: Fault) -> bool:

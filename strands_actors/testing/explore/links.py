@@ -39,9 +39,9 @@ class Socket:
         peer = self.peer
         if self.process.dead:
             return True
-        if peer.process.dead or self.ended or peer.ended:
+        if peer.process.gone or self.ended or peer.ended:
             return False
-        if peer.bytes + len(data) <= SOCKET_BYTES:
+        if not peer.process.dead and peer.bytes + len(data) <= SOCKET_BYTES:
             peer.queue.append((data, tuple(os.dup(fd) for fd in descriptors)))
             peer.bytes += len(data)
             peer.process.post(peer.rouse)
@@ -150,7 +150,7 @@ class Net:
 
     def route(self, network: str, to: str) -> SimMesh | None:
         for session in self.sessions:
-            if session.network == network and not session.process.dead and session.hosts(to):
+            if session.network == network and not session.process.gone and session.hosts(to):
                 return session
         return None
 

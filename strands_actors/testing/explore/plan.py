@@ -113,7 +113,13 @@ RECIPES: tuple[Recipe, ...] = (
     (Step("estop", ASKERS), Step("restart", (CALLER,)), (0.0, 0.3)),
     (Step("start task", (CALLER,), (0.3, 1.0)), Step("attack", ("policy",)), (0.02, 0.3)),
     (Step("attack", ("policy",)), Step("stop", ASKERS), (0.0, 0.4)),
-    (Step("freeze", ("wire",)), Step("kill", ("root",)), (0.1, 0.112)),
+    (
+        Step("lag", ("root",), (0.005, 0.03)),
+        Step("freeze", ("wire",)),
+        (0.0, 0.05),
+        Step("kill", ("root",)),
+        (0.1, 0.15),
+    ),
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )

@@ -19,6 +19,9 @@ STEP_S = 30e-6
 
 TREE = frozenset({"caller", "root", "wire", "policy"})
 
+DYING_S = 0.03
+"""From SIGKILL until the system tells of the end, at most: seen on a busy machine."""
+
 WAKE_S = 150e-6
 """From a message or timer to the first step of who waited for it, at most, on a quiet machine [assumed]."""
 
@@ -108,8 +111,8 @@ class World:
             process.left_over = not process.dead
             process.dead = True
             process.loop.abandon()
-            for let_go in process.at_end:
-                let_go()
+            if not process.gone:
+                process._go()
 
 
 class Process:
@@ -128,6 +131,9 @@ class Process:
         self.role = role
         self.parent = parent
         self.dead = False
+        """It runs no code any more."""
+        self.gone = False
+        """The system tells so, and has closed what it had open."""
         self.frozen = False
         self.lag_s = 0.0
         self.code: int | None = None
@@ -165,9 +171,20 @@ class Process:
         self.code = code
         self.until_s = self.world.now_s
         self.world.note(self.role, "ends", f"signal {-code}" if code < 0 else f"code {code}")
+        self.world.look_for_end()
+        if code < 0:
+            self.world.after(self._dying_s(), self._go)
+        else:
+            self._go()
+
+    def _dying_s(self) -> float:
+        """A process that was killed needs a processor to end on."""
+        return 0.002 * self._rng.random() if self._rng.random() < 0.8 else DYING_S * self._rng.random()
+
+    def _go(self) -> None:
+        self.gone = True
         for let_go in self.at_end:
             let_go()
-        self.world.look_for_end()
 
     def freeze(self) -> None:
         if not self.frozen:
