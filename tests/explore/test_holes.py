@@ -21,7 +21,7 @@ FOUND: dict[Callable[[pytest.MonkeyPatch], None], tuple[int, str]] = {
     holes.a_task_begins_after_its_deadline: (439, "SAF-010 no task begins that failed to start"),
     holes.a_lock_ends_with_the_script: (42, "SAF-018 a lock is obeyed"),
     holes.a_policy_can_be_the_gate: (11, "SAF-008 nothing is energised without a resume"),
-    holes.a_fence_comes_before_the_safe_frame: (7502, "SAF-018 nothing stays energised"),
+    holes.a_fence_comes_before_the_safe_frame: (589, "SAF-018 nothing stays energised"),
 }
 """The seed that finds it, of those from 0 on, and what it breaks."""
 

@@ -51,7 +51,6 @@ class Evidence:
         self._events = events
         self._count = motor_and_count
         self._conversation: Conversation = world.conversation
-        self._index = {id(frame): at for at, frame in enumerate(self.frames)}
 
     def s(self, t_s: float) -> str:
         """A time for people."""
@@ -60,9 +59,6 @@ class Evidence:
     @property
     def asked(self) -> list[Asked]:
         return self._conversation.asked
-
-    def index(self, frame: Frame) -> int:
-        return self._index[id(frame)]
 
     # -- setpoints on the wire, and who asked for them
 

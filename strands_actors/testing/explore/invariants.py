@@ -54,15 +54,19 @@ def no_setpoint_past_its_deadline(seen: Evidence) -> Found:
 
 
 def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
+    """A hold counts from its first frame: what is asked for while it is being confirmed is of its epoch."""
+    asked_for = {id(frame): asked for frame, asked in seen.setpoints()}
     safe_s = float("-inf")
-    at = 0
-    frames = [frame for frame in seen.frames if frame.safe_state and seen.counts(frame)]
-    for frame, asked in seen.setpoints():
-        while at < len(frames) and seen.index(frames[at]) < seen.index(frame):
-            safe_s = frames[at].t_s
-            at += 1
-        if asked.at_s < safe_s:
-            yield frame.t_s, f"asked for at {seen.s(asked.at_s)}, safe frame at {seen.s(safe_s)}"
+    holds = False
+    for frame in seen.frames:
+        if frame.kind == "setpoint":
+            holds = False
+            asked = asked_for.get(id(frame))
+            if asked is not None and asked.at_s < safe_s:
+                yield frame.t_s, f"asked for at {seen.s(asked.at_s)}, safe frame at {seen.s(safe_s)}"
+        elif frame.safe_state and seen.counts(frame) and not (holds and frame.safe_state == "hold"):
+            safe_s = frame.t_s
+            holds = frame.safe_state == "hold"
 
 
 def nothing_is_executed_that_was_refused(seen: Evidence) -> Found:

@@ -143,13 +143,13 @@ def plan_of(seed: int, robot: str) -> Plan:
 
 
 def _recipe(rng: random.Random) -> list[Event]:
-    first, second, gap_s, *third = rng.choice(RECIPES)
+    recipe = rng.choice(RECIPES)
+    first, second, gap_s = recipe[0], recipe[1], recipe[2]
     at_s = BOOT_S + 0.9 * rng.random()
     steps = [(first, at_s), (second, at_s := max(0.0, at_s + rng.uniform(*gap_s)))]
     motor = rng.randrange(1, 7)
-    if third:
-        step, gap_s = third
-        steps.append((step, at_s + rng.uniform(*gap_s)))
+    if len(recipe) == 5:
+        steps.append((recipe[3], at_s + rng.uniform(*recipe[4])))
     return [
         Event(round(t_s, 5), step.kind, rng.choice(step.who), round(rng.uniform(*step.value), 4), motor)
         for step, t_s in steps
