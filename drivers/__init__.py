@@ -1,9 +1,9 @@
 """Which robots have a driver here, and how another package adds one.
 
-Built-in wires are listed by name and imported when asked for; a third-party package names its driver class in
-the entry point group ``strands_actors.drivers``. One that cannot be used is a warning and a record
-(``broken_drivers``), never fatal. What is registered at run time lives as long as the process: nothing is written
-to a file of the user's.
+Built-in wires are listed by name and imported when asked for; a third-party package names its
+driver class in the entry point group ``strands_actors.drivers``. One that cannot be used is a
+warning and a record (``broken_drivers``), never fatal. What is registered at run time lives as long
+as the process: nothing is written to a file of the user's.
 """
 
 from __future__ import annotations
@@ -15,6 +15,37 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.surface import (
+    DRIVER_SURFACE,
+    HardwareDriver,
+    drifted_driver_parameters,
+    driver_name,
+    missing_driver_members,
+)
+
+__all__ = [
+    "DEFAULT_DRIVER",
+    "DRIVER_CHOICES",
+    "DRIVER_SURFACE",
+    "NATIVE_DRIVER",
+    "PLAIN",
+    "SIMULATION",
+    "HardwareDriver",
+    "broken_drivers",
+    "canonical_name",
+    "constructor_keywords",
+    "drifted_driver_parameters",
+    "driver_name",
+    "get_native_driver_class",
+    "list_driver_coverage",
+    "list_native_drivers",
+    "list_robots",
+    "missing_driver_members",
+    "port_kind",
+    "register_native_driver",
+    "register_robot",
+    "resolve_driver",
+]
 
 WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
@@ -26,6 +57,9 @@ WIRES = {
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
+    "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
+    "reachy": "strands_actors.drivers.reachy.driver:Reachy",
+    "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
@@ -33,6 +67,9 @@ WIRES = {
 
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 """Drives any of them in simulation."""
+
+PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
+"""Runs a driver class of the drivers page, which is no ``Driver``, as a tree."""
 
 LEROBOT_ROBOTS = (
     "so100", "so101", "koch", "omx", "hope_jr", "bi_so100", "bi_so101", "lekiwi", "stretch3", "reachy2",
@@ -43,27 +80,17 @@ LEROBOT_ROBOTS = (
 OTHER_ROBOTS = ("ability_hand",)
 """Known by name, with no hardware driver anywhere."""
 
-DRIVERS = ("auto", "lerobot", "strands")
+NATIVE_DRIVER = "strands"
+"""``Robot(driver=)``: a driver class of this package, or a registered one."""
+
+DEFAULT_DRIVER = "lerobot"
+"""Who drives a robot that has no native driver."""
+
+DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
 """What ``Robot(driver=)`` may say."""
 
-MEMBERS: Mapping[str, tuple[str, ...]] = {
-    "cleanup": (),
-    "get_status": (),
-    "get_task_status": (),
-    "run_policy": ("policy", "instruction", "duration", "n_steps"),
-    "send_action": ("action", "robot_name"),
-    "start_task": ("instruction", "policy_port", "policy_host", "policy_provider", "duration"),
-    "stop": (),
-    "stop_task": (),
-    "stream": ("tool_use", "invocation_state"),
-    "tool_name": (),
-    "tool_spec": (),
-    "tool_type": (),
-}
-"""What a driver class that runs by itself (not as a tree of actors) must have, each with its parameters."""
-
-OTHER_SPELLINGS = {"policy": "policy_object"}
-"""Parameters that go by another name, too."""
+SHORT_NAMES = {"robotiq": "robotiq_2f85", "franka": "panda"}
+"""What people call the usual one of a family [assumed]."""
 
 OWN_KEYWORDS = ("data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
 """Keywords of every driver that is run as a tree."""
@@ -119,52 +146,38 @@ def broken_drivers() -> dict[str, str]:
     return dict(_broken)
 
 
-def missing_driver_members(cls: type[Any]) -> list[str]:
-    """The members of the drivers page that ``cls`` lacks, sorted. A ``Driver`` (run as a tree) lacks none."""
-    if isinstance(cls, type) and issubclass(cls, Driver):
-        return []
-    return [member for member in MEMBERS if not hasattr(cls, member)]
-
-
-def drifted_driver_parameters(cls: type[Any]) -> dict[str, list[str]]:
-    """By member, the parameters of the drivers page that it does not take. Empty: nothing has drifted."""
-    if isinstance(cls, type) and issubclass(cls, Driver):
-        return {}
-    drifted = {}
-    for member, wanted in MEMBERS.items():
-        function = getattr(cls, member, None)
-        if wanted and callable(function):
-            taken = inspect.signature(function).parameters
-            if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in taken.values()):
-                continue
-            lacking = [name for name in wanted if name not in taken and OTHER_SPELLINGS.get(name) not in taken]
-            if lacking:
-                drifted[member] = lacking
-    return drifted
-
-
 def constructor_keywords(cls: type[Any]) -> list[str]:
     """The keywords that ``Robot`` passes on to a driver class, sorted; ``**`` among them: any."""
     if issubclass(cls, Driver):
-        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *(["cameras"] if cls.reads_cameras else [])})
+        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS, *(["cameras"] if cls.reads_cameras else [])})
     parameters = inspect.signature(cls).parameters.values()
     names = [one.name for one in parameters if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
     return sorted(names + ["**" for one in parameters if one.kind is one.VAR_KEYWORD])
 
 
 def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -> None:
-    """Serve robot ``name`` by ``cls``. Raise ``TypeError`` naming the members it lacks, ``ValueError`` when the
-    name is taken (unless ``overwrite``)."""
+    """Serve robot ``name``, or the one it is another name of, by ``cls``. Raise ``TypeError``
+    naming the members that it lacks, ``ValueError`` for a name that nobody knows, or that is taken
+    (unless ``overwrite``)."""
     _load()
     missing = missing_driver_members(cls)
     if missing:
         raise TypeError(f"register_native_driver: {cls.__name__} lacks {', '.join(missing)}")
-    if name in _registered and not overwrite:
+    robot = canonical_name(name)
+    if robot not in list_driver_coverage() and robot not in getattr(cls, "SUPPORTED_ROBOTS", ()):
         raise ValueError(
-            f"register_native_driver: {name} is already served by {_registered[name].__name__}. "
+            f"register_native_driver: nobody knows a robot called {name!r}. call register_robot({name!r}) first"
+        )
+    if robot in _registered and not overwrite:
+        raise ValueError(
+            f"register_native_driver: {_both(name, robot)} is already served by {driver_name(_registered[robot])}. "
             "pass overwrite=True to replace it"
         )
-    _registered[name] = cls
+    _registered[robot] = cls
+
+
+def _both(name: str, robot: str) -> str:
+    return robot if name == robot else f"{name} ({robot})"
 
 
 def register_robot(
@@ -175,10 +188,11 @@ def register_robot(
     aliases: Iterable[str] = (),
     overwrite: bool = False,
 ) -> None:
-    """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives it, ``strands`` or
-    ``lerobot``; its class is ``register_native_driver``'s business. ``model_xml`` is kept, for a simulation of a
-    robot without a twin, which is not in this version. Raise ``ValueError`` for a name that is known
-    (unless ``overwrite``), and for other keys and drivers."""
+    """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives
+    it, ``strands`` or ``lerobot``; its class is ``register_native_driver``'s business.
+    ``model_xml`` is kept, for a simulation of a robot without a twin, which is not in this version.
+    Raise ``ValueError`` for a name that is known (unless ``overwrite``), and for other keys and
+    drivers."""
     _load()
     given = dict(hardware or {})
     driver = given.pop("driver", None)
@@ -186,7 +200,7 @@ def register_robot(
         raise ValueError(f"register_robot: hardware has no {', '.join(sorted(given))}. it takes driver")
     if driver not in (None, "strands", "lerobot"):
         raise ValueError(f"register_robot: hardware driver is {driver!r}. use 'strands' or 'lerobot'")
-    names = (name, *aliases)
+    names = (_checked(name, "register_robot"), *aliases)
     known = [one for one in names if one in {*_found, *_aliases, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}]
     if known and not overwrite:
         raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
@@ -195,9 +209,38 @@ def register_robot(
 
 
 def canonical_name(name: str) -> str:
-    """The robot an alias stands for; the name itself otherwise."""
+    """Return the robot that a name stands for: ``SO-101`` is ``so101``; a name that nobody knows is
+    returned as it is. Raise ``TypeError`` for what is no text."""
     _load()
-    return _aliases.get(name, name)
+    _checked(name, "Robot")
+    known = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
+    if name not in known:
+        plain = _plain(name)
+        name = next((each for each in known if _plain(each) == plain), name)
+    return known.get(name, name)
+
+
+def _checked(name: object, who: str) -> str:
+    if not isinstance(name, str) or not name:
+        raise TypeError(
+            f"{who}: the name is {name!r}. give the name of a robot as text: list_robots() has them all"
+        )
+    return name
+
+
+def _plain(name: str) -> str:
+    """Return a name without what people write differently."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def _known() -> set[str]:
+    return {*_registered, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}
+
+
+def list_robots() -> list[str]:
+    """Return all robots that are known by name, sorted."""
+    _load()
+    return sorted(_known())
 
 
 def get_native_driver_class(name: str) -> type[Any] | None:
@@ -207,21 +250,23 @@ def get_native_driver_class(name: str) -> type[Any] | None:
 
 
 def port_kind(name: str) -> Literal["serial", "address"] | None:
-    """What the ``port`` of a robot is; None for a robot without a native driver, or whose driver does not say."""
+    """What the ``port`` of a robot is; None for a robot without a native driver, or whose driver
+    does not say."""
     kind: Literal["serial", "address"] | None = getattr(get_native_driver_class(name), "PORT_KIND", None)
     return kind
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
-    """Who drives a robot: as asked for, else as it was registered, else a native driver, else lerobot. Raise
-    ``ValueError`` for another word, and when a native driver is asked for and there is none."""
+    """Who drives a robot: as asked for, else as it was registered, else a native driver, else
+    lerobot. Raise ``ValueError`` for another word, and when a native driver is asked for and there
+    is none."""
     robot = canonical_name(name)
-    if driver not in DRIVERS:
-        raise ValueError(f"Robot: driver is {driver!r}. use one of {', '.join(map(repr, DRIVERS))}")
+    if driver not in DRIVER_CHOICES:
+        raise ValueError(f"Robot: driver is {driver!r}. use one of {', '.join(map(repr, DRIVER_CHOICES))}")
     record = _robots.get(robot)
     if driver == "auto":
-        driver = (record.driver if record else None) or ("strands" if robot in _registered else "lerobot")
-    if driver == "lerobot":
+        driver = (record.driver if record else None) or (NATIVE_DRIVER if robot in _registered else DEFAULT_DRIVER)
+    if driver == DEFAULT_DRIVER:
         return "lerobot"
     if robot not in _registered:
         raise ValueError(
@@ -233,7 +278,7 @@ def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerob
 def list_native_drivers() -> dict[str, str]:
     """Robot name to driver class name, sorted."""
     _load()
-    return {name: _registered[name].__name__ for name in sorted(_registered)}
+    return {name: driver_name(_registered[name]) for name in sorted(_registered)}
 
 
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
@@ -242,5 +287,5 @@ def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     lerobot = {*LEROBOT_ROBOTS, *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
     return {
         name: tuple(who for who, has in (("lerobot", lerobot), ("strands", _registered)) if name in has)
-        for name in sorted({*_registered, *lerobot, *_robots, *OTHER_ROBOTS})
+        for name in list_robots()
     }

@@ -17,13 +17,27 @@ from .version import __version__
 
 if TYPE_CHECKING:
     from .caller.robot import Robot, open_robot
-    from .drivers import list_native_drivers, register_native_driver
+    from .drivers import (
+        HardwareDriver,
+        list_driver_coverage,
+        list_native_drivers,
+        list_robots,
+        register_native_driver,
+        register_robot,
+    )
     from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
     from .surfaces.recording import RecordingError, read, record, replay
 
 _WHERE = {
+    "drivers": (
+        "HardwareDriver",
+        "list_driver_coverage",
+        "list_native_drivers",
+        "list_robots",
+        "register_native_driver",
+        "register_robot",
+    ),
     "caller.robot": ("Robot", "open_robot"),
-    "drivers": ("list_native_drivers", "register_native_driver"),
     "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
@@ -31,6 +45,7 @@ _WHERE = {
 __all__ = [
     "TLS",
     "Access",
+    "HardwareDriver",
     "MeshConfig",
     "RecordingError",
     "Robot",
@@ -38,12 +53,15 @@ __all__ = [
     "control",
     "estop",
     "estop_button",
+    "list_driver_coverage",
     "list_native_drivers",
+    "list_robots",
     "open_mesh",
     "open_robot",
     "read",
     "record",
     "register_native_driver",
+    "register_robot",
     "replay",
     "resume",
 ]

@@ -20,6 +20,7 @@ class Addresses:
         self.root = self.address("root")
         self.tasks = self.address("tasks")
         self.policy = self.address("policy")
+        self.standby = self.address("standby")
 
     def path(self, name: str) -> str:
         """As ``Node.cell`` takes it."""

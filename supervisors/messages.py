@@ -169,6 +169,7 @@ class Status(Message, frozen=True):
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
+    no_standby: str = ""  # why there is no standby, so that nothing may be energised
 
 
 # -- inside the wire group
@@ -276,6 +277,7 @@ class CarriedOut(Message, frozen=True):
     number: int
     result: dict[str, Any]
     refusal: Refused | None = None
+    moved: bool = False  # it may have moved the robot
 
 
 class LinkUp(Message, frozen=True):
@@ -339,14 +341,64 @@ class RootGone(Message, frozen=True):
 
 
 class Handover(Message, frozen=True):
-    """Descriptors for the root's stop channel. They travel with the message."""
+    """Descriptors for the stop channels of root and standby. They travel with the message. ``again``: for a standby
+    that was started since; the root has its own."""
+
+    lane = "urgent"
+
+    descriptors: tuple[int, ...]
+    again: bool = False
+
+
+class HandedOver(Message, frozen=True):
+    pass
+
+
+class HandOverAgain(Message, frozen=True):
+    """The root asks an open wire for another handover: there is a new standby. Not urgent: it may wait."""
+
+
+class StandbyIs(Message, frozen=True):
+    """Whether a standby lives and could make the robot safe. ``problem``: why not; empty: it could."""
+
+    lane = "urgent"
+
+    problem: str = ""
+
+
+# -- between the root and the standby
+
+
+class WatchOver(Message, frozen=True):
+    """The pids of the root and of the wire that was started last; 0: none. ``descriptors``: the page of heartbeats,
+    then a pidfd of each, where the system has such."""
+
+    lane = "urgent"
+
+    root: int
+    wire: int
+    descriptors: tuple[int, ...]
+
+
+class Guard(Message, frozen=True):
+    """Descriptors for the standby's stop channel. Answered when that could be used at once."""
 
     lane = "urgent"
 
     descriptors: tuple[int, ...]
 
 
-class HandedOver(Message, frozen=True):
+class Guarding(Message, frozen=True):
+    pass
+
+
+class LetGo(Message, frozen=True):
+    """Close the stop channel: the next wire opens the port."""
+
+    lane = "urgent"
+
+
+class LetGone(Message, frozen=True):
     pass
 
 

@@ -56,6 +56,12 @@ def of_root(robot: str) -> Channel:
     return Channel("", _of(robot, "root", names), f"{PREFIX}/node/{robot}.root.")
 
 
+def of_standby(robot: str) -> Channel:
+    """The other end is the standby process. It answers, and tells nobody anything."""
+    hosts = _of(robot, "standby", ("standby",), instruments=False)
+    return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
+
+
 def of_policy(robot: str, name: str) -> Channel:
     """The other end is a policy process: in the root, and in the wire. ``name``: what its leases are bound to."""
     at = addresses.of(robot)

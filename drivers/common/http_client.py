@@ -63,11 +63,11 @@ class HttpClient:
         within_s: float,
         permit: Permit | None = None,
         task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+        *,
+        kind: str = "application/json",
     ) -> httpx.Response:
         """As ``get``. ``started`` when all of it has left. Raise ``PermitDenied``, too."""
-        request = httpx.Request(
-            "POST", f"{self._name}{target}", content=body, headers={"Content-Type": "application/json"}
-        )
+        request = httpx.Request("POST", f"{self._name}{target}", content=body, headers={"Content-Type": kind})
         return await self._ask(request, within_s, permit, task_status)
 
     async def aclose(self) -> None:

@@ -26,6 +26,7 @@ from pymodbus.pdu.register_message import (
 from strands_actors.contract.driver import WireDown
 from strands_actors.kernel.clock import NS, Clock
 
+from .malformed import MalformedFrame
 from .tcp_port import ByteStream
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else a bad frame is printed on stderr
@@ -39,10 +40,6 @@ MAX_OPEN = 4096
 _HEADER = 7
 _MAX_LENGTH = 254
 _LAST_ID = 0xFFFF
-
-
-class Garbled(Exception):
-    """Bytes that are no Modbus TCP frame. A stream has no start marks: the connection is of no more use."""
 
 
 class NotUnderstood(WireDown):
@@ -64,19 +61,20 @@ class Decoder:
         return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
-        """PDUs with their frames. Raise ``Garbled``."""
+        """Yield PDUs with their frames. Raise ``MalformedFrame``: a stream has no start marks, so the
+        connection is of no more use."""
         self._pending += data
         while len(self._pending) > _HEADER:
             protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
             if protocol != 0 or not 2 <= length <= _MAX_LENGTH:
-                raise Garbled(f"protocol {protocol}, length {length}")
+                raise MalformedFrame(f"protocol {protocol}, length {length}")
             used, unit, number, body = self._framer.decode(self._pending[: _HEADER - 1 + length])
             if not used:
                 return
             frame, self._pending = self._pending[:used], self._pending[used:]
             pdu = self._framer.decoder.decode(body)
             if pdu is None:
-                raise Garbled(f"function {body[0]}")
+                raise MalformedFrame(f"function {body[0]}")
             pdu.dev_id, pdu.transaction_id = unit, number
             yield pdu, frame
 
@@ -167,8 +165,8 @@ class ModbusClient:
                 registers = self._registers(request, reply)
                 if reply.transaction_id in self._answers:
                     self._answers[reply.transaction_id] = registers
-        except Garbled as garbled:
-            raise NotUnderstood(f"{self._name}: answers with no Modbus frame ({garbled}). Reconnect") from None
+        except MalformedFrame as malformed:
+            raise NotUnderstood(f"{self._name}: answers with no Modbus frame ({malformed}). Reconnect") from None
 
     def _registers(self, request: ModbusPDU | None, reply: ModbusPDU) -> list[int]:
         if request is None or reply.dev_id != self._unit:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 PROC = Path("/proc")
 _SHOWN = 60
-_OURS = "strands_actors.kernel"
-"""In the command line of a tree's own processes: who started them is the program."""
+_BEGINS, _NAMED = "strands_actors.kernel", "strands-actors "
+"""In the command line of a tree's own processes, and at its beginning once they have their names: who started them
+is the program."""
 
 
 def users_of(path: str) -> tuple[str, ...]:
@@ -55,12 +56,16 @@ def _terminal(pid: int, descriptor: str) -> int | None:
 
 def _program(pid: int) -> int:
     """Who started it, when it is a process of a tree."""
-    while _OURS in _command_line(pid):
+    while _is_ours(_command_line(pid)):
         parent = _parent(pid)
         if parent <= 1:
             break
         pid = parent
     return pid
+
+
+def _is_ours(command_line: str) -> bool:
+    return _BEGINS in command_line or command_line.startswith(_NAMED)
 
 
 def _parent(pid: int) -> int:

@@ -27,6 +27,14 @@ def load_sdk(module: str, install: str) -> Any:
         raise WireDown(f"{module} cannot be used ({error}). {install}") from None
 
 
+_kept: list[Any] = []
+
+
+def kept() -> bool:
+    """Return whether this process has constructed an interface of an SDK."""
+    return bool(_kept)
+
+
 class SdkCalls:
     """One SDK in this process. ``errors``: the exceptions its calls fail with."""
 
@@ -61,3 +69,15 @@ class SdkCalls:
         except trio.Cancelled:
             self.spent = f"{self._name}: {name} was given up"  # it goes on all the same
             raise
+
+    async def construct(
+        self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
+    ) -> Result:
+        """As ``open``, of an interface that is kept until the process ends: its destructor may hold the
+        interpreter's lock, for half a second or for ever."""
+        constructed = None
+        try:
+            constructed = await self.open(name, deadline_s, function, *args)
+        finally:
+            _kept.append(constructed)  # half of one that failed may be there, too
+        return constructed

@@ -129,16 +129,19 @@ def parse_address(text: str, default_port: int) -> tuple[str, int]:
 
 
 async def open_tcp(host: str, port: int) -> TcpPort:
-    """Connect within ``CONNECT_S``. Raise ``WireDown``."""
+    """Connect within ``CONNECT_S`` to the first of the host's addresses that takes it. Raise ``WireDown``."""
     name = f"{host}:{port}"
     why = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
         try:
             found = await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-            family, kind, protocol, _, address = found[0]
-            return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
         except (OSError, UnicodeError) as error:
-            why = _words(error)
+            found, why = [], _words(error)
+        for family, kind, protocol, _, address in found:
+            try:
+                return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
+            except OSError as error:
+                why = _words(error)
     raise WireDown(f"{name}: cannot connect ({why}). Check port=, cable and power")
 
 

@@ -27,7 +27,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health.heartbeat import Heartbeat, on_page
+from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 
 from . import protocol as p
@@ -210,7 +210,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     udp = socket.socket(fileno=args["udp"])
     wire = socket.socket(fileno=args["wire"])
     wire.setblocking(False)
-    heartbeat = on_page(args["page"], CYCLE_END)
+    heartbeat = Heartbeat(words_of(args["page"]), CYCLE_END, WIRE_END)
     os.close(args["page"])
     run(Cycle(dialect, limits, heartbeat), Reporter(dialect, args["stride"]), udp, wire, sock, heartbeat)
 

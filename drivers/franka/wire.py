@@ -14,14 +14,14 @@ import trio
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
-from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, on_page
+from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect
 from .config import FrankaConfig
-from .cycle import ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
+from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
 from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
 
@@ -60,7 +60,7 @@ class _Session:
             given.enter_context(ours)
             self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
-            self.heartbeat: Heartbeat = on_page(page, WIRE_END)
+            self.heartbeat: Heartbeat = Heartbeat(words_of(page), WIRE_END, CYCLE_END)
         self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None
@@ -330,4 +330,4 @@ def scheduling_of(pid: int) -> str:
     """Return how a process is run, for people."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(pid) == os.SCHED_FIFO:
         return f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
-    return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 12 allows it"
+    return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 13 allows it"

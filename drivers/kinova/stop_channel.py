@@ -84,6 +84,11 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         return reports
 
     def close(self) -> None:
+        """Close our own sessions at the base, too: one that it still keeps could come before the next wire's."""
+        for client in (self.session, self._newest):
+            if client is not None:
+                with contextlib.suppress(WireDown):
+                    client.tell(Call.CLOSE_SESSION)
         super().close()
         for client in (self._newest, self._wires if self._closes_wires else None):
             if client is not None:
@@ -92,10 +97,9 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
 
     def _log_out(self) -> None:
         """A base may have room for one session only. A further stop opens another one."""
-        for client in (self.session, self._newest, self._wires):
-            if client is not None:
-                with contextlib.suppress(WireDown):
-                    client.tell(Call.CLOSE_SESSION)
+        if self._wires is not None:
+            with contextlib.suppress(WireDown):
+                self._wires.tell(Call.CLOSE_SESSION)
         self.close()
 
     def _client_of(self, connection: int, page: int) -> KortexClient:

@@ -3,7 +3,7 @@ stop channel."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Awaitable, Callable
 
 import trio
 
@@ -13,14 +13,10 @@ from strands_actors.drivers.common.tcp_port import ByteStream
 from strands_actors.kernel.clock import Clock
 
 from . import protocol
+from .config import RobotiqConfig
 from .protocol import Command, Status
 
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
-
-    from .driver import Robotiq
-
-    OpenStream = Callable[[str, int], Awaitable[ByteStream]]
+OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 
 ASK_AGAIN_S = 0.1
 
@@ -36,7 +32,7 @@ class GripperClient:
         self._client = client
 
     def write(self, command: Command) -> None:
-        """Leaves at once. Raise ``WireDown``."""
+        """Send at once. Raise ``WireDown``."""
         self._client.write_registers(protocol.OUTPUT, command.registers())
 
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
@@ -72,17 +68,17 @@ class GripperClient:
         self._client.close()
 
 
-async def open_gripper(driver: Robotiq, clock: Clock, open_stream: OpenStream) -> GripperClient:
+async def open_gripper(config: RobotiqConfig, clock: Clock, open_stream: OpenStream) -> GripperClient:
     """Connect. Raise ``WireDown``."""
     try:
-        host, port = driver.address()
+        host, port = config.address()
     except ValueError as error:
         raise WireDown(str(error)) from None
     stream = await open_stream(host, port)
-    return GripperClient(ModbusClient(stream, driver.unit_id, f"{driver.robot} at {host}:{port}", clock))
+    return GripperClient(ModbusClient(stream, config.unit_id, f"{config.robot} at {host}:{port}", clock))
 
 
-async def hold(gripper: GripperClient, known: Status | None, driver: Robotiq) -> MotorReport:
+async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConfig) -> MotorReport:
     """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the gripper is
     asked first: a hold would activate one that is not, and that moves its fingers."""
     written = heard = False
@@ -101,9 +97,4 @@ async def hold(gripper: GripperClient, known: Status | None, driver: Robotiq) ->
                 break
     except WireDown as error:
         detail = str(error)
-    return report(driver, written, heard, detail)
-
-
-def report(driver: Robotiq, written: bool, heard: bool, detail: str) -> MotorReport:
-    """``detail``: why it is not known to be safe; empty when it is."""
-    return MotorReport(driver.axes[0], driver.unit_id, written, heard, not detail, detail)
+    return config.report(written, heard, detail)

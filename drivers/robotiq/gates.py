@@ -3,123 +3,87 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
-import msgspec
-
-from strands_actors.contract.axis import finite
-from strands_actors.contract.driver import Candidate, GateCheck, GateState
-from strands_actors.kernel.clock import NS
+from strands_actors.contract.axis import Axis, parse_action
+from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.contract.driver import Candidate, GateCheck, GateState, Observation
 from strands_actors.kernel.messages import Refused
 
+from .config import AXIS
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
 
 POSITION, SPEED, FORCE = range(3)
-"""What a target is made of. All are fractions: 0 open .. 1 closed, 0 slowest .. 1 fastest, 0 weakest .. 1
+"""What a target is made of. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0 weakest to 1
 strongest."""
 
-DEFAULTS = (math.nan, 1.0, 1.0)
+_PLACES = 3
+"""Keys that say where to go; the first is how far closed, the others how wide open."""
 
-_ROUNDING = 1e-9
+_AT_BEST = (math.nan,) * _PLACES + (1.0, 1.0)
+"""What the keys mean that an action does not name: full speed and force."""
 
-
-class Key(msgspec.Struct, frozen=True):
-    """One key of an action. ``value = zero + scale * number``."""
-
-    slot: int
-    high: float = 1.0
-    unit: str = ""
-    zero: float = 0.0
-    scale: float = 1.0
-
-    def refuse(self, name: str, number: float) -> Refused | None:
-        # not (a <= b) rather than b < a: a NaN is refused too
-        if 0.0 <= number <= self.high + _ROUNDING:
-            return None
-        unit = f" {self.unit}" if self.unit else ""
-        end = 0.0 if number < 0.0 else self.high
-        limit = f"0..{self.high:g}{unit}"
-        return Refused(
-            "past_travel",
-            f"move: {name} {number:g}{unit} is past {end:g}",
-            f"stay within {limit}",
-            f"{number:g}",
-            limit,
-        )
+_BARE = GateState(0, Observation(0, (), ()), (), 0, stream=False)
+"""A range asks for nothing of the gripper."""
 
 
-def keys_of(stroke_mm: float) -> Mapping[str, Key]:
+class Keys:
     """The keys of an action: how far closed, or how wide open, and how."""
-    closed = Key(POSITION)
-    opening = Key(POSITION, stroke_mm, "mm", 1.0, -1.0 / stroke_mm)
-    return {
-        "gripper": closed,
-        "gripper.pos": closed,
-        "position": opening,
-        "aperture_mm": opening,
-        "speed": Key(SPEED),
-        "force": Key(FORCE),
-    }
 
+    def __init__(self, robot: str, stroke_mm: float) -> None:
+        self._robot = robot
+        self._stroke_mm = stroke_mm
+        self._axes = (
+            _fraction(AXIS),
+            Axis(key="position", unit="mm", low=0.0, high=stroke_mm),
+            Axis(key="aperture_mm", unit="mm", low=0.0, high=stroke_mm),
+            _fraction("speed"),
+            _fraction("force"),
+        )
+        self._index = {axis.key: at for at, axis in enumerate(self._axes)}
+        self._places = (AXIS, f"{AXIS}.pos", "position", "aperture_mm")
+        self._names = (*self._places, "speed", "force")
+        self._in_range = past_range(self._axes)
 
-def position_key(action: Mapping[str, object], keys: Mapping[str, Key]) -> str:
-    """The key of an accepted action that says where to go."""
-    return next(name for name in action if keys[name].slot == POSITION)
+    def places_in(self, action: Iterable[object]) -> list[str]:
+        """Return the keys that say where to go."""
+        return [name for name in action if isinstance(name, str) and name in self._places]
 
-
-def parse(action: Mapping[str, object], robot: str, keys: Mapping[str, Key]) -> Candidate | Refused:
-    """Names and numbers to a whole target. Exactly one key says where to go."""
-    names = ", ".join(keys)
-    positions = ", ".join(name for name, key in keys.items() if key.slot == POSITION)
-    target = list(DEFAULTS)
-    given: dict[int, str] = {}
-    for name, value in action.items():
-        key = keys.get(name) if isinstance(name, str) else None
-        if key is None:
-            shown = str(name)[:40] or "''"
-            return Refused("unknown_joint", f"move: {shown} is not a key of {robot}", f"use {names}", shown, names)
-        if key.slot in given:
-            both = f"{given[key.slot]} and {name}"
-            return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, positions)
-        number = finite(value)
-        if number is None:
-            shown = str(value)[:40]
-            return Refused(
-                "not_finite", f"move: {name} is {shown}", "send a finite number", shown, "a finite number"
-            )
-        refusal = key.refuse(name, number)
+    def parse(self, action: Mapping[str, object]) -> Candidate | Refused:
+        """Return a whole target. Exactly one key says where to go."""
+        for name in action:
+            if not isinstance(name, str) or name not in self._names:
+                shown, names = str(name)[:40] or "''", ", ".join(self._names)
+                why = f"move: {shown} is not a key of {self._robot}"
+                return Refused("unknown_joint", why, f"use {names}", shown, names)
+        given, places = self.places_in(action), ", ".join(self._places)
+        if len(given) > 1:
+            both = " and ".join(given)
+            return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, places)
+        if not given:
+            said = ", ".join(action) or "{}"
+            return Refused("empty", "move: the action says no position", f"use one of {places}", said, places)
+        parsed = parse_action(action, self._robot, self._axes, self._index, _AT_BEST)
+        if isinstance(parsed, Refused):
+            return parsed
+        asked = Candidate(*parsed)
+        refusal = self._in_range(asked, _BARE)
         if refusal is not None:
             return refusal
-        given[key.slot] = name
-        target[key.slot] = min(1.0, max(0.0, key.zero + key.scale * number))  # the rounding of the check
-    if POSITION not in given:
-        said = ", ".join(given.values()) or "{}"
-        return Refused(
-            "empty", "move: the action says no position", f"use one of {positions}", offered=said, limit=positions
-        )
-    return Candidate(tuple(target), (POSITION,))
+        closed, *open_mm, speed, force = asked.values
+        wide_mm = next((mm for mm in open_mm if not math.isnan(mm)), None)
+        target = (closed if wide_mm is None else 1.0 - wide_mm / self._stroke_mm, speed, force)
+        # a range lets what rounding makes of its ends pass
+        return Candidate(tuple(min(1.0, max(0.0, value)) for value in target), (POSITION,))
 
 
-def all_gates(state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
-    return stale(state_ttl_s), activated, fault_free
+def _fraction(key: str) -> Axis:
+    return Axis(key=key, unit="", low=0.0, high=1.0)
 
 
-def stale(ttl_s: float) -> GateCheck:
-    def stale(candidate: Candidate, state: GateState) -> Refused | None:
-        age_ns = state.now_ns - state.observation.stamp_ns[0]
-        if age_ns <= ttl_s * NS:
-            return None
-        age, limit = f"{age_ns / 1e6:.0f} ms", f"{ttl_s * 1e3:.0f} ms"
-        return Refused(
-            "stale",
-            f"move: nothing was heard of the gripper for {age}",
-            "check its cable and power: it is back by itself as soon as it answers",
-            age,
-            limit,
-        )
-
-    return stale
+def all_gates(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), activated, fault_free
 
 
 def activated(candidate: Candidate, state: GateState) -> Refused | None:

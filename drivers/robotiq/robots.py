@@ -5,3 +5,6 @@ from __future__ import annotations
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Robotiq")
+
+UNIT = 9
+"""Modbus unit of a gripper as delivered [instruction manual]."""

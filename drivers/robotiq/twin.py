@@ -18,7 +18,8 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
-from strands_actors.drivers.common.modbus import Decoder, Garbled, encode
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.modbus import Decoder, encode
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
@@ -36,7 +37,7 @@ from strands_actors.drivers.common.twin import (
 from . import protocol as p
 from .body import GripperBody
 from .mechanism import Gripper, Setup
-from .robots import TABLES
+from .robots import TABLES, UNIT
 
 OPTIONS = {
     "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
@@ -126,7 +127,7 @@ class ModbusSession:
             for request, frame in self._decoder.feed(data):
                 kind = self._twin.kind(request)
                 yield Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
-        except Garbled:
+        except MalformedFrame:
             raise ClientGone from None  # as a server does with what it cannot follow
 
     def _replies(self, request: ModbusPDU, kind: str) -> list[Reply]:
@@ -172,7 +173,7 @@ def _fits(first: int, count: int) -> bool:
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RobotiqTwin:
     """The twin of a robot of ``robots.toml``; ``options`` without host and port."""
     table = TABLES.table(robot)
-    unit = int(options.pop("unit_id", table["unit"]))
+    unit = int(options.pop("unit_id", UNIT))
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 

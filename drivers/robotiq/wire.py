@@ -1,26 +1,23 @@
-"""The gripper's registers in the wire process, and the root's stop channel to them."""
+"""The gripper's registers in the wire process."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
+from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
-from .client import ASK_AGAIN_S, GripperClient, hold, open_gripper, report
+from .client import ASK_AGAIN_S, GripperClient, OpenStream, hold, open_gripper
+from .config import AXIS, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED
 from .protocol import Activation, Command, Contact, Status
-
-if TYPE_CHECKING:
-    from .client import OpenStream
-    from .driver import Robotiq
 
 READ_S = 0.03
 """How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to hear of us."""
@@ -52,8 +49,8 @@ class _Session:
 class RobotiqWire(Wire):
     interruptible: ClassVar[bool] = True
 
-    def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
-        self._driver = driver
+    def __init__(self, config: RobotiqConfig, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._config = config
         self._clock = clock
         self._open_stream = open_stream
         self._session_or_none: _Session | None = None
@@ -61,19 +58,19 @@ class RobotiqWire(Wire):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        driver = self._driver
-        gripper = await open_gripper(driver, self._clock, self._open_stream)
+        config = self._config
+        gripper = await open_gripper(config, self._clock, self._open_stream)
         try:
             status = await gripper.status(HANDSHAKE_S)
             if status is None:
                 raise WireDown(
-                    f"{driver.robot} at {driver.port}: connected, but no answer. Check unit_id= and its power"
+                    f"{config.robot} at {config.port}: connected, but no answer. Check unit_id= and its power"
                 )
         except BaseException:
             gripper.close()
             raise
         self._session_or_none = _Session(gripper, status, self._clock.now_ns())
-        return {"port": driver.port, "unit_id": driver.unit_id, "stroke_mm": driver.stroke_mm}
+        return {"port": config.port, "unit_id": config.unit_id, "stroke_mm": config.stroke_mm}
 
     async def arm(self, permit: Permit) -> Observation:
         session = self._session()
@@ -132,9 +129,9 @@ class RobotiqWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return (report(self._driver, False, False, "not connected"),)
+            return (self._config.report(False, False, "not connected"),)
         session.told = None
-        return (await hold(session.gripper, session.status, self._driver),)
+        return (await hold(session.gripper, session.status, self._config),)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and moves then. One
@@ -144,18 +141,18 @@ class RobotiqWire(Wire):
         if known is None:
             return ()
         try:
-            gripper = await open_gripper(self._driver, self._clock, self._open_stream)
+            gripper = await open_gripper(self._config, self._clock, self._open_stream)
         except WireDown as error:
-            return (report(self._driver, False, False, str(error)),)
+            return (self._config.report(False, False, str(error)),)
         try:
             with contextlib.suppress(NotUnderstood):
                 status = await gripper.status(READ_S)
                 if status is None and not gripper.hears_part:
-                    return (report(self._driver, False, False, "silent"),)
+                    return (self._config.report(False, False, "silent"),)
                 known = status or known
-            return (await hold(gripper, known, self._driver),)
+            return (await hold(gripper, known, self._config),)
         except WireDown as error:
-            return (report(self._driver, False, False, str(error)),)
+            return (self._config.report(False, False, str(error)),)
         finally:
             gripper.close()
 
@@ -166,8 +163,8 @@ class RobotiqWire(Wire):
         self._session_or_none = None
 
     async def _activate(self, permit: Permit) -> Status:
-        session, driver = self._session(), self._driver
-        if not driver.activate:
+        session = self._session()
+        if not self._config.activate:
             raise WireDown(
                 f"arm: the gripper is not activated (gSTA {session.status.activation}, gFLT "
                 f"{session.status.fault}), and activate= is False. Activating moves its fingers through their "
@@ -227,14 +224,14 @@ class RobotiqWire(Wire):
             position=(closed,),
             stamp_ns=(session.heard_ns,),
             sensors={
-                "aperture_mm": (self._driver.aperture_mm(closed),),
+                "aperture_mm": (self._config.aperture_mm(closed),),
                 "current_a": (status.current * protocol.CURRENT_A,),
                 "moving": (float(status.contact == Contact.MOVING) if believed else _NAN,),
                 "contact": (_CONTACT[Contact(status.contact)] if believed else _NAN,),
                 "activation": (float(status.activation),),
                 "fault": (float(status.fault),),
             },
-            faults={self._driver.axes[0]: ", ".join(faults)} if faults else {},
+            faults={AXIS: ", ".join(faults)} if faults else {},
         )
 
     def _session(self) -> _Session:
@@ -245,27 +242,3 @@ class RobotiqWire(Wire):
 
 _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
 """Met while opening, met while closing, nothing there; while it moves it is not known."""
-
-
-class RobotiqStopChannel(StopChannel):
-    """The root's way to the gripper: a connection of its own, made when it is needed. By then the wire's is gone
-    with its process, so a gateway that takes one client takes this one. A name for an address has to be looked up
-    then, too: a number is quicker."""
-
-    def __init__(self, driver: Robotiq, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
-        self._driver = driver
-        self._clock = clock
-        self._open_stream = open_stream
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        try:
-            gripper = await open_gripper(self._driver, self._clock, self._open_stream)
-        except WireDown as error:
-            return (report(self._driver, False, False, str(error)),)
-        try:
-            return (await hold(gripper, None, self._driver),)
-        finally:
-            gripper.close()
-
-    def close(self) -> None:
-        pass

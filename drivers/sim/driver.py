@@ -21,7 +21,7 @@ from strands_actors.kernel.messages import Refused
 from .config import SimConfig
 from .gates import held
 
-OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED")
+OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
 
 KEEPALIVE_S = 1.0

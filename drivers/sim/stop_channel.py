@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
@@ -27,7 +28,9 @@ class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
 
 async def make_safe(config: SimConfig, control: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
     """Never raises. ``ask`` hands the frame over before anything waits."""
-    order = p.LIMP if safe_state == p.LIMP else p.HOLD  # only a limp robot is let go of; others stay where they are
+    # only a robot without power is let go of, and a drone lands; others stay where they are
+    orders: dict[str, str] = {SafeState.LIMP: p.LIMP, SafeState.OFF: p.LIMP, SafeState.LAND: p.LAND}
+    order = orders.get(safe_state, p.HOLD)
     try:
         sample = await control.call(p.Safe(0, order), p.Sample, SAFE_S)
     except WireDown as down:

@@ -13,28 +13,40 @@ to a pose from which it cannot fall before the policy ends.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, StopChannel, Timing
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
-from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
+from .config import UnitreeConfig
 from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .rpc import ATTEMPTS, RELEASE_S
 
-if TYPE_CHECKING:
-    from .wire import UnitreeWire
 
-SAFE_STATES = ("zero_torque", "damp")
+class LegsOptions(DriverOptions, frozen=True):
+    on_exit: Annotated[
+        Literal["zero_torque", "damp"],
+        option("what ends every motion; damp: half a second of braking before zero torque"),
+    ] = "zero_torque"
+    battery_floor_pct: Annotated[
+        float, option("charge under which nothing is commanded, 0 to 100 percent", ge=0, le=100)
+    ] = BATTERY_FLOOR_PCT
+    domain: Annotated[int, option("DDS domain of the robot, 0 to 232", ge=0, le=232)] = 0
+    interface: Annotated[
+        str, option("our own IPv4 address on the robot's network; empty: the one that leads to it")
+    ] = ""
 
 
 class _Legs(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.unitree.wire:UnitreeWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.unitree.stop_channel:UnitreeStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.unitree.twin:main"
     TASKS: ClassVar[str] = (
         "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"
@@ -55,12 +67,7 @@ class _Legs(Driver):
         ),
         Sensor("battery", {"pct": "battery_pct"}),
     )
-    OPTIONS: ClassVar[Mapping[str, str]] = {
-        "on_exit": "what ends every motion: zero_torque (default), or damp: half a second of braking before it",
-        "battery_floor_pct": "charge under which nothing is commanded; default 15",
-        "domain": "DDS domain of the robot; default 0",
-        "interface": "our own IPv4 address on the robot's network; default: the one that leads to it",
-    }
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
 
     unit = "radians"
     timing = Timing(
@@ -81,42 +88,20 @@ class _Legs(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        if unknown := [name for name in options if name not in (*cls.OPTIONS, "tool_name")]:
-            raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
-        on_exit = options.get("on_exit", SAFE_STATES[0])
-        if on_exit not in SAFE_STATES:
-            raise ValueError(f"{robot}: on_exit is {on_exit!r}. Give {' or '.join(SAFE_STATES)}")
-        floor_pct = options.get("battery_floor_pct", BATTERY_FLOOR_PCT)
-        if isinstance(floor_pct, bool) or not isinstance(floor_pct, int | float) or not 0 <= floor_pct <= 100:
-            raise ValueError(f"{robot}: battery_floor_pct is {floor_pct!r}. Give a number from 0 to 100")
-        domain = options.get("domain", 0)
-        if isinstance(domain, bool) or not isinstance(domain, int) or not 0 <= domain <= 232:
-            raise ValueError(f"{robot}: domain is {domain!r}. Give a whole number from 0 to 232")
-        interface = options.get("interface", "")
-        if not isinstance(interface, str):
-            raise ValueError(f"{robot}: interface is {interface!r}. Give an IPv4 address of this host")
-        return {
-            "on_exit": on_exit,
-            "battery_floor_pct": float(floor_pct),
-            "domain": domain,
-            "interface": interface,
-        }
+        return plain(read_options(robot, LegsOptions, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        resolved = self.resolve(robot, options)
-        self.model = model_of(robot)
-        self.robot = self.model.name
+        chosen = read_options(robot, LegsOptions, options)
+        model = model_of(robot)
+        self.robot = model.name
         if self.robot not in self.SUPPORTED_ROBOTS:
             raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
-        self.port = port
-        self.domain: int = resolved["domain"]
-        self.interface: str = resolved["interface"]
-        self.axes = self.model.axes
-        self.ids = self.model.slots
-        self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, resolved["on_exit"])
-        self.conditions = conditions(self.model, resolved["battery_floor_pct"], self.timing.state_ttl_s)
-        self.gates = gates(self.model)
-        self._parser = Parser(self.model)
+        self.config = UnitreeConfig(model, port, chosen.interface, chosen.domain)
+        self.declare(Part(PartKind.LEGS, model.table))
+        self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
+        self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)
+        self.gates = gates(model)
+        self._parser = Parser(model)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)
@@ -137,19 +122,6 @@ class _Legs(Driver):
 
     def energised(self, safe_state: str) -> bool:
         return False
-
-    def preload(self) -> None:
-        importlib.import_module(f"{__package__}.wire")
-
-    def open_wire(self, clock: Clock) -> UnitreeWire:
-        from .wire import UnitreeWire
-
-        return UnitreeWire(self, clock)
-
-    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        from .wire import UnitreeStopChannel
-
-        return UnitreeStopChannel(self, clock)
 
 
 class G1Driver(_Legs):

@@ -9,12 +9,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec.structs import replace
+
 from strands_actors.contract.axis import finite
+from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
-from .robots import Joint, Model
+from .robots import Model
 from .rpc import FSM_WORDS
 
 CONTROL_HZ = 500.0
@@ -33,10 +36,9 @@ BATTERY_FLOOR_PCT = 15.0
 
 LONGEST_STEP_S = 0.1
 """A slower stream may not step further than a joint turns meanwhile."""
-STEP_TOLERANCE = 1.2
-"""A stream's period jitters."""
 
-_ROUNDING = 1e-6  # float32 on the wire, and as the robot reports it
+FLOAT32_ROUNDING = 1e-6
+"""Numbers are float32 on the wire, and as the robot reports them."""
 
 
 # -- names and numbers
@@ -237,25 +239,9 @@ def battery_above(floor_pct: float) -> ConditionCheck:
 
 
 def gates(model: Model) -> tuple[GateCheck, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
-    return (past_travel(model), within(model, DQ), within(model, TAU), gains(model), too_far(model))
-
-
-def past_travel(model: Model) -> GateCheck:
-    joints = model.joints
-
-    def past_travel(candidate: Candidate, state: GateState) -> Refused | None:
-        values = candidate.values
-        for at in candidate.named:
-            joint = joints[at]
-            # not (a <= b) rather than b < a: a NaN is refused too
-            if not joint.low - _ROUNDING <= values[at] <= joint.high + _ROUNDING:
-                limit = f"{joint.low:.3f}..{joint.high:.3f} rad"
-                why = f"move: {joint.key}.q={values[at]:.4g} is outside {limit}"
-                return Refused("past_travel", why, "stay within it", f"{values[at]:.4g}", limit)
-        return None
-
-    return past_travel
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    in_range = past_range(model.table, rounding=FLOAT32_ROUNDING)
+    return in_range, within(model, DQ), within(model, TAU), gains(model), steps(model)
 
 
 _WORDS = {DQ: ("too_fast", "dq", "rad/s"), TAU: ("too_strong", "tau", "Nm")}
@@ -304,29 +290,21 @@ def gains(model: Model) -> GateCheck:
     return gains
 
 
-def too_far(model: Model) -> GateCheck:
-    """From the last target, as far as the joint turns in one period of the stream; a command on its own is one
-    period of the control loop: a far target is a blow. The first one starts from where the joint is."""
+def steps(model: Model) -> GateCheck:
+    """Refuse a step from the last target that is more than the joint turns in one period of the stream; a command
+    on its own is one period of the control loop: a far target is a blow. The first one starts from where the
+    joint is."""
     count = len(model.joints)
-    speed = tuple(joint.speed for joint in model.joints)
+    from_target = too_fast(
+        model.table,
+        oneshot_s=CONTROL_S * STEP_TOLERANCE,
+        longest_s=LONGEST_STEP_S,
+        pause_counts=False,
+    )
 
-    def too_far(candidate: Candidate, state: GateState) -> Refused | None:
-        period_s = min(state.period_s, LONGEST_STEP_S) if state.stream else CONTROL_S
-        reach_s = period_s * STEP_TOLERANCE
-        values = candidate.values
-        before = state.target if len(state.target) > count else state.observation.position
-        for at in candidate.named:
-            step = abs(values[at] - before[at])
-            if not step <= speed[at] * reach_s:
-                allowed = math.floor(speed[at] * reach_s * 1e5) / 1e5
-                joint: Joint = model.joints[at]
-                return Refused(
-                    "too_far",
-                    f"move: {joint.key} steps {step:.4g} rad, limit {allowed:g} at {1 / period_s:.4g} Hz",
-                    f"step at most {allowed:g} rad; begin where the joint is",
-                    f"{step:.4g}",
-                    f"{allowed:g}",
-                )
-        return None
+    def steps(candidate: Candidate, state: GateState) -> Refused | None:
+        if len(state.target) == count:  # nothing was accepted since it was armed
+            state = replace(state, target=state.observation.position)
+        return from_target(candidate, state)
 
-    return too_far
+    return steps

@@ -10,16 +10,20 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import Participant
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
 from . import rpc
-from .protocol import CommandCodec, Garbled, State, StateCodec
-from .robots import Model
+from .config import UnitreeConfig
+from .protocol import CommandCodec, State, StateCodec
 
 CDR = b"\0\1\0\0"
 """Encapsulation of every payload: little endian CDR."""
+
+FIND_S = 4.0
+"""For both sides to find each other, and the first state."""
 
 MAX_PENDING = 32
 
@@ -50,7 +54,7 @@ class Service:
         self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(Garbled):  # an answer that cannot be read is none: what waits for it grows old
+        with suppress(MalformedFrame):  # an answer that cannot be read is none: what waits for it grows old
             response = rpc.decode_response(bytes(payload[4:]))
             heard = self._pending.pop(response.id, None)
             if heard is not None:
@@ -60,13 +64,12 @@ class Service:
 class Link:
     """Raise ``WireDown`` when the sockets cannot be had."""
 
-    def __init__(self, model: Model, robot: str, interface: str, domain: int, clock: Clock) -> None:
-        """``robot``: its address, ``host`` or ``host:port``; ``interface``: ours, "" to find it."""
-        host = robot.partition(":")[0]
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        model, robot = config.model, config.port
         try:
-            own = interface or own_address(host)
+            own = config.interface or own_address(robot.partition(":")[0])
             multicast = not own.startswith("127.")
-            self.participant = Participant(domain, own, (robot,), multicast, clock=clock, only=robot)
+            self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
             raise WireDown(f"{robot}: {error}") from None
         self.clock = clock
@@ -119,7 +122,7 @@ class Link:
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         try:
             self.state = self._decode(payload[4:])
-        except Garbled:
+        except MalformedFrame:
             self.garbled += 1
         else:
             self.state_ns = t_ns

@@ -15,6 +15,8 @@ import zlib
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from .robots import Model
 
 Family = Literal["hg", "go"]
@@ -39,10 +41,6 @@ _FIRST_MOTOR = {
     ("go", "command"): 22,
     ("go", "state"): 77,
 }
-
-
-class Garbled(Exception):
-    """Bytes that are no frame of this robot. The text says why."""
 
 
 def command_type(family: Family) -> str:
@@ -167,11 +165,12 @@ class CommandCodec:
         return bytes(body)
 
     def decode(self, body: bytes) -> Command:
-        """Raise ``Garbled``."""
+        """Raise ``MalformedFrame``."""
         if len(body) != COMMAND_BYTES[self._family]:
-            raise Garbled(f"a LowCmd of {self._family} has {COMMAND_BYTES[self._family]} bytes, not {len(body)}")
+            known = COMMAND_BYTES[self._family]
+            raise MalformedFrame(f"a LowCmd of {self._family} has {known} bytes, not {len(body)}")
         if checksum(body, self._first_motor) != int.from_bytes(body[-4:], "little"):
-            raise Garbled("the checksum of the LowCmd is wrong")
+            raise MalformedFrame("the checksum of the LowCmd is wrong")
         flat = self._struct.unpack(body)
         rows = [flat[self._start + offset : self._start + self._width : 6] for offset in range(6)]
         if not self._in_order:
@@ -202,13 +201,14 @@ class StateCodec:
         self._joints = len(model.joints)
 
     def decode(self, body: bytes | memoryview) -> State:
-        """Raise ``Garbled``. The checksum of ``go`` is not looked at: its C layout has not been verified."""
+        """Raise ``MalformedFrame``. The checksum of ``go`` is not looked at: its C layout has not been verified."""
         if len(body) != STATE_BYTES[self._family]:
-            raise Garbled(f"a LowState of {self._family} has {STATE_BYTES[self._family]} bytes, not {len(body)}")
+            known = STATE_BYTES[self._family]
+            raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")
         flat = self._struct.unpack(body)
         if self._family == "hg":
             if checksum(bytes(body), self._first_motor) != flat[-1]:
-                raise Garbled("the checksum of the LowState is wrong")
+                raise MalformedFrame("the checksum of the LowState is wrong")
             machine, tick, soc = flat[0], flat[1], None
             imu = flat[2:12]
         else:
@@ -250,12 +250,12 @@ def _reordered(row: tuple[float, ...], order: Sequence[int]) -> tuple[float, ...
 
 
 def decode_battery(body: bytes | memoryview) -> int:
-    """State of charge, percent. Raise ``Garbled``."""
+    """State of charge, percent. Raise ``MalformedFrame``."""
     if len(body) != BATTERY_BYTES:
-        raise Garbled(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
+        raise MalformedFrame(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
     soc = int(body[_BATTERY_SOC])
     if soc > 100:
-        raise Garbled(f"a state of charge of {soc} percent")
+        raise MalformedFrame(f"a state of charge of {soc} percent")
     return soc
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from strands_actors.contract.axis import Axis
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Unitree")
@@ -43,6 +44,13 @@ class Model(msgspec.Struct, frozen=True):
     @property
     def axes(self) -> tuple[str, ...]:
         return tuple(joint.key for joint in self.joints)
+
+    @property
+    def table(self) -> tuple[Axis, ...]:
+        return tuple(
+            Axis(key=joint.key, unit="rad", low=joint.low, high=joint.high, speed=joint.speed, id=joint.slot)
+            for joint in self.joints
+        )
 
     @property
     def slots(self) -> tuple[int, ...]:

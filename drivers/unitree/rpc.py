@@ -9,7 +9,7 @@ import json
 import struct
 from typing import Any, NamedTuple
 
-from .protocol import Garbled
+from strands_actors.drivers.common.malformed import MalformedFrame
 
 REQUEST_TYPE = "unitree_api::msg::dds_::Request_"
 RESPONSE_TYPE = "unitree_api::msg::dds_::Response_"
@@ -90,9 +90,9 @@ def encode_request(request: Request) -> bytes:
 
 
 def decode_request(body: bytes) -> Request:
-    """Raise ``Garbled``."""
+    """Raise ``MalformedFrame``."""
     if len(body) < _REQUEST.size:
-        raise Garbled(f"a request has {_REQUEST.size} bytes at least, not {len(body)}")
+        raise MalformedFrame(f"a request has {_REQUEST.size} bytes at least, not {len(body)}")
     number, api, _, _, no_reply, length = _REQUEST.unpack_from(body)
     return Request(number, api, _read_text(body, _REQUEST.size, length), no_reply)
 
@@ -103,9 +103,9 @@ def encode_response(response: Response) -> bytes:
 
 
 def decode_response(body: bytes) -> Response:
-    """Raise ``Garbled``."""
+    """Raise ``MalformedFrame``."""
     if len(body) < _RESPONSE.size:
-        raise Garbled(f"a response has {_RESPONSE.size} bytes at least, not {len(body)}")
+        raise MalformedFrame(f"a response has {_RESPONSE.size} bytes at least, not {len(body)}")
     number, api, code, length = _RESPONSE.unpack_from(body)
     return Response(number, api, code, _read_text(body, _RESPONSE.size, length))
 
@@ -121,35 +121,35 @@ def _with_empty_binary(body: bytes) -> bytes:
 def _read_text(body: bytes, at: int, length: int) -> str:
     data = body[at : at + length]
     if length > MAX_TEXT or len(data) != length or (length and data[-1]):
-        raise Garbled("a text that does not end")
+        raise MalformedFrame("a text that does not end")
     try:
         return data[:-1].decode()
     except UnicodeDecodeError as error:
-        raise Garbled(f"a text that is none: {error}") from None
+        raise MalformedFrame(f"a text that is none: {error}") from None
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The object in a parameter or in data. Raise ``Garbled``."""
+    """The object in a parameter or in data. Raise ``MalformedFrame``."""
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
-        raise Garbled(f"no JSON: {error}") from None
+        raise MalformedFrame(f"no JSON: {error}") from None
     if not isinstance(value, dict):
-        raise Garbled("no JSON object")
+        raise MalformedFrame("no JSON object")
     return value
 
 
 def fsm_id(response: Response) -> int:
-    """What GetFsmId answered. Raise ``Garbled``."""
+    """What GetFsmId answered. Raise ``MalformedFrame``."""
     value = parsed(response.data).get("data")
     if isinstance(value, bool) or not isinstance(value, int):
-        raise Garbled(f"an FSM id of {value!r}")
+        raise MalformedFrame(f"an FSM id of {value!r}")
     return value
 
 
 def mode_name(response: Response) -> str:
-    """What CheckMode answered: the onboard mode, "" when it is released. Raise ``Garbled``."""
+    """What CheckMode answered: the onboard mode, "" when it is released. Raise ``MalformedFrame``."""
     value = parsed(response.data).get("name")
     if not isinstance(value, str):
-        raise Garbled(f"a mode named {value!r}")
+        raise MalformedFrame(f"a mode named {value!r}")
     return value

@@ -1,4 +1,4 @@
-"""The wire of a legged robot in the wire process, and the root's own way to it.
+"""The wire of a legged robot in the wire process.
 
 Reading is taking in what has arrived: only ``open`` and the services wait for the robot, each wait with a deadline.
 """
@@ -7,28 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
+from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from . import rpc
+from .config import UnitreeConfig
 from .gates import CONTROL_S, FSM_TTL_S, HANDSHAKE_FSM, MODE_TTL_S
-from .link import Link, Service
-from .protocol import Garbled
+from .link import FIND_S, Link, Service
 from .rpc import ATTEMPTS, RELEASE_S
 from .safing import bring_down, reports
 
-if TYPE_CHECKING:
-    from .driver import _Legs
-
-FIND_S = 4.0
-"""For both sides to find each other, and the first state."""
 ASK_EVERY_NS = 100_000_000
 """How often the robot is asked for its FSM id, or its onboard mode."""
 BATTERY_S = 1.0
@@ -42,9 +38,9 @@ SILENT_S = 1.0
 class _Session:
     """What exists between ``open`` and ``close``."""
 
-    def __init__(self, driver: _Legs, clock: Clock) -> None:
-        model = driver.model
-        self.link = link = Link(model, driver.port, driver.interface, driver.domain, clock)
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        model = config.model
+        self.link = link = Link(config, clock)
         link.listen()
         self.clock = clock
         self.modes = Service(link.participant, rpc.MOTION_SWITCHER, clock)
@@ -128,15 +124,15 @@ class _Session:
     def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         try:
             self.battery = float(p.decode_battery(payload[4:])), t_ns / NS
-        except Garbled:
+        except MalformedFrame:
             self.link.garbled += 1
 
 
 class UnitreeWire(Wire):
     interruptible: ClassVar[bool] = True
 
-    def __init__(self, driver: _Legs, clock: Clock) -> None:
-        self._driver = driver
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        self._config = config
         self._clock = clock
         self._session_or_none: _Session | None = None
         self._last: p.State | None = None  # of the session before, once it is closed
@@ -144,8 +140,8 @@ class UnitreeWire(Wire):
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask what controls it."""
         self.close()
-        self._session_or_none = session = _Session(self._driver, self._clock)
-        link, where = session.link, self._driver.port
+        self._session_or_none = session = _Session(self._config, self._clock)
+        link, where = session.link, self._config.port
         await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
         await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
         await self._until(lambda: link.state is not None, FIND_S, f"{where}: no LowState comes")
@@ -198,7 +194,7 @@ class UnitreeWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return reports(self._driver.model, False, "not connected")
+            return reports(self._config.model, False, "not connected")
         motors = await bring_down(session.link, safe_state)
         held_by = "" if all(motor.safe for motor in motors) else session.held_by()
         if not held_by:
@@ -213,11 +209,10 @@ class UnitreeWire(Wire):
         session = self._session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
-        driver = self._driver
         try:
-            link = Link(driver.model, driver.port, driver.interface, driver.domain, self._clock)
+            link = Link(self._config, self._clock)
         except WireDown as down:
-            return reports(driver.model, False, str(down))
+            return reports(self._config.model, False, str(down))
         try:
             link.state = self._last
             link.listen()
@@ -283,7 +278,7 @@ class UnitreeWire(Wire):
         return said[-1]
 
     async def _until_served(self, service: Service) -> None:
-        where = self._driver.port
+        where = self._config.port
         await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")
 
     async def _until(self, condition: Callable[[], bool], within_s: float, otherwise: str) -> None:
@@ -304,56 +299,3 @@ class UnitreeWire(Wire):
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-
-class UnitreeStopChannel(StopChannel):
-    """A participant of the root's own, which the robot knows before it is needed."""
-
-    def __init__(self, driver: _Legs, clock: Clock) -> None:
-        self._driver = driver
-        self._clock = clock
-        self._link: Link | None = None
-        self._listens = False
-
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        self._link = link = self._new_link()
-        async with trio.open_nursery() as nursery:
-            await nursery.start(link.participant.run)
-            link.state = await self._one_state()
-            with trio.move_on_after(FIND_S):
-                await link.participant.wait_matched(link.commands)
-            if not link.heard:
-                raise WireDown(f"{self._driver.port}: the robot does not take commands of the root")
-            task_status.started()
-
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        link = self._link
-        if link is None:
-            return reports(self._driver.model, False, "the root has not found the robot")
-        link.send(link.safe_frame(safe_state == "damp"))  # first; what confirms it is announced after it
-        if not self._listens:
-            self._listens = True
-            link.listen()
-        return await bring_down(link, safe_state)
-
-    def close(self) -> None:
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
-    async def _one_state(self) -> p.State | None:
-        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the root."""
-        scout = self._new_link()
-        scout.listen()
-        try:
-            with trio.move_on_after(FIND_S):
-                while scout.state is None:
-                    scout.poll()
-                    await trio.sleep(CONTROL_S)
-        finally:
-            scout.close()
-        return scout.state
-
-    def _new_link(self) -> Link:
-        driver = self._driver
-        return Link(driver.model, driver.port, driver.interface, driver.domain, self._clock)

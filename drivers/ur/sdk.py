@@ -13,13 +13,12 @@ What it does that nobody would expect, seen with 1.6.5:
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-import msgspec
 import trio
 
 from strands_actors.contract.driver import ProcessSpent, WireDown
-from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
+from strands_actors.drivers.common.sdk import SdkCalls, kept, load_sdk
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
 
@@ -41,29 +40,27 @@ UNUSED = 0.5
 """servoJ takes a speed and an acceleration and uses neither."""
 STOP_RAD_S2 = 10.0
 
-VARIABLES = [
-    "timestamp",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "actual_TCP_pose",
-    "joint_temperatures",
-    "robot_mode",
-    "safety_mode",
-    "runtime_state",
-    "speed_scaling",
-]
+_GETTERS = {
+    "timestamp": "getTimestamp",
+    "actual_q": "getActualQ",
+    "actual_qd": "getActualQd",
+    "actual_current": "getActualCurrent",
+    "actual_TCP_pose": "getActualTCPPose",
+    "joint_temperatures": "getJointTemperatures",
+    "robot_mode": "getRobotMode",
+    "safety_mode": "getSafetyMode",
+    "runtime_state": "getRuntimeState",
+    "speed_scaling": "getSpeedScaling",
+}
+"""What is asked of the controller, and how it is read, in the order of ``Sample``."""
 
 _ERRORS = (RuntimeError, ValueError, IndexError)
 """What exceptions of the SDK become in Python."""
 
 _INSTALL = "pip install ur-rtde: Python 3.12 at most"
 
-_kept: list[Any] = []
-"""Every interface this process has opened: see above."""
 
-
-class Sample(msgspec.Struct, frozen=True):
+class Sample(NamedTuple):
     """What the receive interface heard last."""
 
     time_s: float  # the controller's clock
@@ -78,27 +75,22 @@ class Sample(msgspec.Struct, frozen=True):
     speed_scaling: float
 
 
-class Sdk:
+class Sdk(SdkCalls):
     """One connection. Calls never overlap."""
 
     def __init__(self, host: str) -> None:
         """Raise ``ProcessSpent`` when this process has had one."""
-        if _kept:
+        if kept():
             raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
+        super().__init__("ur-rtde", _ERRORS)
         self._host = host
         self._receive: Any = None
         self._control: Any = None
-        self._calls = SdkCalls("ur-rtde", _ERRORS)
-
-    @property
-    def spent(self) -> str:
-        """What went wrong, once something did."""
-        return self._calls.spent
 
     async def open_receive(self) -> None:
         """Raise ``WireDown`` where it is not installed, and when no sample comes."""
         interface = load_sdk("rtde_receive", _INSTALL).RTDEReceiveInterface
-        self._receive = await self._open("receive", interface, self._host, CONTROL_HZ, VARIABLES)
+        self._receive = await self.construct("receive", OPEN_S, interface, self._host, CONTROL_HZ, list(_GETTERS))
         with trio.move_on_after(FIRST_S):
             while not self.sample().time_s:  # noqa: ASYNC110  # until then everything is zero
                 await trio.sleep(CONTROL_S)
@@ -111,48 +103,25 @@ class Sdk:
             interface = load_sdk("rtde_control", _INSTALL).RTDEControlInterface
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
-            self._control = await self._open("control", interface, self._host, REGISTERS_HZ, flags)
-
-    async def _open(self, what: str, interface: Any, *args: Any) -> Any:
-        opened = None
-        try:
-            opened = await self._calls.open(what, OPEN_S, interface, *args)
-        finally:
-            _kept.append(opened)  # half of one that failed may be there, too
-        return opened
-
-    @property
-    def has_control(self) -> bool:
-        return self._control is not None
+            self._control = await self.construct("control", OPEN_S, interface, self._host, REGISTERS_HZ, flags)
 
     def sample(self) -> Sample:
         """Never waits."""
-        receive = self._receive
-        return Sample(
-            receive.getTimestamp(),
-            tuple(receive.getActualQ()),
-            tuple(receive.getActualQd()),
-            tuple(receive.getActualCurrent()),
-            tuple(receive.getActualTCPPose()),
-            tuple(receive.getJointTemperatures()),
-            receive.getRobotMode(),
-            receive.getSafetyMode(),
-            receive.getRuntimeState(),
-            receive.getSpeedScaling(),
-        )
+        read = (getattr(self._receive, getter)() for getter in _GETTERS.values())
+        return Sample._make(tuple(value) if isinstance(value, list) else value for value in read)
 
     async def upload(self) -> bool:
         """Send the control script; it starts some time later."""
-        return await self._calls.call("reuploadScript", OPEN_S, self._control.reuploadScript)
+        return bool(await self.call("reuploadScript", OPEN_S, self._control.reuploadScript))
 
     def script_runs(self) -> bool:
         return bool(self._control.isProgramRunning())
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        return await self._calls.call("setWatchdog", STOP_S, self._control.setWatchdog, min_hz)
+        return bool(await self.call("setWatchdog", STOP_S, self._control.setWatchdog, min_hz))
 
-    async def kick(self) -> bool:
-        return await self._calls.call("kickWatchdog", CALL_S, self._control.kickWatchdog)
+    async def kick(self) -> None:
+        await self.call("kickWatchdog", CALL_S, self._control.kickWatchdog)
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
         """``check`` is called last, in the worker; what it raises is raised here."""
@@ -162,10 +131,10 @@ class Sdk:
             check()
             return bool(servo_j(target, UNUSED, UNUSED, CONTROL_S, LOOKAHEAD_S, GAIN))
 
-        return await self._calls.call("servoJ", CALL_S, send)
+        return await self.call("servoJ", CALL_S, send)
 
     async def servo_stop(self) -> bool:
-        return await self._calls.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2)
+        return bool(await self.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2))
 
     async def stop_script(self) -> None:
-        await self._calls.call("stopScript", STOP_S, self._control.stopScript)
+        await self.call("stopScript", STOP_S, self._control.stopScript)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import trio
 
@@ -19,13 +19,11 @@ from strands_actors.kernel.clock import NS, Clock
 
 from . import plain
 from .arms import JOINTS
-from .gates import CONTROL_S, WATCHDOG_HZ, refuse_modes
-from .plain import STANDING_RAD_S
+from .config import URConfig
+from .gates import CONTROL_S, RUNNING, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
-from .sdk import Sample, Sdk
-
-if TYPE_CHECKING:
-    from .driver import UR
+from .sdk import Sdk
+from .stop_channel import STANDING_RAD_S, stop, unsafe
 
 START_S = 3.0
 """From the upload of the control script until it runs."""
@@ -42,46 +40,68 @@ CONFIRM_S = 0.4
 class _Session:
     """What exists between ``open`` and ``close``."""
 
-    def __init__(self, sdk: Sdk, sample: Sample, now_ns: int) -> None:
+    def __init__(self, sdk: Sdk, config: URConfig, clock: Clock) -> None:
         self.sdk = sdk
-        self.sample = sample
-        self.stamp_ns = now_ns  # when the controller's clock was last seen to advance
+        self._config = config
+        self._clock = clock
+        self.sample = sdk.sample()
+        self._stamp_ns = clock.now_ns()  # when the controller's clock was last seen to advance
+        self._fed_ns = 0
         self.controls = False  # the control script is ours, runs, and its watchdog is armed
         self.servoing = False
-        self.fed_ns = 0
         self.lost = ""  # why control was lost since the robot was armed
 
-    def look(self, now_ns: int) -> None:
+    def look(self) -> None:
         """Take the newest sample. A controller that stopped our program is not written to again before the next
         arming: its operator unlocks it, and nothing may move because of that."""
         sample = self.sdk.sample()
         if sample.time_s != self.sample.time_s:
-            self.stamp_ns = now_ns
+            self._stamp_ns = self._clock.now_ns()
         self.sample = sample
         if self.controls:
             refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
             if refusal is not None:
                 self.lose(refusal.offered)
-            elif sample.runtime_state not in (RuntimeState.PLAYING, RuntimeState.PAUSED, RuntimeState.PAUSING):
+            elif sample.runtime_state not in RUNNING:
                 self.lose("the controller stopped its program")
+
+    def look_alive(self) -> None:
+        """As ``look``. Raise ``WireDown`` when the controller's clock stands still."""
+        self.look()
+        silent_s = self.silent_s()
+        if silent_s > self._config.silent_s:
+            raise WireDown(
+                f"read: the clock of {self._config.robot} stands still for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
 
     def lose(self, why: str) -> None:
         self.lost, self.controls, self.servoing = why, False, False
 
-    def silent_s(self, now_ns: int) -> float:
-        return (now_ns - self.stamp_ns) / NS
+    def silent_s(self) -> float:
+        return (self._clock.now_ns() - self._stamp_ns) / NS
 
-    def moving(self) -> list[str]:
-        """Joints that do."""
-        pairs = zip(JOINTS, self.sample.velocity, strict=True)
-        return [joint for joint, rad_s in pairs if abs(rad_s) >= STANDING_RAD_S]
+    def stands(self) -> bool:
+        """Return whether a fresh sample shows that no joint moves."""
+        return self.silent_s() < SILENT_S and all(abs(rad_s) < STANDING_RAD_S for rad_s in self.sample.velocity)
 
-    def observation(self, now_ns: int) -> Observation:
+    def was_fed(self) -> None:
+        self._fed_ns = self._clock.now_ns()
+
+    async def feed(self) -> None:
+        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it, and those are
+        earned one by one."""
+        due = self._clock.now_ns() - self._fed_ns >= round(FEED_S * NS)
+        if due and self.controls and not self.servoing:
+            await self.sdk.kick()
+            self.was_fed()
+
+    def observation(self) -> Observation:
         sample = self.sample
         return Observation(
-            t_ns=now_ns,
+            t_ns=self._clock.now_ns(),
             position=sample.position,
-            stamp_ns=(self.stamp_ns,) * len(JOINTS),
+            stamp_ns=(self._stamp_ns,) * len(JOINTS),
             velocity=sample.velocity,
             sensors={
                 "current_a": sample.current,
@@ -99,8 +119,8 @@ class _Session:
 
 
 class URWire(Wire):
-    def __init__(self, driver: UR, clock: Clock) -> None:
-        self._driver = driver
+    def __init__(self, config: URConfig, clock: Clock) -> None:
+        self._config = config
         self._clock = clock
         self._session_or_none: _Session | None = None
 
@@ -108,25 +128,23 @@ class URWire(Wire):
         """The plain ports first: against a controller that is frozen the SDK's constructors never return."""
         self.close()
         try:
-            host = self._driver.host
+            host = self._config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
         sdk = Sdk(host)
         facts = await plain.handshake(host)
         await plain.look(host)
         await sdk.open_receive()
-        self._session_or_none = _Session(sdk, sdk.sample(), self._clock.now_ns())
+        self._session_or_none = _Session(sdk, self._config, self._clock)
         return {"address": host, **facts}
 
     async def arm(self, permit: Permit) -> Observation:
-        session = self._session()
-        host = self._driver.host
-        self._look(session)
-        sample = session.sample
-        refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
+        session, host = self._session(), self._config.host
+        session.look()
+        refusal = refuse_modes(session.sample.robot_mode, session.sample.safety_mode)
         if refusal is not None:
             raise WireDown(refusal.text.removeprefix("move: "))
-        if sample.runtime_state != RuntimeState.STOPPED:
+        if session.sample.runtime_state != RuntimeState.STOPPED:
             raise WireDown("a program runs on the controller. stop() ends it, then resume()")
         if (await plain.ask_dashboard(host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
@@ -136,36 +154,34 @@ class URWire(Wire):
         permit.check()
         await self._start_script(session, permit)
         session.lost, session.controls, session.servoing = "", True, False
-        return session.observation(self._clock.now_ns())
+        return session.observation()
 
     async def read(self) -> Observation:
         session = self._session()
         if session.sdk.spent:
             raise ProcessSpent(session.sdk.spent)
         await trio.lowlevel.checkpoint()
-        self._look(session)
-        self._check_alive(session)
-        return session.observation(self._clock.now_ns())
+        session.look_alive()
+        return session.observation()
 
     async def feed(self) -> None:
-        await self._feed(self._session())
+        await self._session().feed()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self._session()
-        self._look(session)
+        session.look()
         if not session.controls:
             raise PermitDenied(session.lost or "not armed")
-        if session.silent_s(self._clock.now_ns()) > SILENT_S:
+        if session.silent_s() > SILENT_S:
             raise PermitDenied("the controller's clock stands still")
-        taken = await session.sdk.servo(values, permit.check)
-        session.servoing = taken
-        if not taken:
+        session.servoing = await session.sdk.servo(values, permit.check)
+        if not session.servoing:
             session.lose("the control script is not running")
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return tuple(MotorReport(joint, at, False, False, False, "not connected") for at, joint in _NUMBERED)
+            return unsafe("not connected")
         ended = safe_state != "hold"
         servoed = stands = False
         try:
@@ -174,19 +190,14 @@ class URWire(Wire):
         except ProcessSpent:
             pass  # the next read says so
         if stands:
-            where = session.sample.position
-            return tuple(
-                MotorReport(joint, at, servoed, servoed, True, target=where[at]) for at, joint in _NUMBERED
-            )
+            rows = enumerate(zip(JOINTS, session.sample.position, strict=True))
+            return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for at, (joint, rad) in rows)
         session.lose("stopped without the SDK")
-        return await plain.stop(self._driver.host)
+        return await stop(self._config)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The plain ports take a stop unasked."""
-        try:
-            return await plain.stop(self._driver.host)
-        except ValueError as error:
-            return tuple(MotorReport(joint, at, False, False, False, str(error)) for at, joint in _NUMBERED)
+        return await stop(self._config)
 
     def close(self) -> None:
         """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends
@@ -204,17 +215,16 @@ class URWire(Wire):
             while not (session.sample.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
                 await trio.sleep(CONTROL_S)
                 permit.check()
-                session.look(self._clock.now_ns())
-                self._check_alive(session)
+                session.look_alive()
         permit.check()
         if session.sample.runtime_state != RuntimeState.PLAYING:
             raise WireDown(f"the control script does not start within {START_S:g} s. Look at the pendant")
         if not await sdk.set_watchdog(WATCHDOG_HZ):
             raise WireDown("the control script does not arm its watchdog. Try again")
-        session.fed_ns = self._clock.now_ns()
+        session.was_fed()
 
     async def _stop_by_sdk(self, session: _Session, ended: bool) -> bool:
-        """servoStop, and for a stop the end of the script. Whether the controller did it; from high speed its
+        """Do servoStop, and for a stop end the script. Return whether the controller did it; from high speed its
         watchdog may end the program first, for nobody can feed it meanwhile. Raise ``ProcessSpent``."""
         session.servoing = False
         if ended:
@@ -222,45 +232,22 @@ class URWire(Wire):
         stopped = await session.sdk.servo_stop()
         if ended:
             await session.sdk.stop_script()
-        session.fed_ns = self._clock.now_ns()
+        session.was_fed()
         return stopped
 
     async def _stands(self, session: _Session, ended: bool) -> bool:
-        """Whether samples show that no joint moves, and for a stop that no program runs. Raise ``ProcessSpent``."""
+        """Return whether samples show that no joint moves, and for a stop that no program runs. Raise
+        ``ProcessSpent``."""
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)
-                await self._feed(session)
-                self._look(session)
-                fresh = session.silent_s(self._clock.now_ns()) < SILENT_S
-                over = not ended or session.sample.runtime_state == RuntimeState.STOPPED
-                if fresh and over and not session.moving():
+                await session.feed()
+                session.look()
+                if session.stands() and (not ended or session.sample.runtime_state == RuntimeState.STOPPED):
                     return True
         return False
-
-    async def _feed(self, session: _Session) -> None:
-        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it, and those are
-        earned one by one."""
-        due = self._clock.now_ns() - session.fed_ns >= round(FEED_S * NS)
-        if due and session.controls and not session.servoing:
-            await session.sdk.kick()
-            session.fed_ns = self._clock.now_ns()
-
-    def _check_alive(self, session: _Session) -> None:
-        silent_s = session.silent_s(self._clock.now_ns())
-        if silent_s > self._driver.timing.state_ttl_s:
-            raise WireDown(
-                f"read: the clock of {self._driver.robot} stands still for {silent_s * 1e3:.0f} ms. "
-                "Check the controller and its network"
-            )
-
-    def _look(self, session: _Session) -> None:
-        session.look(self._clock.now_ns())
 
     def _session(self) -> _Session:
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-
-_NUMBERED = tuple(enumerate(JOINTS))

@@ -9,7 +9,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.driver import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
@@ -19,7 +19,7 @@ from strands_actors.surfaces.agents.use import use
 from . import envelopes as answers
 from . import verbs
 from .envelopes import Answer
-from .plan import Plan, plan
+from .plan import Plan, completed, plan
 from .portal import open_caller
 from .tree import RobotTree
 from .twin_process import TwinProcess
@@ -47,12 +47,14 @@ class Observations(AsyncIterator[dict[str, float]]):
 
 
 class AsyncRobot:
-    """A connected robot, in the trio loop that opened it. Every verb answers with an envelope."""
+    """A connected robot, in the trio loop that opened it. Every verb but ``get_observation`` answers with an
+    envelope."""
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
         self._plan = tree.plan
         self._approval = approval
+        self._observing = verbs.Observing()
         self.driver = tree.driver
 
     @property
@@ -79,11 +81,13 @@ class AsyncRobot:
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """As ``Robot.send_action``."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
         return await answered("move", verbs.send_action, self._tree, action)
 
-    async def get_observation(self) -> Answer:
-        """Positions by joint, in the driver's units, or why there are none."""
-        return await answered("observe", verbs.get_observation, self._tree)
+    async def get_observation(self) -> dict[str, float]:
+        """As ``Robot.get_observation``."""
+        return self._observing.positions(await answered("observe", verbs.get_observation, self._tree))
 
     def observations(self, hz: float = 30.0) -> Observations:
         """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
@@ -173,7 +177,7 @@ async def open_robot(
     **keywords: Any,
 ) -> AsyncIterator[AsyncRobot]:
     """One robot for a trio program: connected and armed inside the block, safe and gone after it. ``arm=False``
-    energises nothing.
+    energises nothing. ``keywords``: those of ``Robot``.
 
     Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
     """
@@ -187,7 +191,11 @@ async def open_robot(
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
     """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
     async with open_caller() as (node, nursery, endpoint):
-        tree = RobotTree(node, nursery, endpoint, wanted)
+        try:
+            whole = await completed(wanted)
+        except WireDown as down:
+            raise ConnectionError(f"connect: {str(down).removeprefix('connect: ')}") from None
+        tree = RobotTree(node, nursery, endpoint, whole)
         try:
             problem = await tree.connect(arm)
             if problem is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Coroutine, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
 
@@ -16,26 +16,55 @@ UNREACHABLE = "unreachable"
 """The state of a robot that does not answer, or was not connected."""
 
 
-class Answer(dict[str, Any]):
-    """``{"status", "content"}``. Awaiting it gives itself, so ``stop()`` and ``await stop()`` both work."""
+class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
+    """``{"status", "content"}``. Awaiting it gives itself, so ``stop()`` and ``await stop()`` both
+    work; to asyncio it is a coroutine, so ``asyncio.run(robot.stop())`` does, too."""
 
     def __await__(self) -> Generator[Any, None, Answer]:
         yield from ()
         return self
 
+    def send(self, value: Any) -> Any:
+        raise StopIteration(self)
 
-class PendingAnswer(Mapping[str, Any]):
-    """What ``stop()`` and ``get_status()`` return inside a running event loop: already under way, whether awaited
-    or not, and not cancelled with who awaits it. ``await`` does not block the loop; to read it as a dict waits,
-    which is what a cell of a notebook wants."""
+    def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        raise typ
+
+    def close(self) -> None:
+        """Nothing is under way."""
+
+
+class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
+    """What ``stop()`` and ``get_status()`` return inside a running event loop: already under way,
+    whether awaited or not, and not cancelled with who awaits it. A coroutine to asyncio: for
+    ``await``, ``create_task``, ``gather`` and ``wait_for``, which do not block the loop. To read it
+    as a dict waits, which is what a cell of a notebook wants."""
 
     def __init__(self, future: Future[Answer]) -> None:
         self._future = future
+        self._driven: Coroutine[Any, Any, Answer] | None = None
 
-    def __await__(self) -> Generator[Any, None, Answer]:
-        import asyncio  # who awaits this has it
+    def __hash__(self) -> int:
+        return id(self)  # gather keeps coroutines in a dict
 
-        return asyncio.shield(asyncio.wrap_future(self._future)).__await__()
+    def __await__(self) -> Generator[Any, Any, Answer]:
+        return _when_done(self._future).__await__()
+
+    def send(self, value: Any) -> Any:
+        return self._drive().send(value)
+
+    def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
+        return self._drive().throw(typ)
+
+    def close(self) -> None:
+        """Wait no more. What is under way goes on."""
+        if self._driven is not None:
+            self._driven.close()
+
+    def _drive(self) -> Coroutine[Any, Any, Answer]:
+        if self._driven is None:
+            self._driven = _when_done(self._future)
+        return self._driven
 
     def __getitem__(self, key: str) -> Any:
         return self._future.result()[key]
@@ -48,6 +77,12 @@ class PendingAnswer(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return repr(self._future.result())
+
+
+async def _when_done(future: Future[Answer]) -> Answer:
+    import asyncio  # who awaits this has it
+
+    return await asyncio.shield(asyncio.wrap_future(future))
 
 
 def in_asyncio() -> bool:
@@ -113,10 +148,16 @@ def task(status: TaskStatus) -> dict[str, Any]:
 
 
 def status(
-    tool_name: str, robot: str, driver: Driver, problem: str, told: Status | None, facts: Mapping[str, Any]
+    tool_name: str,
+    robot: str,
+    driver: Driver,
+    problem: str,
+    told: Status | None,
+    facts: Mapping[str, Any],
+    standby_report: str | None = None,
 ) -> dict[str, Any]:
     """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what its wire said
-    of itself when it last answered; they come on top."""
+    of itself when it last answered; they come on top. ``standby_report``: of an earlier tree's standby."""
     observation = None if told is None else told.observation
     return {
         "tool_name": tool_name,
@@ -134,6 +175,8 @@ def status(
         "reads": 0 if told is None else told.reads,
         "refusals": 0 if told is None else told.refusals,
         "last_refusal": None if told is None else told.last_refusal or None,
+        "standby": None if told is None else told.no_standby or "ready",
+        "standby_report": standby_report,
         "faults": {} if observation is None else dict(observation.faults),
         "sensors": {} if observation is None else sensors(observation),
         "fallbacks": {str(reason): safe_state for reason, safe_state in driver.fallbacks.items()},

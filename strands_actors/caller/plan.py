@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
@@ -13,9 +13,11 @@ import msgspec
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
 from strands_actors.drivers import (
+    PLAIN,
     SIMULATION,
     canonical_name,
     constructor_keywords,
+    driver_name,
     get_native_driver_class,
     list_driver_coverage,
     list_native_drivers,
@@ -28,6 +30,8 @@ from strands_actors.surfaces.mesh.config import MeshConfig
 from .twin_process import SIM, TwinProcess
 
 MODES = ("sim", "real", "auto")
+TWIN = "twin"
+"""The transport that starts a process; others are ways of a driver's own to its robot."""
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
@@ -84,28 +88,16 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
     ignore."""
     wanted, driver_class = _read(name, mode, **keywords)
     if not issubclass(driver_class, Driver):
-        raise ValueError(
-            f"Robot: {name}'s driver {driver_class.__name__} is not run as a tree. use Robot({name!r})"
-        )
+        return _plain(wanted, driver_class)
     if wanted.mode == "sim":
         return _simulated(wanted, driver_class)
     return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
 
 
-def standalone(name: str, mode: str = "sim", **keywords: Any) -> Any:
-    """A robot whose driver class is not run as a tree but by itself, as on the drivers page; None for others. Raise
-    as ``plan``."""
-    wanted, driver_class = _read(name, mode, **keywords)
-    if issubclass(driver_class, Driver):
-        return None
-    if wanted.mode == "sim":
-        raise ValueError(f"Robot: {driver_class.__name__} has no simulation of {name}. use mode='real'")
-    if wanted.at:
-        raise ValueError(f"Robot: {driver_class.__name__} is not run as a tree, and not reached from another host")
-    _check_hardware(wanted, driver_class)
-    own = {"port": wanted.port, "transport": wanted.transport, "sim": wanted.sim}
-    more = {key: value for key, value in own.items() if value is not None} | wanted.options
-    return driver_class(tool_name=wanted.tool_name, cameras=wanted.cameras, data_config=wanted.data_config, **more)
+async def completed(wanted: Plan) -> Plan:
+    """Return the plan with what only the robot can tell. Raise ``WireDown``."""
+    options = await wanted.driver_class.complete(wanted.robot, wanted.port, wanted.options)
+    return wanted if options == wanted.options else replace(wanted, options=options)
 
 
 def _read(
@@ -119,7 +111,7 @@ def _read(
     tool_name: str | None = None,
     cameras: Any = None,
     data_config: Any = None,
-    mesh: MeshConfig | None = None,
+    mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
@@ -134,6 +126,14 @@ def _read(
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     _check_keywords(driver_class, options)
+    options = _spelled(driver_class, options)
+    if mesh is False:
+        mesh = MeshConfig()
+    if mesh is not None and not isinstance(mesh, MeshConfig):
+        raise TypeError(
+            f"Robot: mesh is {mesh!r}. give MeshConfig(listen=...), or False for none; every robot is on the mesh "
+            "of its own user anyway"
+        )
     if mesh is None:
         mesh = MeshConfig.from_environment()
     if at is not None:
@@ -144,6 +144,8 @@ def _read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
+    if chosen_mode == "real" and transport == "serial" and _is_serial(driver_class):
+        transport = None  # the page's word for a port
     return (
         Wanted(
             name,
@@ -187,7 +189,7 @@ def _unknown(name: str, known: Iterable[str]) -> str:
         return f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and attach it to a follower"
     close = difflib.get_close_matches(name, known, n=3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
-    return f"Robot: {name!r} is not known.{hint} strands_actors.drivers.list_driver_coverage() lists all robots"
+    return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"
 
 
 def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None:
@@ -199,8 +201,25 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
             close = difflib.get_close_matches(keyword, accepted, n=1)
             hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
             raise ValueError(
-                f"Robot: {driver_class.__name__} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
+                f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
             )
+
+
+def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options under the driver's own names of them."""
+    others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
+    told: dict[str, Any] = {}
+    for keyword, value in options.items():
+        own = others.get(keyword, keyword)
+        if own in told:
+            other = next(name for name in options if others.get(name, name) == own and name != keyword)
+            raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
+        told[own] = value
+    return told
+
+
+def _is_serial(driver_class: type[Any]) -> bool:
+    return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 
 def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
@@ -244,14 +263,15 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     tool_name = wanted.tool_name
     twin_process = None
     owns_twin_process = True
-    if wanted.transport is not None:
+    if wanted.transport == TWIN:
         owns_twin_process = wanted.sim is None
         twin_process = (
             TwinProcess(driver_class.TWIN, wanted.robot) if owns_twin_process else _twin_process_of(wanted)
         )
         resolved = driver_class.resolve(wanted.robot, wanted.options)  # a twin is new: nobody has calibrated it
     else:
-        resolved = driver_class.resolve(wanted.robot, {**wanted.options, "tool_name": tool_name})
+        way = {} if wanted.transport is None else {"transport": wanted.transport}  # one of the driver's own
+        resolved = driver_class.resolve(wanted.robot, {**wanted.options, **way, "tool_name": tool_name})
     return Plan(
         wanted.robot,
         tool_name,
@@ -271,11 +291,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
 def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     """Of another host: what is about its hardware was said there."""
     assert wanted.at is not None
-    own = ("port", "transport", "sim", "cameras", "require_drill")
-    if ignored := [key for key in wanted.given() if key in own]:
-        raise TypeError(
-            f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
-        )
+    _leave_to_host(wanted)
     return Plan(
         wanted.robot,
         wanted.tool_name,
@@ -290,19 +306,64 @@ def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     )
 
 
+def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
+    """Of a driver class of the drivers page, which knows nothing of trees."""
+    name = driver_class.__name__
+    if wanted.mode == "sim":
+        raise ValueError(f"Robot: {name} has no simulation of {wanted.name}. use mode='real'")
+    if wanted.sim is not None or wanted.transport == "twin":
+        raise ValueError(f"Robot: {name} has no twin of ours. give its port")
+    if wanted.at is None:
+        _check_hardware(wanted, driver_class)
+    else:
+        _leave_to_host(wanted)
+    own = {"port": wanted.port, "transport": wanted.transport, "cameras": wanted.cameras}
+    own |= {"tool_name": wanted.tool_name, "data_config": wanted.data_config}
+    given = {key: value for key, value in own.items() if value is not None} | wanted.options
+    plain = load(PLAIN)
+    options = plain.options_of(driver_class, wanted.robot, given)
+    if wanted.at is not None and not plain(wanted.robot, "", options).axes:
+        raise ValueError(
+            f"Robot: {name} does not say which axes it has before it is made. Give the class action_features, a "
+            f"mapping of keys, to reach it at {wanted.at}"
+        )
+    return Plan(
+        wanted.robot,
+        wanted.tool_name,
+        plain,
+        wanted.port or "",
+        None,
+        options,
+        data_config=wanted.data_config,
+        mesh=wanted.mesh,
+        drill_age_s=wanted.drill_age_s,
+        at=wanted.at or "",
+        lifetime_s=wanted.lifetime_s,
+    )
+
+
+def _leave_to_host(wanted: Wanted) -> None:
+    """Raise ``TypeError`` when something is given that the robot's own host has said."""
+    own = ("port", "transport", "sim", "cameras", "require_drill")
+    if ignored := [key for key in wanted.given() if key in own]:
+        raise TypeError(
+            f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
+        )
+
+
 def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
-    name, transport = driver_class.__name__, wanted.transport
+    name, transport = driver_name(driver_class), wanted.transport
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
         raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
-    if wanted.sim is not None and transport != "twin":
+    if wanted.sim is not None and transport != TWIN:
         raise ValueError(
             "Robot: sim= is what a twin is made of: add transport='twin'. "
             f"{name} offers {', '.join(offered) or 'none'}"
         )
     if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
         raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
-    if transport is not None and wanted.port is not None:
+    if transport == TWIN and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
     if transport is None and wanted.port is None and needs_port:

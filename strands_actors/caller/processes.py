@@ -67,6 +67,8 @@ class Processes(ABC):
         self.facts: dict[str, Any] = {}
         """What the wire said of itself when it last answered."""
         self.closed = False
+        self.standby_report: str | None = None
+        """What the standby of an earlier tree of this robot had to do."""
 
     @property
     @abstractmethod

@@ -7,13 +7,14 @@ here touches hardware.
 from __future__ import annotations
 
 import functools
-import logging
 import os
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
 
-from strands_actors.contract.driver import Driver, Observation
+import trio
+
+from strands_actors.contract.driver import Driver, Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.simulation.handle import SimulationError, World
@@ -29,7 +30,7 @@ from . import verbs
 from .async_robot import AsyncRobot, open_robot
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
-from .plan import Plan, plan, standalone
+from .plan import Plan, completed, plan
 from .portal import portal
 from .tree import RobotTree
 from .twin_process import SIM, TwinProcess
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     import numpy
     from numpy.typing import NDArray
 
-_log = logging.getLogger("strands_actors")
+    from strands_actors.surfaces.mesh.config import MeshConfig
 
 T = TypeVar("T")
 
@@ -52,10 +53,21 @@ def Robot(  # a factory named as on the drivers page
     name: str,
     mode: str = "sim",
     *,
+    driver: str = "auto",
+    port: str | None = None,
+    transport: str | None = None,
+    sim: SimRobot | None = None,
+    tool_name: str | None = None,
+    cameras: Any = None,
+    data_config: Any = None,
+    mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
     approve_within_s: float = APPROVE_S,
-    **keywords: Any,
+    **options: Any,
 ) -> RealRobot:
     """A handle on one robot; nothing is started yet.
 
@@ -67,13 +79,27 @@ def Robot(  # a factory named as on the drivers page
     has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
     rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
     for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
-    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``. Other keywords
-    are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``.
+    ``require_drill``: no motion without a stop drill that is younger (``"30d"``). ``mesh``: where other hosts reach
+    it; False: nowhere. ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be
+    accepted.
     """
-    other = standalone(name, mode, **keywords)
-    if other is not None:
-        return cast(RealRobot, other)  # a driver class of the drivers page: the same verbs, no tree
-    wanted = plan(name, mode, **keywords)
+    wanted = plan(
+        name,
+        mode,
+        driver=driver,
+        port=port,
+        transport=transport,
+        sim=sim,
+        tool_name=tool_name,
+        cameras=cameras,
+        data_config=data_config,
+        mesh=mesh,
+        require_drill=require_drill,
+        at=at,
+        lifetime=lifetime,
+        **options,
+    )
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
     return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
 
@@ -90,12 +116,14 @@ class RealRobot(RobotTool):
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         self._plan = plan
-        self._approval = approval or Approval(plan.driver_class.GUARDED)
+        self._approval = approval or approval_of(plan.driver_class, (), None, APPROVE_S)
         self._liveness = Liveness()
         self._opened: RobotTree | None = None
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
+        self._observing = verbs.Observing()
+        self._completing = trio.Lock()  # two threads may connect at once
 
     @property
     def tool_name(self) -> str:
@@ -175,12 +203,24 @@ class RealRobot(RobotTool):
             return f"connect: {failure}"
 
     async def _connect(self) -> str | None:
+        if self._tree is None and (problem := await self._complete()):
+            return problem
         if self._tree is None:
             shared = portal()
             self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
             self._pid = os.getpid()
         assert self._opened is not None
         return await self._opened.connect()
+
+    async def _complete(self) -> str | None:
+        """Have the robot say what only it can tell."""
+        try:
+            async with self._completing:
+                self._plan = plan = await completed(self._plan)
+        except WireDown as down:
+            return f"connect: {str(down).removeprefix('connect: ')}"
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        return None
 
     @property
     def is_connected(self) -> bool:
@@ -211,7 +251,10 @@ class RealRobot(RobotTool):
     # -- verbs
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """One command: joints by name, in the driver's units. Refused with a reason, or written."""
+        """One command: joints by name, in the driver's units. Refused with a reason, or written.
+        ``robot_name``: who it is meant for, where a program has several; another robot's is refused."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
     def release(self) -> Answer:
@@ -219,13 +262,8 @@ class RealRobot(RobotTool):
         return self._verb(verbs.release, "release")
 
     def get_observation(self) -> dict[str, float]:
-        """Positions by joint, in the driver's units; {} (and a log line that says why) when there is none."""
-        answer = self._get_observation()
-        if answer["status"] == "error":
-            _log.warning("%s", answer["content"][0]["text"])
-            return {}
-        observation: dict[str, float] = answer["content"][0]["json"]
-        return observation
+        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when there is none."""
+        return self._observing.positions(self._get_observation())
 
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
@@ -236,6 +274,9 @@ class RealRobot(RobotTool):
         """The driver's own services as methods."""
         verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._plan.driver_class.SERVICES})
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""

@@ -108,6 +108,10 @@ class Name:
         """Where it is published."""
         return run_dir() / f"{self.name}.json"
 
+    def beside(self, suffix: str) -> Path:
+        """Path of another file of this robot."""
+        return run_dir() / f"{self.name}{suffix}"
+
     def publish(self, note: Note) -> None:
         target = self.note
         draft = target.with_suffix(".tmp")

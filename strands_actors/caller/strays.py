@@ -39,7 +39,7 @@ def strays() -> list[Stray]:
     cannot be seen."""
     try:
         known = {note.robot: note.pid for note in notes()}
-        labelled = dict(_labelled(label_of("")))
+        labelled = dict(_labelled(label_of(""), standbys=False))
         roots = [(pid, robot) for pid, robot in labelled.items() if labelled.get(_parent(pid)) != robot]
         return sorted(
             Stray(robot, pid)
@@ -74,8 +74,9 @@ def _is_gone(stray: Stray) -> bool:
     return True
 
 
-def _labelled(prefix: str) -> Iterator[tuple[int, str]]:
-    """(pid, robot) of this user's processes whose label begins so."""
+def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
+    """(pid, robot) of this user's processes whose label begins so. ``standbys``: those too, which make safe when
+    their root is gone, and must not be ended then."""
     begin = prefix.encode()
     for entry in os.scandir("/proc"):
         if not entry.name.isdigit():
@@ -86,8 +87,8 @@ def _labelled(prefix: str) -> Iterator[tuple[int, str]]:
             words = Path(entry.path, "cmdline").read_bytes().split(b"\0")
         except OSError:  # it has just ended
             continue
-        label = words[-2] if len(words) > 1 else b""
-        if label.startswith(begin):
+        label = next((word for word in words if word.startswith(begin)), b"")
+        if label and (standbys or not words[0].endswith(b" standby")):
             yield int(entry.name), label.decode(errors="replace").rpartition("/")[2]
 
 

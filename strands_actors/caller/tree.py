@@ -74,6 +74,11 @@ class RobotTree:
         """What the wire said of itself when it last answered."""
         return self._processes.facts
 
+    @property
+    def standby_report(self) -> str | None:
+        """What the standby of an earlier tree of this robot had to do."""
+        return self._processes.standby_report
+
     # -- start and end
 
     async def connect(self, arm: bool = True) -> str | None:

@@ -28,9 +28,11 @@ from strands_actors.supervisors.messages import (
     StopReport,
     TreeReport,
 )
+from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
 from .descriptors import FOR_ROBOT, require
+from .last_standby import until_over
 from .plan import Plan
 from .processes import CONNECT_S, NotConnected, Processes
 from .run_directory import Name, Note, locks_dir
@@ -74,6 +76,9 @@ class TreeProcesses(Processes):
             self._name = Name(plan.tool_name)
             self.robot = self._name.name
         name = self._name
+        found = await until_over(self.robot, "" if plan.twin_process is not None else port)
+        if found is not None:
+            self.standby_report = found
         roles = ("root", "wire", "policy", "mesh")
         listen, wire_listen, policy_listen, mesh = (unix_endpoint(name.socket(role)) for role in roles)
         args = {
@@ -86,6 +91,12 @@ class TreeProcesses(Processes):
             "locks": str(locks_dir()),
             "lock_port": "" if plan.twin_process is not None else port,
             "listen": listen,
+            "label": label_of(self.robot),
+            "standby": {
+                "lock": str(name.beside(LOCK)),
+                "report": str(name.beside(REPORT)),
+                "port": "" if plan.twin_process is not None else port,
+            },
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
             "connect": [self._endpoint],

@@ -5,11 +5,14 @@ They run by ``answered``, so that whatever keeps a verb from running at all is a
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 
+from strands_actors.contract.axis import SHOWN
 from strands_actors.contract.driver import Driver, Observation
+from strands_actors.drivers import canonical_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
@@ -20,6 +23,8 @@ from .envelopes import Answer
 from .plan import Plan
 from .processes import NotConnected
 from .tree import RobotTree
+
+_log = logging.getLogger("strands_actors")
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
 """On a tree, with what else it takes; in the tree's loop."""
@@ -41,6 +46,19 @@ def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Ans
         return here(tree, *args)
     except NotConnected as failure:
         return answers.error(f"{name}: {failure}")
+
+
+def refuse_name(robot_name: object, plan: Plan, running_as: str) -> Answer | None:
+    """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the name
+    it runs by, and the names of its kind where it was given no name of its own."""
+    if robot_name is None or robot_name in (plan.tool_name, running_as):
+        return None
+    is_text = isinstance(robot_name, str) and robot_name
+    if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
+        return None
+    why = f"move: robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
+    remedy = "send it to the robot that it is meant for, or leave robot_name out"
+    return answers.refused(Refused("other_robot", why, remedy, str(robot_name)[:SHOWN], running_as))
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
@@ -70,6 +88,26 @@ def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
     return answers.success(tree.driver.as_json(answer.position))
+
+
+class Observing:
+    """Of one handle: observations as the drivers page has them. ``{}`` when there is none, and a line
+    in the log that says why, once for each reason."""
+
+    def __init__(self) -> None:
+        self._told = ""
+
+    def positions(self, answer: Answer) -> dict[str, float]:
+        """Return what ``get_observation`` answers, of the envelope of ``observe``."""
+        if answer["status"] == "error":
+            why: str = answer["content"][0]["text"]
+            if why != self._told:
+                _log.warning("%s", why)
+            self._told = why
+            return {}
+        self._told = ""
+        observation: dict[str, float] = answer["content"][0]["json"]
+        return observation
 
 
 async def get_state(tree: RobotTree) -> Answer:
@@ -118,12 +156,16 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
+    if (reason := tree.driver.SERVICES[name].stops) is not None:
+        return _stopped(await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
 
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
+    if (reason := tree.driver.SERVICES[name].stops) is not None:
+        return _stopped(tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
 
@@ -150,7 +192,9 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or "the wire does not answer"
-    return answers.status(tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts)
+    return answers.status(
+        tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
+    )
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:

@@ -12,8 +12,11 @@ from strands_actors.kernel.messages import Refused
 from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
 
+STEP_TOLERANCE = 1.2
+"""A stream's period jitters; so does the top speed of a servo with its supply."""
+
 _ROUNDING = 1e-9
-_DECIMALS = {"deg": 1, "percent": 1, "%": 1}
+_DECIMALS = {"deg": 1, "percent": 1, "%": 1, "mm": 1}
 _OTHER_DECIMALS = 4
 """Radians, metres, fractions: enough digits that what a refusal names as the limit is accepted."""
 
@@ -68,15 +71,19 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
     return stale
 
 
-def past_range(axes: Axes) -> GateCheck:
-    """Refuse a target outside the range of its axis."""
-    limits = tuple(axis.limits for axis in axes)
+def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
+    """Refuse a target outside the range of its axis. ``rounding``: what numbers may lose on the way to the robot
+    and back, so that an axis at its end is within."""
+    ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
+        values = candidate.values
         for at in candidate.named:
-            value, (low, high), axis = candidate.values[at], limits[at], axes[at]
+            value, (least, most) = values[at], ends[at]
             # not (a <= b) rather than b < a: a NaN is refused too
-            if not low - _ROUNDING <= value <= high + _ROUNDING:
+            if not least <= value <= most:
+                axis = axes[at]
+                low, high = axis.limits
                 # rounded inwards: what the text allows is allowed
                 bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
                 end = bottom if value < low else top
@@ -94,27 +101,37 @@ def past_range(axes: Axes) -> GateCheck:
 
 
 def too_fast(
-    axes: Axes, *, tolerance: float = 1.2, oneshot_s: float | None = None, longest_s: float = math.inf
+    axes: Axes,
+    *,
+    tolerance: float = STEP_TOLERANCE,
+    oneshot_s: float | None = None,
+    longest_s: float = math.inf,
+    pause_counts: bool = True,
 ) -> GateCheck:
     """Refuse a step that the axis cannot follow.
 
     A stream may step as far as the axis moves in its period, or since the last target that was accepted, times
-    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts. A command on its own may
-    step as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
+    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts, and nothing with
+    ``pause_counts`` off: for a controller that goes to each target in one period. A command on its own may step
+    as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
     """
+    speeds = tuple(axis.speed for axis in axes)
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
-            period_s = min(max(state.period_s, (state.now_ns - state.target_ns) / NS), longest_s) * tolerance
+            pause_s = (state.now_ns - state.target_ns) / NS if pause_counts else 0.0
+            period_s = min(max(state.period_s, pause_s), longest_s)
+            reach_s = period_s * tolerance
         elif oneshot_s is not None:
-            period_s = oneshot_s
+            reach_s = period_s = oneshot_s
         else:
             return None
+        values, target = candidate.values, state.target
         for at in candidate.named:
-            axis = axes[at]
-            step = abs(candidate.values[at] - state.target[at])
-            allowed = axis.speed * period_s
+            step = abs(values[at] - target[at])
+            allowed = speeds[at] * reach_s
             if not step <= allowed + _ROUNDING:
+                axis = axes[at]
                 most = show(allowed, axis.unit, inwards=math.floor)
                 unit = unit_of(axis)
                 return Refused(
@@ -151,4 +168,15 @@ def unit_of(axis: Limited) -> str:
     return f" {unit}" if unit else ""
 
 
-__all__ = ["Axes", "AxisMode", "Limited", "axis_gates", "past_range", "show", "stale", "too_fast", "unit_of"]
+__all__ = [
+    "STEP_TOLERANCE",
+    "Axes",
+    "AxisMode",
+    "Limited",
+    "axis_gates",
+    "past_range",
+    "show",
+    "stale",
+    "too_fast",
+    "unit_of",
+]

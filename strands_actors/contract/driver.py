@@ -25,7 +25,7 @@ import trio
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 
-from .axis import Axis, Part, axes_of, first_target, parse_action
+from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
 from .sensors import Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
@@ -83,6 +83,12 @@ class Service(msgspec.Struct, frozen=True):
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
     in_motion: bool = False  # may be asked for while a target stands
+    # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it began is live as a
+    # latched setpoint is, until a stop or the end of the lease. An older target is not sent again.
+    moves: bool = False
+    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does: never refused,
+    # ahead of everything, and carried out by whoever is left.
+    stops: Reason | None = None
 
 
 class Observation(Message, frozen=True):
@@ -137,8 +143,8 @@ class Wire(ABC):
     that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
 
     interruptible: ClassVar[bool] = False
-    """Whether ``arm``, and ``make_safe`` on a safe state that holds, may be cancelled wherever they wait: a
-    stop then cuts them short. Not where an SDK goes on with what it was told."""
+    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land, settle), may be
+    cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -284,6 +290,8 @@ class Driver(ABC):
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     """Constructor keywords beyond ``port``, with what each means."""
+    SPELLINGS: ClassVar[Mapping[str, str]] = {}
+    """Other names of those keywords, as the drivers page has them: ``baud_rate`` for ``baud``."""
     SECRETS: ClassVar[frozenset[str]] = frozenset()
     """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
@@ -299,12 +307,18 @@ class Driver(ABC):
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    BEFORE_MOTION: ClassVar[str] = ""
+    """Which of them must have been done, after each resume, before the robot takes commands: take off, stand up.
+    Empty: none. A drill and the kill matrix do it, too."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
     """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
-    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop never needs one."""
+    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop
+    never needs one, nor does a zero of a velocity axis."""
+    TOPICS: ClassVar[Mapping[str, str]] = {}
+    """Guarded keys that go out on a ROS topic, and which: who has approved the topic has approved them."""
 
     robot: str
     parts: tuple[Part, ...] = ()
@@ -330,6 +344,12 @@ class Driver(ABC):
         Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
         return dict(options)
 
+    @classmethod
+    async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Runs in the caller, before the tree is started: return the options with what only the robot, or a process
+        that may be killed, can tell. Asked again, it changes nothing. Raise ``WireDown``."""
+        return dict(options)
+
     @abstractmethod
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
 
@@ -345,6 +365,12 @@ class Driver(ABC):
         """Return the whole target: position axes that are not named keep ``state.target``, velocity axes rest."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
+
+    def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
+        """Return the keys of an action that may need approval: all but velocities at rest, which stop the robot."""
+        at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
+        keys = ((key, str(key).removesuffix(".pos")) for key in action)
+        return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return the target from which a robot that was just armed goes on: the measured position, so that nothing

@@ -1,6 +1,6 @@
 """What those who are not the robot's own program may ask of it: an agent, an MCP client, a command from the mesh.
 
-A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of six things that every
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of seven things that every
 robot knows; what differs is its name, its inputs and the action they make.
 """
 
@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
-Does = Literal["status", "sensors", "state", "action", "torque", "stop"]
+Does = Literal["status", "sensors", "state", "action", "service", "torque", "stop"]
 
 Schema = Mapping[str, Any]
 """JSON schema of one input."""
@@ -25,6 +25,7 @@ class ToolVerb(msgspec.Struct, frozen=True):
     ``state``    positions and velocities, with their age
     ``action``   one command, as ``send_action()``: ``action``, and with it each input that is a number under its
                  own name, and the entries of each input that is an object
+    ``service``  the driver's service of that name, with the inputs as its arguments
     ``torque``   input ``enabled``: true energises at the measured position, false is a stop
     ``stop``     what ``stop()`` does; takes any input and minds none
     """

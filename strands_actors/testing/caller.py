@@ -43,6 +43,13 @@ class Caller:
         release = getattr(self.robot, "release_sport_mode", None)
         if release is not None and (answer := release())["status"] != "success":
             raise SystemExit(f"its own controller does not let go: {answer}")
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Do what the robot wants before it takes commands, unless it is done: a drone flies."""
+        name = self.robot.driver.BEFORE_MOTION
+        if name and (answer := self.robot.service(name))["status"] != "success":
+            raise SystemExit(f"{name}: {answer}")
 
     def begin(self, motion: str) -> None:
         """Move; print the tree once the robot is on its way."""
@@ -109,6 +116,7 @@ class Caller:
             if time.monotonic() > deadline_s:
                 raise SystemExit(f"no resume: {answer}")
             time.sleep(0.05)
+        self._prepare()
 
     def obey(self, line: str) -> None:
         match line.split():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import monotonic_ns
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import trio
 import trio.lowlevel
@@ -30,6 +31,7 @@ from .queueing import DISTURBED_MS, Queue
 from .wirelog import Entry, WireLog
 
 T = TypeVar("T")
+C = TypeVar("C")
 
 SETTLE_S = 0.4
 """How long the wire is watched after the safe frame."""
@@ -87,36 +89,46 @@ def _motion(cell: Cell, driver: Driver) -> str:
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
     """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise ``NotMoving``
     when it cannot be made to move."""
+    breaks = _break_robot if cell.victim is Victims.TWIN else _break_process
+    motion = _motion(cell, bench.driver)
+
+    def trial(caller: Caller) -> Outcome:
+        return trio.run(breaks, bench, caller, cell, settle_s)
+
+    return persevere(bench, motion, trial, cell.victim is Victims.CALLER)
+
+
+def persevere(bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool) -> Outcome:
+    """A trial of a caller whose robot moves. ``drop``: that caller is not used again. Raise ``NotMoving``."""
     for attempt in range(STARTS):
         try:
-            return _run_cell(cell, bench, settle_s)
+            return _once(bench, motion, trial, drop)
         except NotMoving:
             if attempt == STARTS - 1:
                 raise
     raise AssertionError
 
 
-def _run_cell(cell: Cell, bench: Bench, settle_s: float) -> Outcome:
-    caller = bench.moving(_motion(cell, bench.driver))
+def _once(bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool) -> Outcome:
+    caller = bench.moving(motion)
     try:
-        breaks = _break_robot if cell.victim is Victims.TWIN else _break_process
-        return trio.run(breaks, bench, caller, cell, settle_s)
+        return trial(caller)
     except BaseExceptionGroup as group:  # of the nursery in which the victim is watched
         not_moving, other = group.split(NotMoving)
         if not_moving is None or other is not None:
             raise
         raise NotMoving(describe(not_moving).partition(": ")[2]) from group
     finally:
-        if cell.victim is Victims.CALLER:
+        if drop:
             bench.drop()
 
 
-def tries(cell: Cell, bench: Bench, trials: int) -> Iterator[Outcome]:
+def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]) -> Iterator[Outcome]:
     """Until that many were not disturbed, or twice as many were made. Raise ``NotMoving``."""
     undisturbed = 0
     for _ in range(MOST * trials):
         try:
-            outcome = run_cell(cell, bench)
+            outcome = run(cell, bench)
         except NotMoving as why:
             raise NotMoving(f"{bench.robot}, {cell}: {why}") from why
         yield outcome
@@ -141,7 +153,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
         await trio.lowlevel.checkpoint()
         queue = bench.queue(caller, pid)
         began_ns = await _inflict(caller, cell, pid)
-        await _until_safe(bench.log, began_ns, queue)
+        await until_safe(bench.log, began_ns, queue)
         stood_ms = queue.stood_ms()
         await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
@@ -153,8 +165,9 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     ended_by_itself = cell.victim is Victims.CALLER and cell.fault not in LIVING and died_ns
     since_ns = died_ns[0] if ended_by_itself else began_ns
     gone_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
-    _require_motion(bench.log, began_ns)
-    return _told(_read(bench.log, bench.driver, cell, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
+    require_motion(bench.log, began_ns)
+    expected = expected_of(bench.driver, cell)
+    return told(read(bench.log, expected, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
@@ -214,15 +227,15 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
         await trio.to_thread.run_sync(_fall_ill, bench, cell.fault)
         queue = bench.queue(caller)
         caller.tell("stop")
-        told = await trio.to_thread.run_sync(caller.line)
-        since_ns, confirmed = told["at_ns"], told["confirmed"] or cell.fault not in CONFIRMED
-    await _until_safe(bench.log, since_ns, queue)
+        answer = await trio.to_thread.run_sync(caller.line)
+        since_ns, confirmed = answer["at_ns"], answer["confirmed"] or cell.fault not in CONFIRMED
+    await until_safe(bench.log, since_ns, queue)
     stood_ms = queue.stood_ms()
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
-    _require_motion(bench.log, broken_ns)
-    outcome = _read(bench.log, bench.driver, cell, since_ns, since_ns, 0.0, stood_ms)
-    return _told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
+    require_motion(bench.log, broken_ns)
+    outcome = read(bench.log, expected_of(bench.driver, cell), since_ns, since_ns, 0.0, stood_ms)
+    return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
@@ -248,7 +261,7 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 # -- the log
 
 
-def _require_motion(log: WireLog, broken_ns: int) -> None:
+def require_motion(log: WireLog, broken_ns: int) -> None:
     """Raise ``NotMoving`` when the robot was at rest when it was broken: a busy machine may have had it held."""
     last = ""
     for entry in log.entries():
@@ -260,36 +273,49 @@ def _require_motion(log: WireLog, broken_ns: int) -> None:
         raise NotMoving(f"the last on the wire before it was broken is {last or 'nothing'}, no setpoint")
 
 
-def _read(
+class Expected(NamedTuple):
+    """What the wire must show of a cell."""
+
+    victim: str
+    fault: str
+    safe_states: tuple[str, ...]  # one of them
+    bound_ms: float
+
+
+def expected_of(driver: Driver, cell: Cell) -> Expected:
+    safe_state = expected_safe_state(driver, cell.victim, cell.fault)
+    return Expected(cell.victim, cell.fault, (safe_state,), bound_s(driver, cell.victim, cell.fault) * 1e3)
+
+
+def read(
     log: WireLog,
-    driver: Driver,
-    cell: Cell,
+    expected: Expected,
     began_ns: int,
     since_ns: int,
     gone_ms: float = 0.0,
     stood_ms: float = 0.0,
 ) -> Outcome:
     """``began_ns``: from when on frames count. ``since_ns``: from when on time counts."""
-    safe_state = expected_safe_state(driver, cell.victim, cell.fault)
-    bound_ms = bound_s(driver, cell.victim, cell.fault) * 1e3
+    victim, fault, safe_states, bound_ms = expected
     frames = log.host("safe", began_ns)
-    safe = next((entry for entry in frames if is_safe_state(entry, safe_state)), None)
+    safe = next((entry for entry in frames if any(is_safe_state(entry, state) for state in safe_states)), None)
     instead = ""
     if safe is None and frames and stood_ms > DISTURBED_MS:
         safe, instead = frames[0], frames[0].safe_state or ""
     if safe is None:
-        return Outcome(cell.victim, cell.fault, safe_state, float("inf"), bound_ms, -1, False, gone_ms, stood_ms)
+        return Outcome(victim, fault, safe_states[0], math.inf, bound_ms, -1, False, gone_ms, stood_ms)
+    shown = next((state for state in safe_states if is_safe_state(safe, state)), safe_states[0])
     safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
     after = log.setpoints_after_safe(began_ns)
-    return Outcome(cell.victim, cell.fault, safe_state, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
+    return Outcome(victim, fault, shown, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
 
 
-def _told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
+def told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
     """With its story, where somebody will want to know it: the log itself is gone with the next trial."""
     return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
-async def _until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
+async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
     tail = log.tail()
 
     def look() -> bool:

@@ -23,12 +23,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation
+import msgspec
+
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, StopChannel, Wire
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
@@ -121,6 +123,7 @@ def conformance(
     checks = [
         Check("declares itself", subject.declares),
         Check("travels between processes", subject.travels),
+        Check("names its wire and stop channel", subject.names),
         Check("every reason leads to a safe state", subject.fallbacks, ("SAF-003",)),
         Check("timing is sane", subject.timing, ("SAF-001", "SAF-004")),
         Check("says what its firmware does alone", subject.firmware, ("SAF-013",)),
@@ -209,6 +212,19 @@ class _Subject:
         again = load_driver(json.loads(text))
         assert type(again) is self.cls, "its class cannot be imported by name: define it at the top of a module"
         assert (again.axes, again.ids) == (self.driver.axes, self.driver.ids), "built anew it has other axes"
+
+    def names(self) -> None:
+        """What a driver names exists, and is given a frozen config: a wire that could reach its driver would need
+        all that the driver needs."""
+        cls = self.cls
+        for member, kind in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):
+            name = getattr(cls, member)
+            if not name:
+                continue  # it makes its own
+            found = load(name)
+            assert isinstance(found, type) and issubclass(found, kind), f"{member} is {name!r}, no {kind.__name__}"
+            config = getattr(self.driver, "config", None)
+            assert _is_frozen(config), f"config is {config!r}, no frozen struct"
 
     def fallbacks(self) -> str:
         check_fallbacks(self.robot, self.driver.fallbacks)
@@ -340,3 +356,9 @@ def report(results: Sequence[Result]) -> Iterator[str]:
     for result in results:
         mark = "ok  " if result.passed else "FAIL"
         yield f"{mark}  {result.name}{f': {result.detail}' if result.detail else ''}"
+
+
+def _is_frozen(config: object) -> bool:
+    if isinstance(config, msgspec.Struct):
+        return config.__struct_config__.frozen
+    return is_dataclass(config) and getattr(type(config), "__dataclass_params__").frozen  # noqa: B009  # mypy

@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import msgspec
 import trio
@@ -19,6 +19,7 @@ from strands_actors.contract.driver import Driver
 
 from .bench import driver_of
 from .faults import Cell, cells_of
+from .pairs import Pair
 from .registering import where_is
 from .trials import Done, Trial, Trials, decode
 from .worker import Order
@@ -34,10 +35,13 @@ Drivers = Mapping[str, type[Driver] | None]
 """Robots; with the driver's class, where this package does not know it."""
 
 
-class Plan:
-    """What is left to do."""
+Cells = Callable[[Driver], Iterable[Cell | Pair]]
 
-    def __init__(self, drivers: Drivers, repeats: int, trials: Trials) -> None:
+
+class Plan:
+    """What is left to do. ``cells``: of a driver; ``pairs_of`` for a matrix of pairs."""
+
+    def __init__(self, drivers: Drivers, repeats: int, trials: Trials, cells: Cells = cells_of) -> None:
         self._left: dict[str, deque[Order]] = {}
         self._benches = dict.fromkeys(drivers, 0)
         self._alone = set[str]()
@@ -46,10 +50,10 @@ class Plan:
             where = "" if driver_class is None else where_is(driver_class)
             if driver.timing.realtime:
                 self._alone.add(robot)
-            cells = [cell for cell in cells_of(driver) if not cell.why_not]
+            wanted = [cell for cell in cells(driver) if not cell.why_not]
             self._left[robot] = deque(
                 order
-                for cell in cells
+                for cell in wanted
                 for order in _orders(robot, where, cell, _missing(trials, robot, cell, repeats))
             )
 
@@ -75,14 +79,14 @@ class Plan:
         return self._left[chosen].popleft()
 
 
-def _missing(trials: Trials, robot: str, cell: Cell, repeats: int) -> int:
+def _missing(trials: Trials, robot: str, cell: Cell | Pair, repeats: int) -> int:
     """So many more, unless as many as that were disturbed already."""
     known = trials.of(robot, cell)
     good = sum(not outcome.disturbed for outcome in known)
     return max(0, repeats - good) if len(known) < 2 * repeats else 0
 
 
-def _orders(robot: str, where: str, cell: Cell, trials: int) -> Iterator[Order]:
+def _orders(robot: str, where: str, cell: Cell | Pair, trials: int) -> Iterator[Order]:
     for done in range(0, trials, AT_ONCE):
         yield Order(robot, where, cell.victim, cell.fault, min(AT_ONCE, trials - done))
 

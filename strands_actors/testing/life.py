@@ -24,6 +24,7 @@ def main(text: str) -> None:
     problem = robot.connect_eagerly()
     _must(problem is None, f"connect: {problem}")
     try:
+        _prepare(robot)
         seen = robot.get_observation()
         _must(bool(seen), "an armed robot shows no observation")
         axis, here = next(iter(seen.items()))
@@ -34,10 +35,16 @@ def main(text: str) -> None:
         _must_do(robot.stop(), "stop")
         _must(robot.send_action(still)["status"] == "error", "after a stop a command is accepted")
         _must_do(robot.resume(), "resume")
+        _prepare(robot)
         _must_do(robot.send_action(still), "after a resume")
     finally:
         robot.cleanup()
     print(f"{len(seen)} axes, stopped, resumed")
+
+
+def _prepare(robot: Any) -> None:
+    if robot.driver.BEFORE_MOTION:
+        _must_do(robot.service(robot.driver.BEFORE_MOTION), robot.driver.BEFORE_MOTION)
 
 
 def _must(fact: bool, otherwise: str) -> None:

@@ -25,9 +25,10 @@ from dataclasses import asdict, dataclass
 from strands_actors.contract.driver import Driver
 
 from .bench import Bench, driver_of
-from .cells import Outcome, tries
-from .faults import Cell, Faults, Victims, cells_of
-from .jobs import Drivers
+from .cells import Outcome, run_cell, tries
+from .faults import Cell, cells_of
+from .jobs import Cells, Drivers
+from .pairs import APART_S, Pair
 from .queueing import DISTURBED_MS
 from .trials import Trials
 
@@ -83,20 +84,20 @@ def measure(
                 yield Row(robot, cell.victim, cell.fault, cell.why_not)
                 continue
             outcomes: list[Outcome] = []
-            for outcome in tries(cell, bench, repeats):
+            for outcome in tries(cell, bench, repeats, run_cell):
                 progress(robot, cell, len(outcomes))
                 outcomes.append(outcome)
             yield summary(robot, cell, outcomes)
 
 
-def rows_of(drivers: Drivers, trials: Trials) -> Iterator[Row]:
+def rows_of(drivers: Drivers, trials: Trials, cells: Cells = cells_of) -> Iterator[Row]:
     """Each cell of each robot, in the order of the tables."""
     for robot, driver_class in drivers.items():
-        for cell in cells_of(driver_of(robot, driver_class)):
+        for cell in cells(driver_of(robot, driver_class)):
             yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 
-def summary(robot: str, cell: Cell, outcomes: Sequence[Outcome]) -> Row:
+def summary(robot: str, cell: Cell | Pair, outcomes: Sequence[Outcome]) -> Row:
     """Figures are of the trials that were not disturbed; of what is not safe none is left out."""
     counted = [outcome for outcome in outcomes if not outcome.disturbed]
     if not counted:
@@ -176,9 +177,32 @@ of the robot's end of the wire, not from the program. This page was made by
 """
 
 
-def page(rows: Sequence[Row], taken: dict[str, str]) -> str:
+PAIRS = """\
+# Kill matrix of pairs
+
+Each cell: two processes of a moving robot are broken, one within {apart_ms:g} ms of the other, in a drawn order,
+and the time to the safe frame is read from the log of the robot's end of the wire, not from the program. This page
+was made by `strands-actors matrix --pairs --repeats {repeats} -o docs/kill-matrix-pairs.md`.
+
+* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. Of `freeze + kill` the first victim is frozen.
+* **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the whole robot to
+  its safe state; 0 when it was there before the second one broke.
+* **bound**: of root and wire together the standby's: after two kills the driver's own, else
+  the time after which both count as silent, and one look, before it. Of all others the longer of the two alone
+  ([safety.md](safety.md)).
+* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
+* **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line for a processor
+  for more than {disturbed_ms:g} ms.
+* **pkill python** reaches the script alone: the processes of the tree have names of their own.
+  `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for it: what happens
+  then is the firmware's doing (`firmware_watchdog` in the status of each robot, and [safety.md](safety.md)).
+"""
+
+
+def page(rows: Sequence[Row], taken: dict[str, str], introduction: str = INTRODUCTION) -> str:
     """The page as Markdown."""
-    lines = [INTRODUCTION.format(repeats=max((row.trials for row in rows), default=1), disturbed_ms=DISTURBED_MS)]
+    repeats = max((row.trials for row in rows), default=1)
+    lines = [introduction.format(repeats=repeats, disturbed_ms=DISTURBED_MS, apart_ms=APART_S * 1e3)]
     lines += ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in taken.items()), ""]
     measured = [row for row in rows if not row.why_not]
     bad = [row for row in measured if not row.safe]
@@ -212,9 +236,9 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
     yield ""
     yield "Not applicable:"
     yield ""
-    for victim in Victims:
+    for victim in dict.fromkeys(row.victim for row in rows):
         for why in dict.fromkeys(row.why_not for row in rows if row.victim == victim and row.why_not):
-            faults = [fault for fault in Faults if any(_is(row, victim, fault, why) for row in rows)]
+            faults = dict.fromkeys(row.fault for row in rows if _is(row, victim, row.fault, why))
             yield f"* {victim}: {', '.join(faults)}: {why}."
 
 

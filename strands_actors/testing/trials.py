@@ -24,6 +24,7 @@ from strands_actors.version import __version__
 
 from .cells import Outcome
 from .faults import Cell, Faults, Victims
+from .pairs import Pair, pair_named
 
 _MEASURED = (".py", ".toml")
 
@@ -56,8 +57,13 @@ class Run(msgspec.Struct, frozen=True, tag="run"):
     why: str = ""
 
     def repeats(self, robot: str, victim: str, fault: str) -> bool:
-        cell = Cell(Victims(victim), Faults(fault))
+        cell = cell_named(victim, fault)
         return f"{cell}" in self.again or f"{robot}/{cell}" in self.again
+
+
+def cell_named(victim: str, fault: str) -> Cell | Pair:
+    """Raise ``ValueError``."""
+    return Cell(Victims(victim), Faults(fault)) if fault in list(Faults) else pair_named(victim, fault)
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
@@ -149,7 +155,7 @@ class Trials:
         self.all.append(trial)
         self._write(trial)
 
-    def of(self, robot: str, cell: Cell) -> list[Outcome]:
+    def of(self, robot: str, cell: Cell | Pair) -> list[Outcome]:
         wanted = (robot, cell.victim, cell.fault)
         return [trial.outcome for trial in self.all if trial.cell == wanted]
 

@@ -14,10 +14,11 @@ from collections.abc import Iterator
 import msgspec
 
 from .bench import Bench, NotMoving
-from .cells import tries
-from .faults import Cell, Faults, Victims
+from .cells import Outcome, run_cell, tries
+from .pair_trials import run_pair
+from .pairs import Pair
 from .registering import class_of, prepare
-from .trials import Done, Trial, encode, trial
+from .trials import Done, Trial, cell_named, encode, trial
 
 
 class Order(msgspec.Struct, frozen=True):
@@ -37,8 +38,14 @@ class Worker:
 
     def obey(self, order: Order) -> Iterator[Trial]:
         bench = self._bench_for(order)
-        for outcome in tries(Cell(Victims(order.victim), Faults(order.fault)), bench, order.trials):
+        for outcome in self._tries(order, bench):
             yield trial(order.robot, outcome)
+
+    def _tries(self, order: Order, bench: Bench) -> Iterator[Outcome]:
+        cell = cell_named(order.victim, order.fault)
+        if isinstance(cell, Pair):
+            return tries(cell, bench, order.trials, run_pair)
+        return tries(cell, bench, order.trials, run_cell)
 
     def close(self) -> None:
         bench, self._bench = self._bench, None

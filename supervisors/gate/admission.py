@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import msgspec
+
 from strands_actors.contract.driver import Condition, Driver, GateState, Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import Perform, Setpoint
@@ -84,8 +86,9 @@ class Admission:
             until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
         return Admitted(candidate.values, until_ns, min(message.deadline_ns, until_ns or message.deadline_ns))
 
-    def service(self, message: Perform, known: Known) -> Refused | None:
-        """Refuse one of the driver's own services."""
+    def service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
+        """Refuse one of the driver's own services. One that moves the robot is refused whenever a
+        setpoint would be, whatever it says."""
         service, state = message.service, known.state
         refusal = self._driver.check_service(service, message.arguments)
         if refusal is not None:
@@ -106,7 +109,20 @@ class Admission:
             return Refused(
                 "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
             )
-        return None
+        return self._refuse_to_move(service, known, now_ns) if self._driver.SERVICES[service].moves else None
+
+    def _refuse_to_move(self, service: str, known: Known, now_ns: int) -> Refused | None:
+        if known.in_service:
+            return Refused("busy", f"{service}: another service is under way", "wait until it is done")
+        if known.observation is None:
+            return Refused("no_observation", f"{service}: nothing was read yet", "wait for the first observation")
+        refusal = self._refuse_by_mode(known)
+        if refusal is None:
+            broken = self.broken_condition(known.observation, now_ns)
+            refusal = None if broken is None else broken[1]
+        if refusal is None:
+            return None
+        return msgspec.structs.replace(refusal, reason=f"{service}: {refusal.reason.removeprefix('move: ')}")
 
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False

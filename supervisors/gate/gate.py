@@ -40,6 +40,7 @@ from strands_actors.supervisors.messages import (
     Resumed,
     SafeDone,
     Setpoint,
+    StandbyIs,
     StateIs,
     Status,
     Stop,
@@ -61,7 +62,7 @@ _STOP_AGAIN_NS = round(0.5 * NS)
 
 class Gate(Actor):
     """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
-    what led there."""
+    what led there. ``no_standby``: why nothing may be energised, until the root says that there is a standby."""
 
     def __init__(
         self,
@@ -72,9 +73,11 @@ class Gate(Actor):
         start: failsafe.State,
         cause: str = "",
         locked_since: str = "",
+        no_standby: str = "",
     ) -> None:
         self._driver = driver
         self._admission = Admission(driver)
+        self._no_standby = no_standby
         self._addresses = transport, watchdog, guardian
         self._state = start
         self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
@@ -118,6 +121,7 @@ class Gate(Actor):
         | Observed
         | SafeDone
         | LockKept
+        | StandbyIs
         | ArmDone
         | CarriedOut
         | LinkUp
@@ -159,6 +163,8 @@ class Gate(Actor):
             case LockKept():
                 self._lock = message
                 self._answer_stops()
+            case StandbyIs():
+                self._no_standby = message.problem
             case ArmDone():
                 self._arm_done(message)
             case LinkUp():
@@ -213,19 +219,25 @@ class Gate(Actor):
     # -- the driver's own services
 
     def _perform(self, message: Perform) -> Refused | Deferred:
-        refusal = self._admission.service(message, self._known())
+        refusal = self._admission.service(message, self._known(), self.context.received_ns)
         if refusal is not None:
             return refusal
         if message.first is not None:
             answer = self._setpoint(message.first)
             if isinstance(answer, Refused):
                 return answer
+        if self._driver.SERVICES[message.service].moves:
+            self._advance(Event.SETPOINT)
+            self._live_until_ns = LATCHED
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
         self._transport.tell(CarryOut(self._state.epoch, self._service, message.service, message.arguments))
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
+        if message.moved and self._observation is not None:  # the next command goes on from where that has ended
+            self._target = self._driver.first_target(self._observation)
+            self._target_ns = self.context.received_ns
         deferred = self._services.pop(message.number, None)
         if deferred is not None:
             deferred.send(message.refusal or Performed(message.result))
@@ -366,6 +378,9 @@ class Gate(Actor):
         if self._state.locked_by and not message.lift:
             why = f"resume: e-stopped by {self._state.locked_by}"
             return Refused("locked_out", why, "an operator's resume() lifts the lockout")
+        if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
+            why = f"resume: nothing is energised without a standby process: {self._no_standby}"
+            return Refused("no_standby", why, "try again in a moment: one is started as soon as there is none")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
@@ -456,6 +471,7 @@ class Gate(Actor):
             self._last_stop,
             self._facts,
             self._lock.since if self._state.locked_by else "",
+            self._no_standby,
         )
 
     # -- for a recorder

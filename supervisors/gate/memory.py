@@ -38,3 +38,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     reads: int
     refusals: int
     last_refusal: str
+    no_standby: str = ""

@@ -186,7 +186,7 @@ class Commands(Actor):
             # The gate compares with the present epoch, which anybody can read in the telemetry: on the mesh it must
             # also be the one that the lease came with.
             return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
-        if names := unapproved(self._driver.GUARDED, move.targets):
+        if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
             return not_approved("move", names, "on the mesh there is nobody to ask")
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched

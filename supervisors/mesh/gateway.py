@@ -192,7 +192,7 @@ class Gateway(Actor):
         """What the robot's own program has to be asked about: from here nobody can ask it."""
         first = message.first if isinstance(message, Perform) else message
         action = first.action if isinstance(first, Setpoint) else {}
-        names = unapproved(self._driver.GUARDED, action)
+        names = unapproved(self._driver.GUARDED, self._driver.to_approve(action), self._driver.TOPICS)
         return not_approved("move", names, "from another host there is nobody to ask") if names else None
 
     def _obey(self, dated: Dated) -> Deferred | None:

@@ -11,7 +11,8 @@ one, because the tree ends, for ``LINGER_S``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 import msgspec
@@ -30,14 +31,17 @@ from strands_actors.supervisors.messages import (
     Fence,
     HandedOver,
     Handover,
+    HandOverAgain,
     Happened,
     LockKept,
     Renew,
     SilentUntil,
+    StandbyIs,
     StateIs,
     Stopped,
     StopReport,
 )
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .lock_keeper import Kept, LockKeeper
@@ -92,11 +96,24 @@ class Place(Protocol):
         ...
 
 
+class StandbyPlace(Protocol):
+    """Who keeps the standby: a third process, which makes safe when root and wire are gone."""
+
+    async def guard(self, descriptors: Sequence[int]) -> Refused | None:
+        """Give it a way to the hardware; None when it could use that at once."""
+        ...
+
+    async def let_go(self) -> None:
+        """Return when it has closed that, or is gone."""
+        ...
+
+
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
     its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped, and when the
     lock of an e-stop is kept by the ``keeper``. ``on_report`` is told what became of each attempt to make the robot
-    safe, ``on_dying`` of a writer that has been killed and waits for a processor to die on."""
+    safe, ``on_dying`` of a writer that has been killed and waits for a processor to die on. ``standby``: None in
+    tests of one process. ``owed``: what the standby has to know of the wire."""
 
     def __init__(
         self,
@@ -109,6 +126,9 @@ class Guardian(Actor):
         keeper: LockKeeper | None = None,
         on_report: Callable[[StopReport], None] | None = None,
         on_dying: Callable[[int], None] = lambda _: None,
+        standby: StandbyPlace | None = None,
+        transport: str = "",
+        owed: Owed | None = None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -118,6 +138,9 @@ class Guardian(Actor):
         self._writers = writers
         self._on_report = on_report
         self._on_dying = on_dying
+        self._standby = standby
+        self._transport_address = transport
+        self._owed = owed or Owed()
         self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
         self.stopped_detector = StoppedDetector(lambda pid: self._lives[pid].stopped)
         self._stop_channel: StopChannel | None = None
@@ -144,6 +167,7 @@ class Guardian(Actor):
 
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(self._gate_address)
+        self._transport: Ref = self.context.ref(self._transport_address)
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
@@ -213,29 +237,78 @@ class Guardian(Actor):
 
     # -- the stop channel
 
-    def _take(self, message: Handover) -> Deferred:
-        """Answered when the path could be used at once."""
+    def _take(self, message: Handover) -> Deferred | Refused:
+        """Answered when the path could be used at once, and the standby's too."""
+        if message.again:
+            deferred = self.context.defer()
+            self.context.start_soon(self._answer_guarded, deferred, message.descriptors)
+            return deferred
+        try:
+            spare = () if self._standby is None else _duplicates(message.descriptors)
+        except OSError as error:
+            for fd in message.descriptors:
+                os.close(fd)
+            return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
         self._drop_stop_channel()
         self._stop_channel = path = self._driver.stop_channel(message.descriptors, self.context.clock)
         self._stop_channel_scope = trio.CancelScope()
         deferred = self.context.defer()
-        self.context.start_soon(self._keep_stop_channel, path, self._stop_channel_scope, deferred)
+        self.context.start_soon(self._keep_stop_channel, path, self._stop_channel_scope, deferred, spare)
         return deferred
 
-    async def _keep_stop_channel(self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred) -> None:
+    async def _keep_stop_channel(
+        self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
+    ) -> None:
+        """``spare``: descriptors for the standby."""
         ready = False
+        guarded = trio.Event()
+        refusal: Refused | None = None
+
+        async def guard() -> None:
+            nonlocal refusal
+            refusal = await self._guard(spare)
+            guarded.set()
+
         with scope:
             try:
                 async with trio.open_nursery() as nursery:
+                    nursery.start_soon(guard)
                     await nursery.start(path.serve)
                     ready = True
-                    deferred.send(HandedOver())
+                    await guarded.wait()
+                    deferred.send(refusal or HandedOver())
             except* WireDown as down:
                 why = describe(down).partition(": ")[2]
                 if ready:
                     self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
                 else:
                     deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
+
+    async def _answer_guarded(self, deferred: Deferred, descriptors: tuple[int, ...]) -> None:
+        deferred.send(await self._guard(descriptors) or HandedOver())
+
+    async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
+        """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""
+        try:
+            if self._standby is None:
+                return None
+            refusal = await self._standby.guard(descriptors)
+        finally:
+            for fd in descriptors:
+                os.close(fd)
+        self._gate.tell(StandbyIs("" if refusal is None else f"it has no way to the hardware: {refusal.reason}"))
+        return refusal
+
+    def lose_standby(self, why: str) -> None:
+        """What moves goes on: root and wire are both there. Nothing is armed before there is another."""
+        self.context.note(Happened("there is no standby", why))
+        if self._place is not None:
+            self._gate.tell(StandbyIs(f"{why}; another is being started"))
+
+    def begin_standby(self) -> None:
+        """A new one has begun. The wire that is open hands over again; one that is not does when it opens."""
+        if self._place is not None and self._stop_channel is not None:
+            self._transport.tell(HandOverAgain())
 
     def _drop_stop_channel(self) -> None:
         if self._stop_channel is not None:
@@ -363,9 +436,12 @@ class Guardian(Actor):
         self._failure_detector = self._listen()
         if self._released and place.left_safe:
             self._confirmed = True
+            self._owed.safe_state = False
         else:
             await self._insist(epoch, INSIST_S)
         self._drop_stop_channel()  # it would keep the next wire from the port, which is locked while it is open
+        if self._standby is not None:
+            await self._standby.let_go()
         while not fenced:  # two processes at one port would be worse than none
             fenced = await place.fence()
         self.reported.set()
@@ -410,6 +486,8 @@ class Guardian(Actor):
             # This wire had not come so far as to energise anything, and what the one before left is as it was.
             motors = await attempt_anew(self._driver, self.context.clock, safe_state)
         self._confirmed = all_safe(motors)
+        if self._confirmed:
+            self._owed.safe_state = False
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
@@ -427,3 +505,16 @@ class Guardian(Actor):
             self.context.start_soon(self._answer_fence, waiting, report)
         self._waiting.clear()
         self.reported.set()
+
+
+def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
+    """Raise ``OSError``, with none made."""
+    made: list[int] = []
+    try:
+        for fd in descriptors:
+            made.append(os.dup(fd))
+    except OSError:
+        for fd in made:
+            os.close(fd)
+        raise
+    return tuple(made)

@@ -11,7 +11,7 @@ import socket
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import trio
@@ -22,16 +22,18 @@ from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import MonotonicClock
-from strands_actors.kernel.health.heartbeat import new_page, on_page
+from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.child import report_failure
-from strands_actors.kernel.processes.fork import Standby
+from strands_actors.kernel.processes.fork import ForkedAhead
+from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import Mode, State
@@ -56,12 +58,13 @@ from strands_actors.supervisors.messages import (
     TaskStatus,
     TreeReport,
 )
-from strands_actors.supervisors.wire.group import ROOT_END, UNCONFIRMED, ProcessPlace
+from strands_actors.supervisors.wire.group import UNCONFIRMED, ProcessPlace
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .guardian import Guardian
 from .lock_keeper import LockKeeper
 from .locks import Locks
+from .standby_keeper import StandbyKeeper
 from .stop_channel import not_reached
 from .tasks import Tasks
 
@@ -121,13 +124,22 @@ class Unconfirmed:
         self._told = motors
 
 
+class Ahead(NamedTuple):
+    """What was forked while this process had one thread; and the page that it shares with two of them."""
+
+    spawner: Spawner
+    wire: ForkedAhead  # the first one; when another is needed, this process has threads
+    standby: ForkedAhead
+    page: int
+
+
 class Tree:
     """What runs in the root process."""
 
-    def __init__(self, args: dict[str, Any], spawner: Spawner, standby: Standby, page: int) -> None:
-        self.spawner = spawner
-        self.standby = standby
-        self.page = page
+    def __init__(self, args: dict[str, Any], ahead: Ahead) -> None:
+        spawner = self.spawner = ahead.spawner
+        self.ahead = ahead
+        words = words_of(ahead.page)
         self.robot: str = args["robot"]
         self.args = args
         self.at = addresses.of(self.robot)
@@ -137,12 +149,24 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
-        self.tasks = Tasks(self.robot, spawner.start, args["policy_listen"], safe_s=self.driver.timing.safe_s)
+        self.tasks = Tasks(
+            self.robot, spawner.start, args["policy_listen"], args["label"], self.driver.timing.safe_s
+        )
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
+        self.standby = StandbyKeeper(
+            self.node,
+            self.robot,
+            {name: args[name] for name in ("robot", "driver", "label")} | args["standby"],
+            ahead.page,
+            Heartbeat(words, place.ROOT, place.STANDBY),
+            self.driver.timing,
+            ahead.standby,
+            spawner,
+        )
         self.guardian = Guardian(
             self.driver,
-            on_page(page, ROOT_END),
+            Heartbeat(words, place.ROOT, place.WIRE),
             self.start_wire,
             self._on_state,
             self.at.gate,
@@ -150,7 +174,12 @@ class Tree:
             self.keeper,
             Unconfirmed(args["note"]).tell,
             self._see_dying,
+            self.standby,
+            self.at.transport,
+            place.Owed(words),
         )
+        self.standby.on_lost = self.guardian.lose_standby
+        self.standby.on_begun = self.guardian.begin_standby
         self.wire: ProcessPlace | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -170,9 +199,11 @@ class Tree:
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
             "policy_listen": self.args["policy_listen"],
-            "page": self.page,
+            "page": self.ahead.page,
+            "label": self.args["label"],
         }
-        self.wire = ProcessPlace(self.node, self.nursery, args, self.standby)
+        self.wire = ProcessPlace(self.node, self.nursery, args, self.ahead.wire)
+        self.standby.wire_started(self.wire.process)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
 
@@ -202,6 +233,7 @@ class Tree:
             await nursery.start(self._contain, "the guardian", guardian.run)
             await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
             self._keep("the keeper of the lock", self.keeper.run)
+            self._keep("the keeper of the standby", self.standby.keep)
             self._keep("the watch over the caller", self._watch_caller, self.args["caller_pid"])
             link = Link(
                 self.node,
@@ -308,6 +340,7 @@ class Tree:
             waiting.send(self.guardian.last_report or report)
         await self.keeper.settle()
         await trio.sleep(LAST_WORDS_S)
+        await self.standby.end()  # last: it has the port open, and is needed until now
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
@@ -338,12 +371,14 @@ class Tree:
         report = [ProcessInfo("caller", self.args["caller_pid"], 0), ProcessInfo("root", os.getpid(), 0)]
         if self.wire is not None and self.wire.process.alive:
             report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
+        if self.standby.process is not None:
+            report.append(ProcessInfo("standby", self.standby.process.pid, max(0, self.standby.starts - 1)))
         if self.tasks.process is not None:
             report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
         if self.args.get("twin_pid"):
             report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
         actors: list[ActorInfo] = []
-        for process in ("root", "wire", "policy"):
+        for process in ("root", "wire", "policy", "standby"):
             try:
                 ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
                 introspection = await ref.ask(Describe(), 0.1)
@@ -356,12 +391,16 @@ class Tree:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
+    take_name(args["robot"], "root", args["label"])
     hand_over()
-    spawner = Spawner(close=(sock.fileno(),))  # now: this process has one thread, and nothing is open yet
+    spawner = Spawner(  # now: this process has one thread, and nothing is open yet
+        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"])
+    )
     page = new_page()
-    standby = Standby((page,))  # for the first wire; when another is needed, this process has threads
-    trio.run(_main, args, sock, spawner, standby, page)
+    ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
+    be_taken_last()  # not the spawner: policies are its children
+    trio.run(_main, args, sock, ahead)
 
 
-async def _main(args: dict[str, Any], sock: socket.socket, spawner: Spawner, standby: Standby, page: int) -> None:
-    await Tree(args, spawner, standby, page).run(sock)
+async def _main(args: dict[str, Any], sock: socket.socket, ahead: Ahead) -> None:
+    await Tree(args, ahead).run(sock)

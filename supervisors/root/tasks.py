@@ -18,6 +18,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.identity import take_name
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -57,10 +58,12 @@ class Tasks(Actor):
         robot: str,
         start: Callable[[str, dict[str, Any]], Awaitable[ChildProcess]],
         endpoint: str,
+        label: str = "",
         safe_s: float = USUAL_SAFE_S,
     ) -> None:
-        """``endpoint``: where the wire lets policies in. ``safe_s``: what the robot's driver says that a stop may
-        take."""
+        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``: what
+        the robot's driver says that a stop may take."""
+        self._label = label
         self._robot = robot
         self._start_process = start
         self._endpoint = endpoint
@@ -100,6 +103,7 @@ class Tasks(Actor):
                 return Refused("busy", "start_task: the process of the last task does not end", "try again")
         args = {
             "robot": self._robot,
+            "label": self._label,
             "gate": self._endpoint,
             "provider": message.provider,
             "options": message.options,
@@ -207,6 +211,7 @@ class Tasks(Actor):
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the policy process."""
+    take_name(args["robot"], "policy", args["label"])
     trio.run(_main, args, sock)
 
 

@@ -19,15 +19,17 @@ from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import Clock, MonotonicClock
-from strands_actors.kernel.health.heartbeat import Heartbeat, on_page
+from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.processor import Standing, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
-from strands_actors.kernel.processes.fork import Standby
+from strands_actors.kernel.processes.fork import ForkedAhead
+from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
@@ -41,8 +43,6 @@ from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, att
 from .transport import Transport
 from .watchdog import Watchdog
 
-ROOT_END, WIRE_END = 0, 1
-"""Of the page on which root and wire beat."""
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
 LAST_HEARD_S = 0.05
@@ -60,20 +60,24 @@ async def run_group(
     root: Callable[[], Standing | None] = lambda: None,
     made: Callable[[Transport], None] = lambda _: None,
     locked_since: str = "",
+    owed: place.Owed | None = None,
+    no_standby: str = "",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see ``Watchdog``; ``made`` is
-    given the transport."""
+    given the transport. ``owed``, ``no_standby``: see ``Transport`` and ``Gate``."""
     at = addresses.of(robot)
     transport = Transport(
-        driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST
+        driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST, owed
     )
     made(transport)
     cells = [
         node.cell(at.path("transport"), lambda: transport),
         node.cell(
             at.path("gate"),
-            lambda: Gate(driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since),
+            lambda: Gate(
+                driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since, no_standby
+            ),
         ),
         node.cell(
             at.path("watchdog"),
@@ -106,9 +110,9 @@ def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], r
 class ProcessPlace:
     """The wire group in a child process."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], standby: Standby) -> None:
+    def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], ahead: ForkedAhead) -> None:
         entry = "strands_actors.supervisors.wire.group:main"
-        self.process: ChildProcess = standby.start(entry, args) or start(entry, args, (args["page"],))
+        self.process: ChildProcess = ahead.start(entry, args) or start(entry, args, (args["page"],), args["label"])
         self._link = self.process.link(node, channels.of_wire(args["robot"]))
         self._heard_out = trio.Event()
         self._code: int | None = None
@@ -214,6 +218,8 @@ class InlinePlace:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the wire process."""
+    take_name(args["robot"], "wire", args["label"])
+    be_taken_last()
     hand_over()
     trio.run(_main, args, sock)
 
@@ -233,7 +239,9 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
     root = os.getppid()
-    heartbeat = on_page(args["page"], WIRE_END)
+    words = words_of(args["page"])
+    heartbeat = Heartbeat(words, place.WIRE, place.ROOT)
+    owed = place.Owed(words)
     transports: list[Transport] = []
 
     async def join_mesh() -> None:
@@ -259,7 +267,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await nursery.start(node.run)
             await nursery.start(
                 run_group, node, driver, robot, state, args["cause"], end, heartbeat, lambda: suspected(root),
-                transports.append, args["locked_since"],
+                transports.append, args["locked_since"], owed, "none has said so far that it is ready",
             )  # fmt: skip
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)
@@ -273,7 +281,20 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         if not (link.closed or os.getppid() != root):
             raise  # the root makes safe, as after any end of this process
         report_failure("the wire process, whose root is gone,", error)
-    os._exit(0 if await make_safe_alone(driver, clock, transports) else UNCONFIRMED)
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(_beat, heartbeat, clock, driver.timing.tick_s)
+        confirmed = await make_safe_alone(driver, clock, transports)
+        nursery.cancel_scope.cancel()
+    if confirmed:
+        owed.safe_state = False
+    os._exit(0 if confirmed else UNCONFIRMED)
+
+
+async def _beat(heartbeat: Heartbeat, clock: Clock, tick_s: float) -> None:
+    """For the standby: this process is at work, although its watchdog has ended."""
+    while True:
+        heartbeat.beat(clock.now_ns())
+        await trio.sleep(tick_s)
 
 
 async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:

@@ -30,6 +30,7 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import scheduling
@@ -43,6 +44,7 @@ from strands_actors.supervisors.messages import (
     Cycle,
     Cycled,
     Handover,
+    HandOverAgain,
     LinkLost,
     LinkUp,
     MakeSafe,
@@ -53,6 +55,7 @@ from strands_actors.supervisors.messages import (
     StopReport,
     Write,
 )
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.stop_channel import attempt_anew
 
 ROOT_AGAIN_S = 0.01
@@ -62,6 +65,9 @@ BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 """Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
+
+SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
+"""Safe states that take seconds to reach. An e-stop that comes meanwhile is not held up by them."""
 
 _PROMPT = (Write, Cycle)
 """Handled without waiting, by a wire that never waits."""
@@ -116,10 +122,18 @@ class _Serving:
 
 
 class Transport(Actor):
-    """``owed``: an earlier wire left something energised, or nobody has confirmed that it did not."""
+    """``owes``: an earlier wire left something energised, or nobody has confirmed that it did not. ``owed``: where
+    that is noted, for a standby."""
 
     def __init__(
-        self, driver: Driver, gate: str, watchdog: str, guardian: str, epoch: int, owed: bool = False
+        self,
+        driver: Driver,
+        gate: str,
+        watchdog: str,
+        guardian: str,
+        epoch: int,
+        owes: bool = False,
+        owed: Owed | None = None,
     ) -> None:
         self._driver = driver
         self._addresses = gate, watchdog, guardian
@@ -127,7 +141,8 @@ class Transport(Actor):
         self._wire: Wire | None = None
         self._serving = _Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
-        self._owed = owed  # a safe state: from arming until, on a link, every motor has confirmed that of a stop
+        self._owed = owed or Owed()
+        self._owed.safe_state = owes
         self._performing: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
@@ -149,7 +164,7 @@ class Transport(Actor):
         kind = type(message)
         return kind is CarryOut or (kind in _PROMPT and self._wire is not None and self._wire.prompt)
 
-    async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
+    async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut | HandOverAgain) -> None:
         if self._spent and not isinstance(message, MakeSafe):
             return  # the root ends this process: it is told, and misses our heartbeats
         try:
@@ -158,7 +173,7 @@ class Transport(Actor):
             self._spent = True
             self._guardian.tell(Renew(str(spent)))
 
-    async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut) -> None:
+    async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut | HandOverAgain) -> None:
         match message:
             case Write():
                 self._last = None
@@ -172,6 +187,9 @@ class Transport(Actor):
                 await self._arm(message.epoch)
             case CarryOut():
                 self._carry_out(message)
+            case HandOverAgain():
+                if self._wire is not None:
+                    self._guardian.tell(Handover(tuple(self._wire.handover()), again=True))
 
     async def _write(self, write: Write, deadline_ns: int) -> bool:
         """Whether it was written."""
@@ -245,18 +263,18 @@ class Transport(Actor):
         with self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
                 motors = None
-                with self._cut_by_a_stop(holds and self._wire.interruptible):
+                with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
                     motors = await self._wire.make_safe(safe_state)
             if motors is None:
                 return  # a stop came: its report is the answer to this, too
             if not holds and not any(motor.written or motor.safe for motor in motors):
                 if self._wire is not None:
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
-                if self._owed or message.reason in ORDERED:
+                if self._owed.safe_state or message.reason in ORDERED:
                     motors = await self._reach(safe_state, began_ns) or motors
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors)
         if not holds and self._wire is not None and _all_safe(motors):
-            self._owed = False
+            self._owed.safe_state = False
 
     async def _reach(self, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
         """Make safe what can be written although there is no link. Empty: it was not done in time."""
@@ -290,7 +308,7 @@ class Transport(Actor):
         try:
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
                 if self._wire is not None:
-                    self._owed = True
+                    self._owed.safe_state = True
                     error = "a stop came before the robot was armed"
                     with self._cut_by_a_stop(self._wire.interruptible):
                         observation = await self._wire.arm(_Permit(self, epoch, 0))
@@ -307,6 +325,8 @@ class Transport(Actor):
             why = f"{message.service}: {busy}"
             self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
             return
+        if self._driver.SERVICES[message.service].moves:
+            self._last = None
         self._performing = trio.CancelScope()
         self.context.start_soon(self._perform, wire, message, self._performing)
 
@@ -329,7 +349,8 @@ class Transport(Actor):
             answer = Refused("timeout", why, "look at the robot")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
-        self._gate.tell(CarriedOut(message.number, result, refusal))
+        moved = self._driver.SERVICES[service].moves
+        self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 
     # -- the link
 
@@ -337,7 +358,7 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         if now_ns < self._open_at_ns:
             return
-        if self._owed:
+        if self._owed.safe_state:
             await self._settle(number)
             if self.context.urgent_waiting:
                 return  # a stop: it does the same, now
@@ -432,7 +453,7 @@ class Transport(Actor):
             lost = self._lost = self._wire
             self._wire = None
             self._back_off(str(down))
-            if self._owed:
+            if self._owed.safe_state:
                 self._open_at_ns = 0
             else:
                 lost.close()
@@ -469,10 +490,13 @@ class Transport(Actor):
         if not silent_s:
             yield
             return
-        self._guardian.tell(SilentUntil(self.context.clock.now_ns() + round(silent_s * NS)))
+        until_ns = self.context.clock.now_ns() + round(silent_s * NS)
+        self._guardian.tell(SilentUntil(until_ns))
+        self._owed.silent_until_ns = until_ns
         try:
             yield
         finally:
+            self._owed.silent_until_ns = 0
             self._guardian.tell(SilentUntil(0))
 
 

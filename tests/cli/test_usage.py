@@ -43,7 +43,7 @@ def test_help_names_every_command(cli: Command) -> None:
 
 def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     rows = {row["robot"]: row for row in cli.json("list")["robots"]}
-    assert rows["so101"] == {"robot": "so101", "driver": "Feetech", "coverage": ["lerobot", "strands"]}
+    assert rows["so101"] == {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"]}
     assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": []}
     drawn = cli.run("list").stdout
     assert all(robot in drawn for robot in rows)

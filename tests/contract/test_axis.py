@@ -96,11 +96,34 @@ def test_saf_014_a_stream_steps_as_far_as_the_axis_moves() -> None:
     assert gate(Candidate((0.1 + 1.2 / 30, 0.2, 0.0, 0.0), (0,)), at_30_hz) is None
     refused = gate(Candidate((0.1 + 1.3 / 30, 0.2, 0.0, 0.0), (0,)), at_30_hz)
     assert isinstance(refused, Refused) and refused.code == "too_fast"
-    assert "joint1 steps 0.043333 rad in 40 ms" in refused.text and refused.limit == "0.0400"
+    assert "joint1 steps 0.043333 rad in 33.3 ms" in refused.text and refused.limit == "0.0400"
     after_a_pause = state(stream=True, period_s=1 / 30, since_ns=5 * 10**9)
     assert gate(Candidate((0.1 + 0.13, 0.2, 0.0, 0.0), (0,)), after_a_pause) is not None
     assert gate(Candidate((5.0, 0.2, 0.0, 0.0), (0,)), state()) is None  # a command on its own may go anywhere
     assert gate(Candidate((0.1, 0.2, 99.0, 0.0), (2,)), at_30_hz) is None  # no acceleration limit declared
+
+
+def test_saf_014_a_pause_can_count_for_nothing() -> None:
+    """For a controller that goes to each target in one period, however long ago the last one was."""
+    after_a_pause = state(stream=True, period_s=0.008, since_ns=5 * 10**9)
+    step = Candidate((0.1 + 0.05, 0.2, 0.0, 0.0), (0,))
+    assert too_fast(TABLE, longest_s=0.1)(step, after_a_pause) is None
+    refused = too_fast(TABLE, tolerance=1.0, longest_s=0.1, pause_counts=False)(step, after_a_pause)
+    assert isinstance(refused, Refused) and refused.limit == "0.0080"
+    assert "steps 0.0500 rad in 8 ms" in refused.text
+
+
+def test_saf_014_a_slow_stream_steps_no_further_than_its_longest_period() -> None:
+    gate = too_fast(TABLE, tolerance=1.0, longest_s=0.1, pause_counts=False)
+    slow = state(stream=True, period_s=1.0)
+    assert gate(Candidate((0.19, 0.2, 0.0, 0.0), (0,)), slow) is None
+    assert gate(Candidate((0.21, 0.2, 0.0, 0.0), (0,)), slow) is not None
+
+
+def test_what_rounding_on_the_wire_loses_is_within_the_range() -> None:
+    at_its_end = Candidate((2.0 + 5e-7, 0.2, 0.0, 0.0), (0,))
+    assert past_range(TABLE, rounding=1e-6)(at_its_end, state()) is None
+    assert past_range(TABLE)(at_its_end, state()) is not None
 
 
 def test_saf_014_a_command_on_its_own_steps_no_further_than_one_period() -> None:

@@ -12,6 +12,11 @@ import pytest
 
 from strands_actors import Robot, drivers
 from strands_actors.drivers import (
+    DEFAULT_DRIVER,
+    DRIVER_CHOICES,
+    DRIVER_SURFACE,
+    NATIVE_DRIVER,
+    HardwareDriver,
     broken_drivers,
     canonical_name,
     constructor_keywords,
@@ -19,6 +24,7 @@ from strands_actors.drivers import (
     get_native_driver_class,
     list_driver_coverage,
     list_native_drivers,
+    list_robots,
     missing_driver_members,
     port_kind,
     register_native_driver,
@@ -46,8 +52,9 @@ def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
     listed = list_native_drivers()
     assert list(listed) == sorted(listed)
     assert {name: listed[name] for name in ("hope_jr", "open_duck_mini", "so100", "so101")} == dict.fromkeys(
-        ("hope_jr", "open_duck_mini", "so100", "so101"), "Feetech"
+        ("hope_jr", "open_duck_mini", "so100", "so101"), "FeetechDriver"
     )
+    assert (listed["koch"], listed["ur5e"], listed["unitree_g1"]) == ("DynamixelDriver", "URDriver", "G1Driver")
     assert get_native_driver_class("so101_follower") is Feetech
     assert get_native_driver_class("toaster") is None
 
@@ -66,16 +73,10 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
 
 
 def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
-    assert constructor_keywords(UR) == [
-        "data_config",
-        "mesh",
-        "port",
-        "require_drill",
-        "sim",
-        "tool_name",
-        "transport",
-    ]
-    assert constructor_keywords(Feetech) == sorted([*constructor_keywords(UR), "baud", "calibration"])
+    ours = ["data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
+    assert constructor_keywords(UR) == sorted([*ours, "control_frequency", "model"])
+    servos = ["baud", "baud_rate", "calibration", "motor_ids", "timeout"]
+    assert constructor_keywords(Feetech) == sorted([*ours, *servos])
 
     class Seeing(Feetech):
         reads_cameras = True
@@ -153,6 +154,16 @@ class Half:
     def stop(self) -> None: ...
 
 
+class Whole(Half):
+    """Everything but ``start_task``."""
+
+    tool_type, tool_spec = "robot", None
+
+    def nothing(self) -> None: ...
+
+    cleanup = get_status = get_task_status = run_policy = send_action = stop_task = stream = nothing
+
+
 def test_a_class_that_lacks_members_is_refused_by_their_names() -> None:
     missing = missing_driver_members(Half)
     assert missing == sorted(missing)
@@ -170,12 +181,35 @@ def test_a_name_is_bound_once_unless_it_is_to_be_replaced() -> None:
     class Other(Feetech):
         pass
 
-    with pytest.raises(ValueError, match="so101 is already served by Feetech"):
+    with pytest.raises(ValueError, match="so101 is already served by FeetechDriver"):
         register_native_driver("so101", Other)
     register_native_driver("so101", Other, overwrite=True)
     assert list_native_drivers()["so101"] == "Other"
-    register_native_driver("so102", Other)
+    with pytest.raises(
+        ValueError, match=r"nobody knows a robot called 'so102'. call register_robot\('so102'\) first"
+    ):
+        register_native_driver("so102", Other)
+    register_robot("so102", aliases=["so102_follower"])
+    register_native_driver("SO-102-follower", Other)
     assert list_driver_coverage()["so102"] == ("strands",)
+    assert "so102" in list_robots()
+
+
+def test_a_class_may_name_its_robots_itself() -> None:
+    class Named(Feetech):
+        SUPPORTED_ROBOTS = ("named_arm",)
+
+    register_native_driver("named_arm", Named)
+    assert get_native_driver_class("named_arm") is Named
+
+
+def test_the_words_of_the_page_are_there() -> None:
+    assert (NATIVE_DRIVER, DEFAULT_DRIVER, DRIVER_CHOICES) == ("strands", "lerobot", ("auto", "lerobot", "strands"))
+    assert "start_task" not in DRIVER_SURFACE
+    assert {"send_action", "stop", "tool_name"} < set(DRIVER_SURFACE)
+    assert isinstance(Whole(), HardwareDriver)
+    assert not isinstance(Half(), HardwareDriver)
+    assert missing_driver_members(Whole) == []
 
 
 class Drifted:
@@ -225,7 +259,7 @@ def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived(
     with pytest.warns(UserWarning) as told:
         listed = list_native_drivers()
     assert listed["their_arm"] == "Theirs"
-    assert listed["so101"] == "Feetech"
+    assert listed["so101"] == "FeetechDriver"
     assert canonical_name("their_arm_v2") == "their_arm"
     broken = broken_drivers()
     assert sorted(broken) == ["gone", "half"]

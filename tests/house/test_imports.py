@@ -149,14 +149,6 @@ def test_a_module_imports_only_what_is_below_it(name: str) -> None:
     assert faults(name, IMPORTS[name]) == []
 
 
-TO_BE_PORTED = ("ur", "robotiq", "unitree")
-"""Wires that still take their driver instead of a frozen config: wire and driver name each other."""
-
-
-def is_to_be_ported(cycle: list[str]) -> bool:
-    return any(all(is_in(name, f"{PACKAGE}.drivers.{wire}") for name in cycle) for wire in TO_BE_PORTED)
-
-
 def test_no_module_imports_itself_by_a_detour() -> None:
     """Not even for type checkers."""
     lazy = {f"{PACKAGE}"}  # its names are looked up when they are asked for
@@ -169,8 +161,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         - {name}
         for name, imports in IMPORTS.items()
     }
-    found = cycles({name: targets & set(graph) for name, targets in graph.items()})
-    assert [cycle for cycle in found if not is_to_be_ported(cycle)] == []
+    assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
 
 
 # -- the rules themselves
@@ -230,8 +221,3 @@ def test_a_cycle_for_type_checkers_is_found() -> None:
         for name, source in sources.items()
     }
     assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == [["a.b", "a.c", "a.b"]]
-
-
-def test_no_wire_that_was_ported_is_excused() -> None:
-    assert not is_to_be_ported([f"{PACKAGE}.drivers.xarm.driver", f"{PACKAGE}.drivers.xarm.wire"])
-    assert not is_to_be_ported([f"{PACKAGE}.drivers.ur.driver", f"{PACKAGE}.kernel.node"])

@@ -1,4 +1,4 @@
-"""Root and wire processes stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an import."""
+"""Root, wire and standby stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an import."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ MAX_MB = 60.0
 IMPORT = {
     "root": "import strands_actors.supervisors.root.process",
     "wire": "import strands_actors.supervisors.wire.group",
+    "standby": "import strands_actors.supervisors.standby.process",
     "driver": """
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.kernel.clock import MonotonicClock
@@ -80,12 +81,12 @@ def test_the_processes_of_a_live_robot_are_small() -> None:
         report = portal().call(describe)
         assert isinstance(report, TreeReport)
         pids = {process.role: process.pid for process in report.processes}
-        figures = {role: resident_mb(pids[role]) for role in ("root", "wire")}
+        figures = {role: resident_mb(pids[role]) for role in ("root", "wire", "standby")}
         mapped = {role: shared_objects(pids[role]) for role in figures}
         # The twin has physics in it: what is looked for here can be found.
         assert any("mujoco" in path for path in shared_objects(pids["twin"]))
     print(", ".join(f"{role}: {figure:.1f} MB" for role, figure in figures.items()))
+    assert all(any("zenoh" in path for path in mapped[role]) for role in ("root", "wire"))
     for role, figure in figures.items():
         assert figure < MAX_MB, role
-        assert any("zenoh" in path for path in mapped[role])
         assert [path for path in mapped[role] for name in HEAVY if f"/{name}" in path] == []

@@ -8,13 +8,13 @@ import subprocess
 import sys
 import time
 
-from strands_actors.kernel.health.heartbeat import new_page, on_page, pair
+from strands_actors.kernel.health.heartbeat import Heartbeat, Word, new_page, pair, words_of
 from tests.answers import until
 
 BEATING = """
 import sys, time
-from strands_actors.kernel.health.heartbeat import on_page
-heartbeat = on_page(int(sys.argv[1]), 1)
+from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
+heartbeat = Heartbeat(words_of(int(sys.argv[1])), 1, 0)
 while True:
     heartbeat.beat(time.monotonic_ns())
     time.sleep(0.001)
@@ -34,16 +34,26 @@ def test_each_end_hears_the_other_and_not_itself() -> None:
 
 def test_a_page_outlives_its_descriptor_and_begins_without_a_beat() -> None:
     fd = new_page()
-    one, other = on_page(fd, 0), on_page(fd, 1)
+    one, other = Heartbeat(words_of(fd), 0, 1), Heartbeat(words_of(fd), 1, 0)
     os.close(fd)
     assert one.heard_ns == other.heard_ns == 0
     other.beat(11)
     assert one.heard_ns == 11
 
 
+def test_places_of_a_page_do_not_touch_each_other() -> None:
+    fd = new_page()
+    words = words_of(fd)
+    os.close(fd)
+    places = [Word(words, place) for place in range(8)]
+    for number, place in enumerate(places):
+        place.set(-number)
+    assert [place.get() for place in places] == [-number for number in range(8)]
+
+
 def test_a_process_is_heard_until_it_is_stopped_and_when_it_goes_on() -> None:
     fd = new_page()
-    heartbeat = on_page(fd, 0)
+    heartbeat = Heartbeat(words_of(fd), 0, 1)
     began_ns = time.monotonic_ns()
     with subprocess.Popen([sys.executable, "-c", BEATING, str(fd)], pass_fds=(fd,)) as child:
         try:

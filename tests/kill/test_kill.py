@@ -19,7 +19,18 @@ SLACK_MS = 400.0
 SETTLE_S = 0.2
 WHOLE = ("so101", "robotiq_2f85", "ur5e", "unitree_g1")
 """Every cell of these: a serial bus, a connection made when needed, an SDK, a wire of 500 Hz."""
-HARDEST = ("koch", "xarm7", "kuka_iiwa", "kinova_gen3", "panda", "earthrover", "unitree_go2")
+HARDEST = (
+    "koch",
+    "xarm7",
+    "kuka_iiwa",
+    "kinova_gen3",
+    "panda",
+    "earthrover",
+    "yahboom_m3pro",
+    "reachy_mini",
+    "crazyflie",
+    "unitree_go2",
+)
 """Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by hand."""
 
 CELLS = [

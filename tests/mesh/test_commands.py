@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.commands import COMMANDS_PER_S
@@ -58,6 +59,26 @@ def test_what_is_guarded_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.M
             monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "a")
             answer = await arm.send_action({"a": 1.0})
             assert not isinstance(answer, Refused)
+
+    run(test)
+
+
+BASE = (Axis(key="a", unit="m/s", low=-9.0, high=9.0, mode=AxisMode.VELOCITY),)
+
+
+def test_a_zero_of_a_velocity_and_what_goes_out_on_an_allowed_topic_need_no_operator(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
+    monkeypatch.setattr(FakeDriver, "TOPICS", {"a": "/cmd_vel"})
+    monkeypatch.setattr(FakeDriver, "table", BASE)
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _), mesh() as client, control(client, robot) as arm:
+            assert code(await arm.send_action({"a": 0.5})) == "not_approved"
+            assert not isinstance(await arm.send_action({"a": 0.0}), Refused)
+            monkeypatch.setenv("STRANDS_ROS2_COMMAND_ALLOW", "/cmd_vel")
+            assert not isinstance(await arm.send_action({"a": 0.5}), Refused)
 
     run(test)
 

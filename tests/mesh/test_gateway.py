@@ -13,6 +13,7 @@ import trio
 
 from strands_actors.caller.nodes import open_node
 from strands_actors.caller.run_directory import notes
+from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
@@ -38,7 +39,7 @@ from strands_actors.supervisors.messages import (
     Stop,
     StopReport,
 )
-from strands_actors.testing import FakeHardware, InlineTree
+from strands_actors.testing import FakeDriver, FakeHardware, InlineTree
 
 from .world import robot_on_mesh, run, until
 
@@ -120,6 +121,26 @@ def test_a_caller_of_another_host_writes_stops_and_resumes() -> None:
             assert isinstance(await one.dated(Resume("me")), Resumed)
             assert isinstance(await one.dated(target(await one.acquire(), a=2.0)), Accepted)
             assert (await tree.status()).holder == "me (another host)"
+
+    run(test)
+
+
+def test_what_is_guarded_needs_an_operator_from_another_host_too_and_a_zero_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
+    monkeypatch.setattr(FakeDriver, "TOPICS", {"a": "/cmd_vel"})
+    axis = Axis(key="a", unit="m/s", low=-9.0, high=9.0, mode=AxisMode.VELOCITY)
+    monkeypatch.setattr(FakeDriver, "table", (axis,))
+
+    async def test() -> None:
+        async with world() as (hardware, _, one, _):
+            lease = await one.acquire()
+            assert code(await one.dated(target(lease, a=1.0, b=1.0))) == "not_approved"
+            assert hardware.of("setpoint") == []
+            assert isinstance(await one.dated(target(lease, a=0.0, b=1.0)), Accepted)
+            monkeypatch.setenv("STRANDS_ROS2_COMMAND_ALLOW", "/cmd_vel")
+            assert isinstance(await one.dated(target(lease, a=1.0)), Accepted)
 
     run(test)
 

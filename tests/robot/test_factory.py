@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import inspect
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from serial.tools import list_ports
 
+import strands_actors
 from strands_actors import Robot, drivers
+from strands_actors.caller.plan import _read as factory_keywords
 from strands_actors.caller.robot import RealRobot, SimRobot
-from strands_actors.drivers import list_native_drivers, register_native_driver
+from strands_actors.drivers import HardwareDriver, list_native_drivers, register_native_driver, register_robot
 
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
-KEYWORDS = "it takes baud, calibration, data_config, mesh, port, require_drill, sim, tool_name, transport"
+KEYWORDS = (
+    "it takes baud, baud_rate, calibration, data_config, mesh, motor_ids, port, require_drill, sim, timeout, "
+    "tool_name, transport"
+)
+SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
 
 REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
-    ("so10", PORT, ("'so10' is not known", "Did you mean: so10", "list_driver_coverage()")),
-    ("toaster", PORT, ("'toaster' is not known", "list_driver_coverage()")),
-    ("toaster", {}, ("'toaster' is not known", "list_driver_coverage()")),
+    ("so10", PORT, ("'so10' is not known", "Did you mean: so10", "list_robots()")),
+    ("toaster", PORT, ("'toaster' is not known", "list_robots()")),
+    ("toaster", {}, ("'toaster' is not known", "list_robots()")),
     (
         "so101_leader",
         PORT,
@@ -37,9 +44,9 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so101", {"mode": "real", "prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
     ("so101", {"prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
     ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", KEYWORDS)),
-    ("so101", {**PORT, "cameras": {"top": 0}}, ("Feetech opens no cameras", "driver='lerobot'")),
+    ("so101", {**PORT, "cameras": {"top": 0}}, ("FeetechDriver opens no cameras", "driver='lerobot'")),
     ("so101", {"mode": "real", "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
-    ("so101", {**PORT, "sim": 1}, ("sim=", "add transport='twin'", "Feetech offers twin")),
+    ("so101", {**PORT, "sim": 1}, ("sim=", "add transport='twin'", "FeetechDriver offers twin")),
     ("so101", {**TWIN, "sim": "so101"}, ("sim is 'so101'", "Robot('so101')")),
     ("so101", {**TWIN, "port": "/dev/ttyACM0"}, ("port='/dev/ttyACM0'", "transport='twin'", "choose one")),
     ("so101", {**PORT, "tool_name": "my arm"}, ("tool_name is 'my arm'", "1 to 64 of A-Z a-z 0-9 _ -")),
@@ -50,9 +57,91 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so101", {"mode": "dream", "port": "x"}, ("mode is 'dream'", "'sim', 'real', 'auto'", "upper or lower case")),
     ("so101", {"mode": None}, ("mode is None", "'sim', 'real', 'auto'")),
     ("so101", {**PORT, "baud": 9600}, ("baud is 9600", "1000000, 500000")),
+    ("so101", {**PORT, "baud_rate": 9600}, ("baud is 9600", "1000000, 500000")),
+    (
+        "so101",
+        {**PORT, "baud": 1_000_000, "baud_rate": 1_000_000},
+        ("baud and baud_rate are both given", "give one of them"),
+    ),
+    ("so101", {**PORT, "motor_ids": (1, 2)}, ("motor_ids is (1, 2)", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, 5)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, 253)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, True)}, ("motor_ids is", SERVOS)),
+    ("so101", {**PORT, "motor_ids": "123456"}, ("motor_ids is '123456'", SERVOS)),
+    ("so101", {**PORT, "timeout": 0}, ("timeout is 0. Give seconds, 0.1 to 10",)),
+    ("so101", {**PORT, "timeout": float("nan")}, ("timeout is nan",)),
+    ("so101", {"mode": "real", "transport": "serial"}, ("so101 needs 'port'",)),
+    ("ur5e", {"mode": "real", "transport": "serial"}, ("URDriver has no transport 'serial'. it offers twin",)),
+    ("ur5e", {**PORT, "control_frequency": 5}, ("control_frequency is 5", "10 to 500", "default 125")),
+    ("ur5e", {**PORT, "control_frequency": True}, ("control_frequency is True",)),
+    ("ur5e", {**PORT, "model": "ur10e"}, ("model is 'ur10e'. Use Robot('ur10e')",)),
     ("so101", {**PORT, "calibration": 7}, ("calibration is 7", "Give a path, a dict or None")),
     ("ur5e", {"mode": "real"}, ("ur5e needs 'port', its address", "Robot('ur5e', mode='real', port=")),
 ]
+
+WRONG_TYPES: list[tuple[Any, dict[str, Any], str]] = [
+    (None, {}, "the name is None. give the name of a robot as text: list_robots() has them all"),
+    ("", {}, "the name is ''"),
+    (7, PORT, "the name is 7"),
+    ("so101", {"mesh": True}, "mesh is True. give MeshConfig"),
+    ("so101", {**PORT, "mesh": "tcp/0.0.0.0:7447"}, "mesh is 'tcp/0.0.0.0:7447'. give MeshConfig"),
+]
+
+
+@pytest.mark.parametrize(("name", "keywords", "text"), WRONG_TYPES)
+def test_what_is_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any], text: str) -> None:
+    with pytest.raises(TypeError) as refusal:
+        Robot(name, **keywords)
+    assert text in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("written", "robot"),
+    [("so-101", "so101"), ("SO101", "so101"), ("robotiq", "robotiq_2f85"), ("Unitree G1", "unitree_g1")],
+)
+def test_a_name_is_known_however_it_is_written(written: str, robot: str) -> None:
+    made = Robot(written, mode="real", port="x", mesh=False)
+    assert (made.tool_name, made.driver.robot) == (robot, robot)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_the_pages_keywords_of_servos_are_used(name: str) -> None:
+    usual = Robot(name, mode="real", port="x").driver
+    ids = tuple(10 + motor_id for motor_id in usual.ids)
+    given = {"baud_rate": 1_000_000, "motor_ids": ids, "timeout": 1.0, "transport": "serial"}
+    arm = Robot(name, mode="real", port="x", **given)
+    assert (arm.driver.ids, arm.transport) == (ids, None)
+    assert arm.driver.config.timeout_s == 1.0
+    assert Robot(name, mode="real", port="x", motor_ids=()).driver.ids == usual.ids
+    with pytest.raises(TypeError, match=r"a simulation of .* would ignore transport="):
+        Robot(name, transport="serial")
+
+
+def test_a_ur_may_be_told_its_model_and_how_often_its_script_commands() -> None:
+    arm = Robot("ur5e", mode="real", port="192.0.2.7", model="UR5e", control_frequency=25)
+    assert getattr(arm.driver, "period_s") == 0.04  # noqa: B009
+
+
+def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None:
+    taken = inspect.signature(factory_keywords).parameters
+    shown = inspect.signature(Robot).parameters
+    keywords = {name: one.default for name, one in taken.items() if one.kind is one.KEYWORD_ONLY}
+    assert {name: shown[name].default for name in keywords} == keywords
+    assert {"approve", "guarded", "approve_within_s", "options"} <= set(shown)
+
+
+def test_dir_shows_what_is_public_and_what_a_robot_can_do() -> None:
+    assert dir(strands_actors) == sorted({*strands_actors.__all__, "__version__"})
+    for name in dir(strands_actors):
+        assert getattr(strands_actors, name) is not None
+    assert {"release_sport_mode", "send_action", "stop"} <= set(dir(Robot("go2", mode="real", port="192.0.2.7")))
+    assert "step" in dir(Robot("so101"))
+    assert "release_sport_mode" not in dir(Robot("so101"))
+
+
+def test_what_robot_returns_is_a_driver_of_the_page() -> None:
+    assert isinstance(Robot("so101"), HardwareDriver)
+    assert not isinstance(object(), HardwareDriver)
 
 
 @pytest.mark.parametrize(("name", "keywords", "texts"), REFUSALS)
@@ -143,7 +232,7 @@ def test_auto_is_real_where_there_is_one_robot_to_be_real(plugged: list[SimpleNa
 
 def test_close_names_are_offered() -> None:
     with pytest.raises(ValueError, match=r"Did you mean: .*so101"):
-        Robot("so-101", mode="real", port="x")
+        Robot("so-110", mode="real", port="x")
 
 
 @pytest.mark.parametrize(
@@ -177,39 +266,65 @@ def test_a_robot_is_made_by_any_of_its_names_and_starts_nothing() -> None:
     assert isinstance(arm, RealRobot)
 
 
-# -- a driver class of the drivers page, which is not run as a tree
+# -- a driver class of the drivers page
 
 
 class Lamp:
     """All members, nothing behind them."""
 
     PORT_KIND = "address"
-    TRANSPORTS = ()
+    TRANSPORTS = ("usb",)
+    action_features = ("brightness",)
     tool_name = ""
     tool_type = "robot"
     tool_spec: dict[str, Any] = {}  # noqa: RUF012
 
-    def __init__(self, tool_name: str, cameras: Any = None, data_config: Any = None, port: str = "") -> None:
-        self.tool_name, self.data_config, self.port = tool_name, data_config, port
+    def __init__(
+        self, tool_name: str, cameras: Any = None, data_config: Any = None, port: str = "", transport: str = ""
+    ) -> None: ...
 
     def nothing(self) -> None: ...
 
     cleanup = get_status = get_task_status = run_policy = send_action = nothing
-    start_task = stop = stop_task = stream = nothing
+    stop = stop_task = stream = nothing
 
 
 @pytest.mark.usefixtures("registry")
-def test_a_class_that_runs_by_itself_is_made_with_its_own_keywords() -> None:
+def test_a_class_of_the_users_is_run_as_a_tree_with_its_own_keywords() -> None:
+    register_robot("lamp")
     register_native_driver("lamp", Lamp)
-    lamp = Robot("lamp", mode="real", port="192.0.2.7", tool_name="left", data_config="bright")
-    assert isinstance(lamp, Lamp)
-    assert (lamp.tool_name, lamp.port, lamp.data_config) == ("left", "192.0.2.7", "bright")
+    lamp = Robot(
+        "lamp", mode="real", port="192.0.2.7", tool_name="left", data_config="bright", guarded=("move_to",)
+    )
+    assert isinstance(lamp, RealRobot)
+    assert (lamp.tool_name, lamp.data_config, lamp.driver.axes) == ("left", "bright", ("brightness",))
+    given = {"tool_name": "left", "port": "192.0.2.7", "data_config": "bright"}
+    assert lamp.driver.config.keywords == given
+    over_usb = Robot("lamp", mode="real", transport="usb")
+    assert over_usb.driver.config.keywords == {"tool_name": "lamp", "transport": "usb"}
     for keywords, text in (
         ({}, "Lamp has no simulation of lamp. use mode='real'"),
         ({"mode": "real"}, "lamp needs 'port'"),
         ({"mode": "real", "prot": "x"}, r"no 'prot' \('prot' -> 'port'\?\). it takes cameras, data_config, port"),
         ({"mode": "real", "port": "x", "cameras": {"top": 0}}, "Lamp opens no cameras"),
-        ({"mode": "real", "transport": "twin"}, "no transport 'twin'. it offers none"),
+        ({"mode": "real", "transport": "twin"}, "Lamp has no twin of ours. give its port"),
+        ({"mode": "real", "transport": "smoke"}, "no transport 'smoke'. it offers usb"),
+        ({"mode": "real", "port": "x", "data_config": object()}, "data_config is .* which cannot be given to Lamp"),
+        ({"mode": "real", "port": "x", "require_drill": "soon"}, "require_drill is 'soon'"),
     ):
         with pytest.raises(ValueError, match=text):
             Robot("lamp", **keywords)
+
+
+@pytest.mark.usefixtures("registry")
+def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> None:
+    with pytest.raises(
+        ValueError, match=r"koch_follower \(koch\) is already served by DynamixelDriver. pass overwrite"
+    ):
+        register_native_driver("koch_follower", Lamp)
+    register_native_driver("koch_follower", Lamp, overwrite=True)
+    for name in ("koch", "koch_follower", "Koch"):
+        arm = Robot(name, mode="real", port="/dev/ttyUSB0")
+        assert arm.driver.config.name == "Lamp"
+        with pytest.raises(ValueError, match="Lamp has no simulation of"):
+            Robot(name)

@@ -13,6 +13,7 @@ from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.kernel.messages import Refused
 from strands_actors.testing import check_driver
 from strands_actors.testing.conformance import report
+from strands_actors.testing.fake_kinds import KindConfig
 
 from .blinky import Blinky
 
@@ -57,6 +58,19 @@ class OneIdTooMany(Blinky):
     ids = (1, 2)
 
 
+class NamesNoWire(Blinky):
+    WIRE = "strands_actors.testing.fake_kinds:KindStopChannel"
+    config = KindConfig("", (), 0.0, 1.0, 1.0)
+
+
+class GivesAwayItself(Blinky):
+    WIRE = "strands_actors.testing.fake_kinds:KindWire"
+
+    @property
+    def config(self) -> Any:  # type: ignore[override]
+        return self
+
+
 @pytest.mark.parametrize(
     ("cls", "failing"),
     [
@@ -77,6 +91,8 @@ class OneIdTooMany(Blinky):
         (NeverStale, {"refuses when nothing was read for long"}),
         (SaysNothing, {"says what its firmware does alone"}),
         (OneIdTooMany, {"declares itself"}),
+        (NamesNoWire, {"names its wire and stop channel"}),
+        (GivesAwayItself, {"names its wire and stop channel"}),
         (Blinky, set()),
     ],
 )

@@ -42,6 +42,9 @@ STEPS = {
     "kuka_iiwa": WITH_POLICY,
     "panda": WITHOUT,
     "earthrover": WITH_POLICY,
+    "yahboom_m3pro": WITHOUT,
+    "reachy_mini": WITHOUT,
+    "crazyflie": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -19,7 +19,7 @@ from strands_actors.surfaces.cli import run
 from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.testing import Bench, Cell, Faults, Outcome, Victims, WireLog, cells, cells_of
 from strands_actors.testing.bench import NotMoving, driver_of
-from strands_actors.testing.cells import _read
+from strands_actors.testing.cells import expected_of, read
 from strands_actors.testing.faults import proves
 from strands_actors.testing.jobs import Plan, measure_all
 from strands_actors.testing.matrix import Row, as_json, conditions, measure, page, summary
@@ -82,7 +82,7 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
                 row["safe_state"] = "limp"
         path.write_text("".join(json.dumps(row) + "\n" for row in rows))
         spin = Cell(Victims.CALLER, Faults.SPIN)
-        return _read(WireLog(path), driver_of("so101"), spin, 0, 0, stood_ms=stood_ms)
+        return read(WireLog(path), expected_of(driver_of("so101"), spin), 0, 0, stood_ms=stood_ms)
 
     excused = read_of(30.0, "setpoint", "safe")
     assert (excused.safe_state, excused.instead, excused.safe, excused.disturbed) == ("hold", "limp", True, True)
@@ -101,9 +101,7 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     story = WireLog(path).story(10**6)
     assert story == "0.0 host setpoint x 3, 4.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
     assert WireLog(path).story(10**9) == "nothing"
-    told = [
-        cells._told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))
-    ]
+    told = [cells.told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))]
     assert [each.story for each in told] == ["", story, story]
     row = summary("so101", WIRE_KILL, told)
     assert row.stories == (story, story)

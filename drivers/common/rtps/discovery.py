@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from . import parameters as pl
 from .wire_types import (
     BUILTIN_ENDPOINTS,
@@ -14,7 +16,6 @@ from .wire_types import (
     PREFIX_SIZE,
     VENDOR,
     Address,
-    Malformed,
     Order,
 )
 
@@ -60,14 +61,14 @@ def encode_participant(data: ParticipantData) -> bytes:
 
 
 def decode_participant(payload: memoryview) -> ParticipantData:
-    """Raise ``Malformed``; also when it gives no place to be reached at."""
+    """Raise ``MalformedFrame``; also when it gives no place to be reached at."""
     found, order = pl.decode_payload(payload)
     guid = pl.first(found, pl.PARTICIPANT_GUID, 16)
     if guid is None or guid[PREFIX_SIZE:16] != PARTICIPANT:
-        raise Malformed("a participant without GUID")
+        raise MalformedFrame("a participant without GUID")
     discovery = pl.addresses(found.get(pl.DISCOVERY_LOCATOR, []), order)
     if not discovery:
-        raise Malformed("a participant without an IPv4 locator")
+        raise MalformedFrame("a participant without an IPv4 locator")
     lease = pl.first(found, pl.LEASE, 8)
     lease_s = _DEFAULT_LEASE_S if lease is None else pl.seconds(lease, order)
     return ParticipantData(
@@ -92,13 +93,13 @@ def encode_endpoint(data: EndpointData) -> bytes:
 
 
 def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
-    """Raise ``Malformed``. What is not said has its default, which differs between writers and readers."""
+    """Raise ``MalformedFrame``. What is not said has its default, which differs between writers and readers."""
     found, order = pl.decode_payload(payload)
     guid = pl.first(found, pl.ENDPOINT_GUID, 16)
     topic = pl.first(found, pl.TOPIC, 4)
     type_name = pl.first(found, pl.TYPE, 4)
     if guid is None or topic is None or type_name is None:
-        raise Malformed("an endpoint without GUID, topic or type")
+        raise MalformedFrame("an endpoint without GUID, topic or type")
     reliability = pl.number(found, pl.RELIABILITY, order, RELIABLE if is_writer else BEST_EFFORT)
     partition = pl.first(found, pl.PARTITION, 4)
     data = EndpointData(
@@ -112,7 +113,7 @@ def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
         bool(pl.number(found, pl.OWNERSHIP, order, 0)),
     )
     if not 0 < len(data.topic) <= _MAX_NAME or not 0 < len(data.type_name) <= _MAX_NAME:
-        raise Malformed("an endpoint without a name, or with an endless one")
+        raise MalformedFrame("an endpoint without a name, or with an endless one")
     return data
 
 
@@ -128,13 +129,13 @@ def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
 
 
 def gone(payload: memoryview, key: bytes, parameter: int) -> bytes:
-    """The GUID that a disposal names: by its key hash, or in its payload. Raise ``Malformed``."""
+    """The GUID that a disposal names: by its key hash, or in its payload. Raise ``MalformedFrame``."""
     if key:
         return key
     found, _ = pl.decode_payload(payload)
     guid = pl.first(found, parameter, 16)
     if guid is None:
-        raise Malformed("something has ended, and nobody says what")
+        raise MalformedFrame("something has ended, and nobody says what")
     return bytes(guid[:16])
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from . import discovery, messages, parameters
 from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData
 from .matching import Matching
@@ -28,7 +30,6 @@ from .wire_types import (
     UNKNOWN,
     Address,
     Buffer,
-    Malformed,
     reader_id,
     writer_id,
 )
@@ -148,7 +149,7 @@ class Engine:
         def deliver(sample: Sample) -> None:
             try:
                 learn(sample)
-            except Malformed:
+            except MalformedFrame:
                 self.counters.malformed += 1
 
         return Reader(_builtin(self._own, entity), self._send, deliver)
@@ -160,7 +161,7 @@ class Engine:
         self.counters.datagrams += 1
         try:
             parts = messages.decode(datagram, self._own)
-        except Malformed:
+        except MalformedFrame:
             self.counters.malformed += 1
             return
         if peer := self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE])):
@@ -190,7 +191,7 @@ class Engine:
         if part.writer[PREFIX_SIZE:] == SPDP_WRITER:
             try:
                 self._on_participant(sample, host)
-            except Malformed:
+            except MalformedFrame:
                 self.counters.malformed += 1
             return
         readers = self._matching.hearing.get(part.writer)
@@ -212,7 +213,7 @@ class Engine:
             return
         try:
             whole = self._reassembly.add(part, now_ns)
-        except Malformed:
+        except MalformedFrame:
             self.counters.malformed += 1
             return
         if whole is not None:
@@ -230,7 +231,7 @@ class Engine:
             return
         data = discovery.decode_participant(sample.payload)
         if data.prefix != prefix:
-            raise Malformed("a participant that speaks for another")
+            raise MalformedFrame("a participant that speaks for another")
         known = self._peers.get(prefix)
         if known and known.data == data:
             return
@@ -281,7 +282,7 @@ class Engine:
             data = discovery.decode_endpoint(sample.payload, is_writer)
             guid = data.guid
         if guid[:PREFIX_SIZE] != sample.writer[:PREFIX_SIZE]:
-            raise Malformed("an endpoint of somebody else")
+            raise MalformedFrame("an endpoint of somebody else")
         if sample.disposed:
             forget(guid)
         elif not learn(data):

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from . import parameters
-from .wire_types import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Malformed, Order
+from .wire_types import BIG, LITTLE, PREFIX_SIZE, UNKNOWN, VENDOR, Address, Buffer, Order
 
 HEADER_SIZE = 20
 MAX_BITS = 256
@@ -98,26 +100,26 @@ Submessage = Data | Fragment | Heartbeat | AckNack | Gap
 
 
 def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
-    """What a datagram says to the participant with the prefix ``own``. Raise ``Malformed``."""
+    """What a datagram says to the participant with the prefix ``own``. Raise ``MalformedFrame``."""
     size = len(datagram)
     if size < HEADER_SIZE or datagram[:4] != _MAGIC:
-        raise Malformed("no RTPS header")
+        raise MalformedFrame("no RTPS header")
     if datagram[4] != _VERSION[0]:
-        raise Malformed(f"RTPS version {datagram[4]}.{datagram[5]}")
+        raise MalformedFrame(f"RTPS version {datagram[4]}.{datagram[5]}")
     source = bytes(datagram[8:HEADER_SIZE])
     mine = source != own
     found: list[Submessage] = []
     at = HEADER_SIZE
     while at < size:
         if at + 4 > size:
-            raise Malformed("a submessage header is cut off")
+            raise MalformedFrame("a submessage header is cut off")
         kind, flags = datagram[at], datagram[at + 1]
         order = LITTLE if flags & _ENDIAN else BIG
         (length,) = order.u16.unpack_from(datagram, at + 2)
         at += 4
         end = at + length if length or kind in (_PAD, _INFO_TS) else size
         if end > size:
-            raise Malformed("a submessage is longer than its datagram")
+            raise MalformedFrame("a submessage is longer than its datagram")
         body = datagram[at:end]
         at = end
         if kind == _INFO_DST:
@@ -135,21 +137,21 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
 
 def _need(body: memoryview, size: int) -> memoryview:
     if len(body) < size:
-        raise Malformed(f"a submessage of {len(body)} bytes that needs {size}")
+        raise MalformedFrame(f"a submessage of {len(body)} bytes that needs {size}")
     return body
 
 
 def _sequence(high: int, low: int, least: int = 1) -> int:
     value = high << 32 | low
     if not least <= value < _MAX_SEQUENCE:
-        raise Malformed(f"sequence number {value}")
+        raise MalformedFrame(f"sequence number {value}")
     return value
 
 
 def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
     """The members of a set whose bitmap starts at ``at``."""
     if bits > MAX_BITS:
-        raise Malformed(f"a set of {bits} numbers")
+        raise MalformedFrame(f"a set of {bits} numbers")
     words = (bits + 31) // 32
     _need(body, at + 4 * words)
     members = []
@@ -166,7 +168,7 @@ def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) 
     ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
     at = 4 + skip
     if at < least or at > len(body):
-        raise Malformed("inline QoS out of place")
+        raise MalformedFrame("inline QoS out of place")
     disposed, key = False, b""
     if flags & _INLINE_QOS:
         found, at = parameters.decode(body, at, order)
@@ -181,7 +183,7 @@ def _data(body: memoryview, flags: int, order: Order, source: bytes) -> Submessa
     _, skip, reader, writer, high, low = order.data.unpack_from(_need(body, order.data.size))
     payload, disposed, key = _content(body, flags, order, skip, order.data.size)
     if flags & _HAS_DATA and flags & _HAS_KEY:
-        raise Malformed("a sample that is data and key")
+        raise MalformedFrame("a sample that is data and key")
     if not flags & (_HAS_DATA | _HAS_KEY):
         payload = payload[:0]
     return Data(reader, source + writer, _sequence(high, low), payload, disposed or bool(flags & _HAS_KEY), key)
@@ -192,11 +194,11 @@ def _fragment(body: memoryview, flags: int, order: Order, source: bytes) -> Subm
     _, skip, reader, writer, high, low, number, count, size, total = order.fragment.unpack_from(body)
     payload, disposed, _ = _content(body, flags, order, skip, order.fragment.size)
     if not number or not count or not size or total > size * MAX_FRAGMENTS:
-        raise Malformed("a fragment without place")
+        raise MalformedFrame("a fragment without place")
     index = number - 1
     length = min(count * size, total - index * size)
     if (index + count - 1) * size >= total or len(payload) < length:
-        raise Malformed("a fragment past the end of its sample")
+        raise MalformedFrame("a fragment past the end of its sample")
     return Fragment(
         reader,
         source + writer,

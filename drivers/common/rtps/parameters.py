@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import socket
 
-from .wire_types import BIG, LITTLE, Address, Malformed, Order
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .wire_types import BIG, LITTLE, Address, Order
 
 PAD = 0x00
 SENTINEL = 0x01
@@ -41,7 +43,7 @@ Parameters = dict[int, list[memoryview]]
 
 
 def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
-    """The list that starts at ``at``, and where it ends. Raise ``Malformed``: no sentinel, or a value past the
+    """The list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no sentinel, or a value past the
     end."""
     found: Parameters = {}
     size = len(body)
@@ -51,18 +53,18 @@ def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
         if parameter == SENTINEL:
             return found, at
         if at + length > size:
-            raise Malformed(f"parameter {parameter:#06x} is longer than its list")
+            raise MalformedFrame(f"parameter {parameter:#06x} is longer than its list")
         if parameter != PAD and not parameter & VENDOR_SPECIFIC:
             found.setdefault(parameter & ID_MASK, []).append(body[at : at + length])
         at += length
-    raise Malformed("a parameter list without end")
+    raise MalformedFrame("a parameter list without end")
 
 
 def decode_payload(payload: memoryview) -> tuple[Parameters, Order]:
     """Of a discovery sample, with its encapsulation header."""
     order = _ORDERS.get(bytes(payload[:2]))
     if order is None:
-        raise Malformed("discovery data that is no parameter list")
+        raise MalformedFrame("discovery data that is no parameter list")
     return decode(payload, 4, order)[0], order
 
 
@@ -72,7 +74,7 @@ def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
     if values is None:
         return None
     if len(values[0]) < size:
-        raise Malformed(f"parameter {parameter:#06x} is too short")
+        raise MalformedFrame(f"parameter {parameter:#06x} is too short")
     return values[0]
 
 
@@ -84,14 +86,14 @@ def number(found: Parameters, parameter: int, order: Order, default: int) -> int
 def text(value: memoryview, order: Order) -> str:
     """A CDR string."""
     if len(value) < 4:
-        raise Malformed("a string without length")
+        raise MalformedFrame("a string without length")
     (length,) = order.u32.unpack_from(value)
     if not 1 <= length <= len(value) - 4:
-        raise Malformed("a string that is longer than its parameter")
+        raise MalformedFrame("a string that is longer than its parameter")
     try:
         return str(value[4 : 3 + length], "utf-8")
     except UnicodeDecodeError:
-        raise Malformed("a string that is not UTF-8") from None
+        raise MalformedFrame("a string that is not UTF-8") from None
 
 
 def addresses(values: list[memoryview], order: Order) -> tuple[Address, ...]:
@@ -99,7 +101,7 @@ def addresses(values: list[memoryview], order: Order) -> tuple[Address, ...]:
     found = []
     for value in values:
         if len(value) < 24:
-            raise Malformed("a locator that is too short")
+            raise MalformedFrame("a locator that is too short")
         kind, port, host = order.locator.unpack_from(value)
         if kind == _UDP_V4 and 0 < port < 65536:
             found.append((socket.inet_ntoa(host[12:]), port))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from .messages import Fragment
-from .wire_types import Malformed
 
 MAX_SAMPLES = 16
 MAX_BYTES = 8 << 20
@@ -30,18 +31,19 @@ class Reassembly:
         return len(self._parts)
 
     def add(self, fragment: Fragment, now_ns: int) -> bytearray | None:
-        """The whole sample, once its last piece has come. Raise ``Malformed`` when pieces do not fit together."""
+        """Return the whole sample, once its last piece has come. Raise ``MalformedFrame`` when pieces do not fit
+        together."""
         name = (fragment.writer, fragment.sequence)
         part = self._parts.get(name)
         if part is None:
             if fragment.total > MAX_BYTES:
-                raise Malformed(f"a sample of {fragment.total} bytes")
+                raise MalformedFrame(f"a sample of {fragment.total} bytes")
             self._make_room(fragment.total)
             part = self._parts[name] = _Part(fragment)
             self._bytes += fragment.total
         elif part.size != fragment.size or len(part.payload) != fragment.total:
             self._drop(name)
-            raise Malformed("fragments of one sample that do not fit together")
+            raise MalformedFrame("fragments of one sample that do not fit together")
         part.t_ns = now_ns
         at = fragment.place * fragment.size
         part.payload[at : at + len(fragment.payload)] = fragment.payload

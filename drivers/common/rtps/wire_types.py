@@ -1,4 +1,4 @@
-"""What every part of RTPS is made of: names (GUIDs, entity ids, ports), byte orders, and the one error.
+"""What every part of RTPS is made of: names (GUIDs, entity ids, ports), byte orders.
 
 Numbers from DDSI-RTPS 2.2, chapter 9 (mapping to UDP).
 """
@@ -11,10 +11,6 @@ from typing import NamedTuple
 Buffer = bytes | bytearray | memoryview
 Address = tuple[str, int]
 """IPv4 host and UDP port."""
-
-
-class Malformed(Exception):
-    """Bytes that are not what they claim to be. Never leaves this package: it is counted."""
 
 
 # -- names. A GUID is 16 bytes: the participant's prefix (12) and an entity id (4).

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract import axis as contract
 from strands_actors.drivers.common.calibration import MotorCalibration
 
 COUNTS = 4096
@@ -51,6 +52,12 @@ class Axis(msgspec.Struct, frozen=True):
     @property
     def label(self) -> str:
         return f"{self.key} (id {self.id})"
+
+    @property
+    def declared(self) -> contract.Axis:
+        """Return the joint as the contract has it, without counts."""
+        low, high = self.limits
+        return contract.Axis(key=self.key, unit=self.unit, low=low, high=high, speed=self.speed, id=self.id)
 
 
 def axes_of(

@@ -18,6 +18,8 @@ class ServoConfig(msgspec.Struct, frozen=True):
     joints: tuple[Axis, ...]
     calibration: Mapping[str, MotorCalibration] | None
     calibration_source: str
+    timeout_s: float = 0.5
+    """How long the whole bus may be silent before it counts as lost."""
 
     @property
     def ids(self) -> tuple[int, ...]:

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.axis import Part, PartKind, finite
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
-from strands_actors.drivers.common.gates import parse
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.kernel.messages import Refused
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .config import ServoConfig
 from .gates import all_gates
+
+TIMEOUT_S = 0.5
+LONGEST_TIMEOUT_S = 10.0
+SHORTEST_TIMEOUT_S = 0.1
+LAST_ID = 252
+"""Both protocols keep the ids above for all servos, and for errors."""
 
 NO_CALIBRATION = "none: full servo travel"
 
@@ -27,12 +33,16 @@ def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
         "calibration": "path of a lerobot calibration file, or its content; "
         "default: lerobot's file of this tool_name, else full servo travel",
         "baud": f"speed of the bus, one of {', '.join(map(str, baud_rates))}; default {default_baud}",
+        "motor_ids": "ids of the servos, one per joint and in their order, where they are not the usual ones",
+        "timeout": "seconds the whole bus may be silent before it counts as lost; default "
+        f"{TIMEOUT_S:g}, at most {LONGEST_TIMEOUT_S:g}",
     }
 
 
 class ServoDriver(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
+    SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud"}
     TABLES: ClassVar[RobotTables]
     BAUD_RATES: ClassVar[tuple[int, ...]]
     DEFAULT_BAUD: ClassVar[int]
@@ -67,9 +77,12 @@ class ServoDriver(Driver):
         baud = options.get("baud") or cls.DEFAULT_BAUD
         if isinstance(baud, bool) or baud not in cls.BAUD_RATES:
             raise ValueError(f"{robot}: baud is {baud!r}. Use one of {', '.join(map(str, cls.BAUD_RATES))}")
-        motors, source = cls._calibration(name, options)
+        ids = cls._ids(name, options.get("motor_ids"))
+        motors, source = cls._calibration(name, options, ids)
         return {
             "baud": int(baud),
+            "motor_ids": list(ids.values()),
+            "timeout": _timeout_s(robot, options.get("timeout")),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
         }
@@ -79,7 +92,9 @@ class ServoDriver(Driver):
         motors = resolved.get("calibration")
         self.robot = self.TABLES.canonical(robot)
         calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
-        self.joints = axes_of(self.TABLES.robots[self.robot]["joints"], calibration, self.HOST_INVERTS)
+        table, ids = self.TABLES.robots[self.robot]["joints"], resolved["motor_ids"]
+        joints = [{**joint, "id": motor_id} for joint, motor_id in zip(table, ids, strict=True)]
+        self.joints = axes_of(joints, calibration, self.HOST_INVERTS)
         self.config = ServoConfig(
             robot=self.robot,
             port=port,
@@ -87,11 +102,12 @@ class ServoDriver(Driver):
             joints=self.joints,
             calibration=calibration,
             calibration_source=resolved["calibration_source"],
+            timeout_s=resolved["timeout"],
         )
-        self.axes = tuple(axis.key for axis in self.joints)
-        self.ids = tuple(axis.id for axis in self.joints)
+        groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
+        kinds = {"percent": PartKind.GRIPPER}
+        self.declare(*(Part(kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
-        self._index = {key: at for at, key in enumerate(self.axes)}
 
     def preload(self) -> None:
         super().preload()
@@ -103,15 +119,26 @@ class ServoDriver(Driver):
     def travel(self) -> dict[str, tuple[float, float]]:
         return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}
 
-    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return parse(action, self.robot, self.joints, self._index, state)
+    @classmethod
+    def _ids(cls, robot: str, given: object) -> dict[str, int]:
+        """Return the id of each joint's servo."""
+        usual = {joint["key"]: joint["id"] for joint in cls.TABLES.robots[robot]["joints"]}
+        if given is None or given == () or given == []:
+            return usual
+        ids = list(given) if isinstance(given, list | tuple) else []
+        are_ids = all(type(each) is int and 0 <= each <= LAST_ID for each in ids)
+        if len(ids) != len(usual) or not are_ids or len(set(ids)) != len(ids):
+            raise ValueError(
+                f"{robot}: motor_ids is {given!r}. Give {len(usual)} different ids, 0 to {LAST_ID}, "
+                f"in the order {', '.join(usual)}"
+            )
+        return dict(zip(usual, ids, strict=True))
 
     @classmethod
     def _calibration(
-        cls, robot: str, options: Mapping[str, Any]
+        cls, robot: str, options: Mapping[str, Any], ids: Mapping[str, int]
     ) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
         given = options.get("calibration")
-        ids = {joint["key"]: joint["id"] for joint in cls.TABLES.robots[robot]["joints"]}
         if isinstance(given, Mapping):
             source = str(options.get("calibration_source") or "given as a dict")
             return lerobot.check(given, ids, cls.MAX_OFFSET, source), source
@@ -127,6 +154,15 @@ class ServoDriver(Driver):
         if path is None:
             return None, NO_CALIBRATION
         return lerobot.load(path, ids, cls.MAX_OFFSET), str(path)
+
+
+def _timeout_s(robot: str, given: object) -> float:
+    seconds = TIMEOUT_S if given is None else finite(given)
+    if seconds is None or not SHORTEST_TIMEOUT_S <= seconds <= LONGEST_TIMEOUT_S:
+        raise ValueError(
+            f"{robot}: timeout is {given!r}. Give seconds, {SHORTEST_TIMEOUT_S:g} to {LONGEST_TIMEOUT_S:g}"
+        )
+    return seconds
 
 
 def _plain(motor: lerobot.MotorCalibration) -> dict[str, int]:

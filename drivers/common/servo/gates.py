@@ -1,31 +1,100 @@
-"""What is refused before it reaches a bus of servos."""
+"""What is refused before it reaches a bus of servos. Every gate is a pure function of the candidate and the state;
+nothing is ever clipped."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-from strands_actors.contract.driver import GateCheck
-from strands_actors.drivers.common.gates import (
-    Axes,
-    motor_fault,
-    past_travel,
-    stale,
-    temperature,
-    too_fast,
-    voltage,
-)
+from strands_actors.contract.axis_gates import Axes, past_range, stale, too_fast
+from strands_actors.contract.driver import Candidate, GateCheck, GateState, Observation
+from strands_actors.kernel.messages import Refused
+
+_CLEAR_IT = "clear the cause, then try again"
 
 
 def all_gates(
     axes: Axes, state_ttl_s: float, fault_codes: Mapping[str, str], remedies: Mapping[str, str]
 ) -> tuple[GateCheck, ...]:
-    """In the order in which they are asked: the first that refuses answers. ``fault_codes``, ``remedies``: as
+    """Return the gates in the order in which they are asked: the first that refuses answers. A one-shot names
+    where to go, not how fast: the servo's own top speed bounds it. ``fault_codes``, ``remedies``: as
     ``motor_fault`` takes them."""
     return (
-        past_travel(axes),
+        past_range(axes),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
         motor_fault(axes, fault_codes, remedies),
         too_fast(axes),
     )
+
+
+def voltage(axes: Axes) -> GateCheck:
+    """Refuse to move a servo whose supply is outside its own limits."""
+
+    def voltage(candidate: Candidate, state: GateState) -> Refused | None:
+        for at, (volt, low, high) in _readings(
+            candidate, state.observation, "voltage_v", "voltage_min_v", "voltage_max_v"
+        ):
+            if volt < low or volt > high:
+                return Refused(
+                    "voltage",
+                    f"move: {axes[at].label} has {volt:.1f} V",
+                    f"supply {low:.1f}..{high:.1f} V",
+                    offered=f"{volt:.1f}",
+                    limit=f"{low:.1f}..{high:.1f}",
+                )
+        return None
+
+    return voltage
+
+
+def temperature(axes: Axes) -> GateCheck:
+    """Refuse to move a servo that is as hot as its own limit."""
+
+    def temperature(candidate: Candidate, state: GateState) -> Refused | None:
+        for at, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
+            if celsius >= high:
+                return Refused(
+                    "temperature",
+                    f"move: {axes[at].label} is at {celsius:.0f} deg C",
+                    f"let it cool below {high:.0f} deg C",
+                    offered=f"{celsius:.0f}",
+                    limit=f"{high:.0f}",
+                )
+        return None
+
+    return temperature
+
+
+def motor_fault(axes: Axes, codes: Mapping[str, str], remedies: Mapping[str, str]) -> GateCheck:
+    """Refuse to move a motor that reports a fault, as words in ``faults``. ``codes``: word -> code of the refusal;
+    the first word that has one decides. ``remedies``: by code. Silence is not judged here: ``stale`` gives it time
+    to come back."""
+
+    def motor_fault(candidate: Candidate, state: GateState) -> Refused | None:
+        faults = state.observation.faults
+        if not faults:
+            return None
+        for at in candidate.named:
+            words = faults.get(axes[at].key, "").split(", ")
+            words = [word for word in words if word and word != "silent"]
+            if not words:
+                continue
+            code = next((codes[word] for word in words if word in codes), "fault")
+            why = ", ".join(word for word in words if word != "limp")
+            if code == "limp" or "limp" in words:
+                said = f"is limp ({why})" if why else "is limp"
+            else:
+                said = f"reports {why}"
+            remedy = remedies.get(code, _CLEAR_IT)
+            return Refused(code, f"move: {axes[at].key} {said}", remedy, ", ".join(words), "no fault")
+        return None
+
+    return motor_fault
+
+
+def _readings(candidate: Candidate, seen: Observation, *names: str) -> Iterator[tuple[int, list[float]]]:
+    rows = [seen.sensors[name] for name in names if name in seen.sensors]
+    if len(rows) == len(names):
+        for at in candidate.named:
+            yield at, [row[at] for row in rows]

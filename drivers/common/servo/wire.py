@@ -33,7 +33,6 @@ from .readings import Readings
 from .safing import Safing, safing_on, unreachable
 
 TORQUE_CHECK_S = 0.5
-LINK_SILENT_S = 0.5
 HOLD_FRESH_S = 0.05
 """A position that was asked for longer ago is not where the joint is."""
 
@@ -279,7 +278,7 @@ class ServoWire(Wire, Generic[PacketT]):
             session.silent_since_ns = None
         elif session.silent_since_ns is None:
             session.silent_since_ns = now_ns
-        elif now_ns - session.silent_since_ns > LINK_SILENT_S * NS:
+        elif now_ns - session.silent_since_ns > self.config.timeout_s * NS:
             silent_ms = (now_ns - session.silent_since_ns) / 1e6
             raise WireDown(
                 f"read: no servo of {self.config.robot} answers for {silent_ms:.0f} ms. "

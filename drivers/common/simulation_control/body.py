@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 
 class Hand(enum.IntEnum):
@@ -71,6 +71,15 @@ class Body(Protocol):
 
     def reset(self) -> None:
         """Everything as at first."""
+        ...
+
+
+@runtime_checkable
+class Flying(Protocol):
+    """A body that falls when it is let go of."""
+
+    def land(self) -> None:
+        """Go down to the floor, and switch the motors off there."""
         ...
 
 

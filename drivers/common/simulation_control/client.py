@@ -12,6 +12,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p
 
@@ -93,7 +94,7 @@ class SimulationClient:
                 raise WireDown("the simulation ended")
             try:
                 self._heard.extend(self._decoder.feed(data))
-            except p.Garbled as garbled:
+            except MalformedFrame as garbled:
                 raise WireDown(f"the simulation says {garbled}") from None
         return self._heard.popleft()
 

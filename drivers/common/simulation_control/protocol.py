@@ -12,6 +12,8 @@ from typing import Generic, TypeVar
 
 import msgspec
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 HEADER = 4
 MAX_REQUEST = 1 << 16
 MAX_REPLY = 1 << 26
@@ -25,6 +27,7 @@ STEP_S = 30.0
 
 LIMP = "limp"
 HOLD = "hold"
+LAND = "land"
 
 
 class Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -46,7 +49,8 @@ class Aim(Frame, frozen=True):
 
 
 class Safe(Frame, frozen=True):
-    """``limp``: let go of what is taken. ``hold``: target := position. ``Sample``."""
+    """``limp``: let go of what is taken. ``hold``: target := position. ``land``: as ``hold``, but what flies comes
+    down. ``Sample``."""
 
     safe_state: str
 
@@ -124,10 +128,6 @@ FrameT = TypeVar("FrameT")
 _encode = msgspec.msgpack.Encoder().encode
 
 
-class Garbled(Exception):
-    """What came is no frame; nothing after it can be understood."""
-
-
 def encode(frame: Frame) -> bytes:
     body = _encode(frame)
     return len(body).to_bytes(HEADER, "little") + body
@@ -142,13 +142,13 @@ class Decoder(Generic[FrameT]):
         self._held = bytearray()
 
     def feed(self, data: bytes) -> Iterator[FrameT]:
-        """Raise ``Garbled``."""
+        """Raise ``MalformedFrame``."""
         held = self._held
         held += data
         while len(held) >= HEADER:
             size = int.from_bytes(held[:HEADER], "little")
             if size > self._longest:
-                raise Garbled(f"a frame of {size} bytes, more than {self._longest}")
+                raise MalformedFrame(f"a frame of {size} bytes, more than {self._longest}")
             if len(held) < HEADER + size:
                 return
             body = bytes(held[HEADER : HEADER + size])
@@ -156,7 +156,7 @@ class Decoder(Generic[FrameT]):
             try:
                 frame = self._kind.decode(body)
             except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-                raise Garbled(f"a frame that means nothing: {error}") from None
+                raise MalformedFrame(f"a frame that means nothing: {error}") from None
             yield frame
 
 

@@ -12,8 +12,10 @@ from typing import Literal, Protocol
 
 import trio
 
+from strands_actors.drivers.common.malformed import MalformedFrame
+
 from . import protocol as p
-from .body import Body, Hand
+from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
 
 BACKLOG = 16
@@ -77,7 +79,7 @@ class SimulationControl:
     async def _attend(self, sock: socket.socket) -> None:
         decoder = p.request_decoder()
         client = object()
-        with sock, contextlib.suppress(ConnectionError, p.Garbled):
+        with sock, contextlib.suppress(ConnectionError, MalformedFrame):
             sock.setblocking(False)
             while True:
                 await trio.lowlevel.wait_readable(sock)
@@ -114,6 +116,8 @@ class SimulationControl:
                     self._taker = None
                 if request.safe_state == p.LIMP:
                     body.take(False)
+                elif request.safe_state == p.LAND and isinstance(body, Flying):
+                    body.land()
                 else:
                     body.hold()
             case p.Reset():

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import aclosing
 from typing import Any, Unpack
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import Participant, Writer
 from strands_actors.drivers.common.twin import (
     Fault,
@@ -33,7 +34,7 @@ from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.gates import CONTROL_S
 from strands_actors.drivers.unitree.link import CDR
-from strands_actors.drivers.unitree.protocol import Command, CommandCodec, Garbled, StateCodec
+from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
@@ -160,7 +161,7 @@ class UnitreeServer:
         body = bytes(payload[4:])
         try:
             command = self._commands.decode(body)
-        except Garbled:
+        except MalformedFrame:
             self._log.write(t_ns, "host", [("garbled", body)])
             return
         safe_state = safe_state_of(command)
@@ -173,7 +174,7 @@ class UnitreeServer:
         body = bytes(payload[4:])
         try:
             request = rpc.decode_request(body)
-        except Garbled:
+        except MalformedFrame:
             self._log.write(t_ns, "host", [("garbled", body)])
             return
         self._log.write(t_ns, "host", [("read" if request.api in _READS else "config", body)])

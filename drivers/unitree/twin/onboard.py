@@ -9,9 +9,10 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
-from strands_actors.drivers.unitree.protocol import Command, Garbled, State
+from strands_actors.drivers.unitree.protocol import Command, State
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.drivers.unitree.rpc import Request, Response
 
@@ -142,7 +143,7 @@ class Onboard:
                 return None  # it is the released mode that serves it
             else:
                 answer = self._sport(request.api, parameter)
-        except (Garbled, KeyError, TypeError):
+        except (MalformedFrame, KeyError, TypeError):
             answer = rpc.BAD_DATA, None
         code, data = answer
         return Response(request.id, request.api, code, "" if data is None else json.dumps(data))

@@ -15,9 +15,11 @@ import numpy as np
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.arms import JOINTS, Arm, model_table
+from strands_actors.drivers.ur.arms import JOINTS, Arm
 
+from . import commands as c
 from . import motion
+from .model import model_table
 from .motion import Motion
 
 TICK_HZ = 500.0
@@ -52,7 +54,7 @@ class Controller:
     ) -> None:
         """``on_event`` hears what the controller does by itself: ``watchdog``."""
         self.plant = Plant.from_table(model_table(arm))
-        self.speed_rad_s = arm.speed_rad_s
+        self.speed_rad_s = tuple(axis.speed for axis in arm.axes)
         self.program_start_s = program_start_s
         self.now_s = now_s
         self._on_event = on_event
@@ -74,8 +76,8 @@ class Controller:
         self.speed_slider = 1.0
         self.payload_kg = 0.0
         self.digital_out = 0
-        self.int_in, self.int_out = [0] * p.REGISTERS, [0] * p.REGISTERS
-        self.double_in, self.double_out = [0.0] * p.REGISTERS, [0.0] * p.REGISTERS
+        self.int_in, self.int_out = [0] * c.REGISTERS, [0] * c.REGISTERS
+        self.double_in, self.double_out = [0.0] * c.REGISTERS, [0.0] * c.REGISTERS
         self.program: Program | None = None
         self.motion: Motion = motion.Hold()
         self.led = False  # whether a simulation moves the arm: until a program is started
@@ -231,9 +233,9 @@ class Controller:
             "robot_mode": int(self.mode),
             "safety_mode": int(self.safety),
             "safety_status": int(self.safety),
-            "safety_status_bits": p.SAFETY_BITS[self.safety],
+            "safety_status_bits": c.SAFETY_BITS[self.safety],
             "robot_status_bits": (
-                p.STATUS_POWER_ON * (self.mode >= p.RobotMode.POWER_ON) | p.STATUS_PROGRAM_RUNNING * running
+                c.STATUS_POWER_ON * (self.mode >= p.RobotMode.POWER_ON) | c.STATUS_PROGRAM_RUNNING * running
             ),
             "runtime_state": int(self.runtime_state),
             "speed_scaling": 0.0 if self.paused else self.speed_slider,
@@ -243,7 +245,7 @@ class Controller:
             "actual_main_voltage": 48.0,
             "actual_robot_voltage": 48.0,
         }
-        for number in range(p.REGISTERS):
+        for number in range(c.REGISTERS):
             values[f"output_int_register_{number}"] = self.int_out[number]
             values[f"output_double_register_{number}"] = self.double_out[number]
         return values
@@ -279,11 +281,11 @@ OUTPUT_TYPES: dict[str, str] = {
         "UINT64": "actual_digital_input_bits actual_digital_output_bits",
         "UINT32": "runtime_state robot_status_bits safety_status_bits",
         "INT32": "robot_mode safety_mode safety_status "
-        + " ".join(f"output_int_register_{number}" for number in range(p.REGISTERS)),
+        + " ".join(f"output_int_register_{number}" for number in range(c.REGISTERS)),
         "VECTOR6INT32": "joint_mode",
     }.items()
     for name in names.split()
-} | {f"output_double_register_{number}": "DOUBLE" for number in range(p.REGISTERS)}
+} | {f"output_double_register_{number}": "DOUBLE" for number in range(c.REGISTERS)}
 
 INPUT_TYPES: dict[str, str] = {
     "speed_slider_mask": "UINT32",
@@ -298,8 +300,8 @@ INPUT_TYPES: dict[str, str] = {
         for bank in ("standard", "configurable", "tool")
         for ending in ("", "_mask")
     },
-    **{f"input_int_register_{number}": "INT32" for number in range(p.REGISTERS)},
-    **{f"input_double_register_{number}": "DOUBLE" for number in range(p.REGISTERS)},
+    **{f"input_int_register_{number}": "INT32" for number in range(c.REGISTERS)},
+    **{f"input_double_register_{number}": "DOUBLE" for number in range(c.REGISTERS)},
 }
 
 _SIZES = {"VECTOR6D": 6, "VECTOR3D": 3, "VECTOR6INT32": 6}

@@ -7,6 +7,7 @@ import re
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.ur import protocol as p
 
+from . import commands as c
 from .controller import Controller
 from .script import program_of
 
@@ -30,7 +31,7 @@ class Dashboard:
             *lines, pending = (pending + data).split(b"\n")
             for line in lines:
                 text = line.decode("utf-8", "replace").strip()
-                connection.heard(t_ns, p.classify_dashboard(text), line + b"\n")
+                connection.heard(t_ns, c.classify_dashboard(text), line + b"\n")
                 connection.say("read", _line(self.answer(text)))
 
     def answer(self, line: str) -> str:
@@ -100,7 +101,7 @@ class ScriptPort:
             while (size := _complete(pending)) > 0:
                 text, pending = pending[:size], pending[size:]
                 if text.strip():
-                    connection.heard(t_ns, p.classify_script(text), text)
+                    connection.heard(t_ns, c.classify_script(text), text)
                     self._controller.start_program(program_of(text, self._controller))
 
 

@@ -6,9 +6,11 @@ import struct
 from collections import deque
 from collections.abc import Mapping
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 from strands_actors.drivers.ur import protocol as p
 
+from . import commands as c
 from .controller import INPUT_TYPES, OUTPUT_TYPES, TICK_HZ, Controller
 
 VERSION = struct.pack(">4I", 5, 13, 1, 0)
@@ -64,7 +66,7 @@ class Client:
             try:
                 for packet in self._decoder.feed(data):
                     self._handle(t_ns, packet)
-            except p.Garbled:
+            except MalformedFrame:
                 return
 
     def wants(self, tick: int) -> bool:
@@ -107,7 +109,7 @@ class Client:
             return
         values = recipe.unpack(payload)
         number = next((values[name] for name in COMMAND_REGISTERS if name in values), None)
-        kind = p.classify_command(number) if isinstance(number, int) else "config"
+        kind = c.classify_command(number) if isinstance(number, int) else "config"
         self._connection.heard(t_ns, kind, raw)
         self._server.controller.write(values)
 
@@ -133,8 +135,8 @@ class Client:
     def _agree_outputs(self, payload: bytes) -> bytes:
         (hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        types = [OUTPUT_TYPES.get(name, p.NOT_FOUND) for name in names]
-        if p.NOT_FOUND not in types:
+        types = [OUTPUT_TYPES.get(name, c.NOT_FOUND) for name in names]
+        if c.NOT_FOUND not in types:
             self._outputs = p.Recipe(1, names, types)
             self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1
         return b"\x01" + ",".join(types).encode()
@@ -142,17 +144,17 @@ class Client:
     def _agree_inputs(self, payload: bytes) -> bytes:
         names, owners = _names(payload), self._server.owners
         types = [
-            p.IN_USE if owners.get(name, self) is not self else INPUT_TYPES.get(name, p.NOT_FOUND) for name in names
+            c.IN_USE if owners.get(name, self) is not self else INPUT_TYPES.get(name, c.NOT_FOUND) for name in names
         ]
         number = 0
-        if p.IN_USE not in types and p.NOT_FOUND not in types:
+        if c.IN_USE not in types and c.NOT_FOUND not in types:
             number = len(self._inputs) + 1
             self._inputs[number] = p.Recipe(number, names, types)
             owners.update(dict.fromkeys(names, self))
         return bytes([number]) + ",".join(types).encode()
 
 
-COMMAND_REGISTERS = ("input_int_register_0", f"input_int_register_{p.UPPER_RANGE}")
+COMMAND_REGISTERS = ("input_int_register_0", f"input_int_register_{c.UPPER_RANGE}")
 """Where the control script looks for its command, by the range it was told to use."""
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from strands_actors.drivers.ur import protocol as p
 
+from . import commands as c
 from .controller import Controller, Program
 from .motion import MoveTo, Servo, Speed
 
@@ -17,7 +18,7 @@ _CONTROL = b"def rtde_control()"
 
 def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
     """What a text sent to a script port makes the controller do."""
-    if p.classify_script(text) == "safe":
+    if c.classify_script(text) == "safe":
         return lambda: Halting(controller)
     if _CONTROL in text:
         found = _OFFSET.search(text)
@@ -58,34 +59,34 @@ class ControlScript:
     def __init__(self, controller: Controller, offset: int) -> None:
         self._controller = controller
         self._offset = offset
-        self._busy_with = p.Command.NONE.value
+        self._busy_with = c.Command.NONE.value
         self._move: MoveTo | None = None
         self._stands_s: float | None = None  # when a stop is over
-        controller.int_in[offset] = p.Command.NONE
-        self._answer(p.READY)
+        controller.int_in[offset] = c.Command.NONE
+        self._answer(c.READY)
 
     def step(self) -> None:
         if self._move is not None and self._move.arrived(self._controller.plant):
             self._move = None
-            self._answer(p.DONE)
+            self._answer(c.DONE)
         if self._stands_s is not None and self._controller.now_s() >= self._stands_s:
             self._stands_s = None
-            self._answer(p.DONE)
+            self._answer(c.DONE)
 
     def heard(self) -> None:
         number = self._controller.int_in[self._offset]
-        if number in p.AT_ONCE:
+        if number in c.AT_ONCE:
             self._do(number)
-            self._answer(p.READY)
-        elif number in (p.Command.NONE, p.Command.KICK_WATCHDOG):
-            self._busy_with = p.Command.NONE
+            self._answer(c.READY)
+        elif number in (c.Command.NONE, c.Command.KICK_WATCHDOG):
+            self._busy_with = c.Command.NONE
             if not self._executing:
-                self._answer(p.READY)
+                self._answer(c.READY)
         elif number != self._busy_with:
             self._busy_with = number
             self._do(number)
             if not self._executing:
-                self._answer(p.DONE)
+                self._answer(c.DONE)
 
     @property
     def _executing(self) -> bool:
@@ -94,33 +95,33 @@ class ControlScript:
     def _do(self, number: int) -> None:
         controller, value = self._controller, self._double
         match number:
-            case p.Command.SERVO_J:
+            case c.Command.SERVO_J:
                 controller.move(Servo(self._six()))
-            case p.Command.SPEED_J:
+            case c.Command.SPEED_J:
                 controller.move(Speed(self._six()))
-            case p.Command.MOVE_J:
+            case c.Command.MOVE_J:
                 move = MoveTo(self._six(), value(6))
                 controller.move(move)
                 self._move = None if self._int(1) else move  # asynchronous: done at once
-            case p.Command.SERVO_STOP | p.Command.SPEED_STOP | p.Command.STOP_J | p.Command.STOP_L:
+            case c.Command.SERVO_STOP | c.Command.SPEED_STOP | c.Command.STOP_J | c.Command.STOP_L:
                 self._move = None
                 self._stands_s = controller.now_s() + controller.halt()
-            case p.Command.SET_PAYLOAD:
+            case c.Command.SET_PAYLOAD:
                 controller.payload_kg = value(0)
-            case p.Command.GET_STEP_TIME:
+            case c.Command.GET_STEP_TIME:
                 self._out(0, 0.002)
-            case p.Command.SET_WATCHDOG:
+            case c.Command.SET_WATCHDOG:
                 controller.watch(self._offset, value(0))
-            case p.Command.IS_POSE_WITHIN_LIMITS | p.Command.ARE_JOINTS_WITHIN_LIMITS:
+            case c.Command.IS_POSE_WITHIN_LIMITS | c.Command.ARE_JOINTS_WITHIN_LIMITS:
                 controller.int_out[self._offset + 1] = 1
-            case p.Command.GET_JOINT_TORQUES:
+            case c.Command.GET_JOINT_TORQUES:
                 for joint, nm in enumerate(controller.plant.effort_nm):
                     self._out(joint, nm)
-            case p.Command.IS_STEADY:
+            case c.Command.IS_STEADY:
                 controller.int_out[self._offset + 1] = int(controller.is_steady())
-            case p.Command.PROTECTIVE_STOP:
+            case c.Command.PROTECTIVE_STOP:
                 controller.set_safety(p.SafetyMode.PROTECTIVE_STOP)
-            case p.Command.STOP_SCRIPT:
+            case c.Command.STOP_SCRIPT:
                 controller.stop_program()
 
     def _answer(self, word: int) -> None:

@@ -1,4 +1,4 @@
-"""A page of memory that two processes share, in which each notes when it last beat.
+"""A page of memory that the processes of a tree share, in which each notes when it last beat.
 
 A heartbeat says one thing, and only the newest counts; as a message it cost two system calls, a wake-up and a
 decoding, 250 times a second each way for legs: 8 % of what their wire computed, a fifth of what their root did.
@@ -13,21 +13,39 @@ import os
 import sys
 import tempfile
 
+PLACES = 8
 _ROOM = 8
-"""Words of 8 bytes between the two: a cache line each. An aligned word is stored as a whole."""
-_BYTES = 2 * _ROOM * 8
+"""Words of 8 bytes between two places: a cache line each. An aligned word is stored as a whole."""
+_BYTES = PLACES * _ROOM * 8
+
+
+class Word:
+    """One number on a page, of 64 bits with a sign. At first 0."""
+
+    __slots__ = ("_at", "_words")
+
+    def __init__(self, words: memoryview, place: int) -> None:
+        self._words = words
+        self._at = place * _ROOM
+
+    def set(self, value: int) -> None:
+        self._words[self._at] = value
+
+    def get(self) -> int:
+        value: int = self._words[self._at]
+        return value
 
 
 class Heartbeat:
-    """One end. Times are nanoseconds of the host's monotonic clock, the same in all its processes; 0: never."""
+    """One end of two. Times are nanoseconds of the host's monotonic clock; 0: never."""
 
     __slots__ = ("_other", "_own", "_words")
 
-    def __init__(self, words: memoryview, end: int) -> None:
-        """``words``: signed, of 8 bytes; ``end``: 0 or 1."""
+    def __init__(self, words: memoryview, own: int, other: int) -> None:
+        """``own``, ``other``: places on the page."""
         self._words = words
-        self._own = end * _ROOM
-        self._other = (1 - end) * _ROOM
+        self._own = own * _ROOM
+        self._other = other * _ROOM
 
     def beat(self, now_ns: int) -> None:
         self._words[self._own] = now_ns
@@ -54,12 +72,17 @@ def new_page() -> int:
     return fd
 
 
-def on_page(fd: int, end: int) -> Heartbeat:
-    """An end of the page that a descriptor gives; it may be closed afterwards."""
-    return Heartbeat(memoryview(mmap.mmap(fd, _BYTES)).cast("q"), end)
+def words_of(fd: int) -> memoryview:
+    """The page that a descriptor gives; it may be closed afterwards."""
+    return memoryview(mmap.mmap(fd, _BYTES)).cast("q")
+
+
+def private_page() -> memoryview:
+    """A page of this process alone."""
+    return memoryview(bytearray(_BYTES)).cast("q")
 
 
 def pair() -> tuple[Heartbeat, Heartbeat]:
     """Both ends in this process."""
-    words = memoryview(bytearray(_BYTES)).cast("q")
-    return Heartbeat(words, 0), Heartbeat(words, 1)
+    words = private_page()
+    return Heartbeat(words, 0, 1), Heartbeat(words, 1, 0)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import os
 
+STANDBY_PRIORITY = 13
+"""Above both, which it has to be able to end. It does next to nothing as long as one of them lives."""
 ROOT_PRIORITY = 12
 WIRE_PRIORITY = 11
 """Below the root, which has to be able to end it."""
@@ -36,7 +38,7 @@ def scheduling() -> str:
         return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
     if len(os.sched_getaffinity(0)) < 2:
         return "ordinary: SCHED_FIFO needs a second core"
-    return f"ordinary: SCHED_FIFO was not granted. Allow it with: ulimit -r {ROOT_PRIORITY}"
+    return f"ordinary: SCHED_FIFO was not granted. Allow it with: ulimit -r {STANDBY_PRIORITY}"
 
 
 def run_like_others() -> None:

@@ -13,12 +13,16 @@ from . import child
 from .process import ChildProcess, OwnChild, specify
 
 
-def fork_child(link_fd: int, keep: Sequence[int] = ()) -> int:
-    """Its pid. It is as one that ``process.execute`` starts: a process group of its own, no descriptor of anybody
-    else's but those to ``keep``, told over ``link_fd`` what to run. This process must have one thread."""
+def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) -> int:
+    """Its pid. It is as one that ``process.execute`` starts: a process group of its own (with ``session`` a session
+    too), no descriptor of anybody else's but those to ``keep``, told over ``link_fd`` what to run. This process
+    must have one thread."""
     pid = os.fork()
     if pid == 0:
-        os.setpgid(0, 0)
+        if session:
+            os.setsid()
+        else:
+            os.setpgid(0, 0)
         first = 3
         for fd in sorted((link_fd, *keep)):
             os.closerange(first, fd)
@@ -51,13 +55,14 @@ class Forked:
         return self._code
 
 
-class Standby:
-    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is given."""
+class ForkedAhead:
+    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is given. ``session``:
+    see ``fork_child``."""
 
-    def __init__(self, keep: Sequence[int] = ()) -> None:
+    def __init__(self, keep: Sequence[int] = (), session: bool = False) -> None:
         self._socket, theirs = socket.socketpair()
         with theirs:
-            self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep))
+            self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session))
 
     def start(self, entry: str, args: Mapping[str, Any]) -> ChildProcess | None:
         """As ``process.start``. None when it was started before, or has ended."""

@@ -7,7 +7,7 @@ person (``agents/approval.py``) asks for the rest; whoever cannot refuses.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from strands_actors.kernel.messages import Refused
 
@@ -15,14 +15,23 @@ ALLOW = "STRANDS_ACTORS_ALLOW"
 """Environment: guarded names that are allowed without asking, separated by commas."""
 
 
-def allowed() -> frozenset[str]:
-    return frozenset(name for part in os.environ.get(ALLOW, "").split(",") if (name := part.strip()))
+ALLOW_TOPICS = "STRANDS_ROS2_COMMAND_ALLOW"
+"""Environment: ROS topics that may be published on without asking, separated by commas."""
 
 
-def unapproved(guarded: Collection[str], names: Iterable[str]) -> tuple[str, ...]:
-    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos`` behind it."""
+def allowed(variable: str = ALLOW) -> frozenset[str]:
+    return frozenset(name for part in os.environ.get(variable, "").split(",") if (name := part.strip()))
+
+
+def unapproved(
+    guarded: Collection[str], names: Iterable[str], topics: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos`` behind it.
+    ``topics``: names that go out on a ROS topic, which may be allowed as a whole."""
     plain = (str(name).removesuffix(".pos") for name in names)
-    return tuple(sorted(frozenset(guarded).intersection(plain) - allowed()))
+    by_topic, of = allowed(ALLOW_TOPICS), topics or {}
+    wanted = frozenset(guarded).intersection(plain) - allowed()
+    return tuple(sorted(name for name in wanted if of.get(name) not in by_topic))
 
 
 def not_approved(verb: str, names: Iterable[str], why: str) -> Refused:

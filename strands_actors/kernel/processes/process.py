@@ -61,6 +61,10 @@ class ChildProcess(ABC):
     @abstractmethod
     def alive(self) -> bool: ...
 
+    def pidfds(self) -> tuple[int, ...]:
+        """A duplicate of its pidfd, to give away; empty where there is none."""
+        return () if self._pidfd is None else (os.dup(self._pidfd),)
+
     def kill(self, sig: int = signal.SIGKILL) -> None:
         """Signal the child; harmless when it is already gone."""
         if not self.alive:

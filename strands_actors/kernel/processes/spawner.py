@@ -18,16 +18,19 @@ import select
 import socket
 import struct
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import trio
 
 from .fork import Forked, fork_child
+from .identity import take_name
 from .process import ChildProcess, OwnChild, specify, start
 
 _REPORT = struct.Struct("<ii")  # pid, and _STARTED (a pidfd comes with it) or the exit code; its own: _READY
 _STARTED, _READY = 1 << 30, 1 << 29
+_GROUP, _SESSION = b"g", b"s"
+"""What is asked for: a child that is a process group of its own, or a session."""
 _CODE_S = 0.5
 ANSWER_S = 1.0
 """A fork takes milliseconds: a spawner that has not answered by then is frozen."""
@@ -72,7 +75,7 @@ class _Server:
         self._ready = trio.Event()
         self.gone = False
 
-    async def fork(self) -> SpawnedChild | None:
+    async def fork(self, session: bool) -> SpawnedChild | None:
         """None when it does not answer, or is gone. One at a time."""
         with trio.move_on_after(READY_S):
             await self._ready.wait()
@@ -81,7 +84,7 @@ class _Server:
         self._asked, self._answer = (ours, answered), None
         try:
             with theirs:
-                socket.send_fds(self._socket, [b"!"], [theirs.fileno()])
+                socket.send_fds(self._socket, [_SESSION if session else _GROUP], [theirs.fileno()])
             with trio.move_on_after(ANSWER_S):
                 await answered.wait()
         except OSError:
@@ -139,8 +142,10 @@ class _Server:
 class Spawner:
     """Make it before there are threads, run ``run``, then ``start``."""
 
-    def __init__(self, close: tuple[int, ...] = ()) -> None:
-        """``close``: descriptors that are not for the spawner to keep open."""
+    def __init__(self, close: tuple[int, ...] = (), name: Sequence[str] = ()) -> None:
+        """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is called, for
+        ``take_name``."""
+        self._name = tuple(name)
         ours, theirs = socket.socketpair()
         pid = os.fork()
         if pid == 0:
@@ -148,7 +153,7 @@ class Spawner:
                 ours.close()
                 for fd in close:
                     os.close(fd)
-                _serve(theirs)
+                _serve(theirs, name)
             finally:
                 os._exit(0)
         theirs.close()
@@ -156,13 +161,13 @@ class Spawner:
         self._replaced = trio.Event()
         self._one_at_a_time = trio.Lock()
 
-    async def start(self, entry: str, args: Mapping[str, Any]) -> ChildProcess:
-        """As ``process.start``, without standing still. Raise ``OSError`` when the spawner does not answer: then
-        nothing was started, nor will be."""
+    async def start(self, entry: str, args: Mapping[str, Any], session: bool = False) -> ChildProcess:
+        """As ``process.start``, without standing still; with ``session`` it is a session of its own. Raise
+        ``OSError`` when the spawner does not answer: then nothing was started, nor will be."""
         async with self._one_at_a_time:
             if self._server.gone:
                 self._replace()
-            child = await self._server.fork()
+            child = await self._server.fork(session)
             if child is None:
                 why = "the process that starts others " + (
                     "has ended" if self._server.gone else f"did not answer within {ANSWER_S:g} s"
@@ -174,7 +179,7 @@ class Spawner:
         return child
 
     def _replace(self) -> None:
-        self._server = _Server(start(f"{__name__}:main", {}))
+        self._server = _Server(start(f"{__name__}:main", {"name": self._name}))
         self._replaced.set()
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -189,11 +194,13 @@ class Spawner:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of a spawner that replaces another."""
-    _serve(sock)
+    _serve(sock, args["name"])
 
 
-def _serve(sock: socket.socket) -> None:
+def _serve(sock: socket.socket, name: Sequence[str]) -> None:
     """The spawner process: one request, one child; then report its end."""
+    if name:
+        take_name(*name)
     gc.collect()
     gc.freeze()  # a child's own collection then neither walks nor copies what it was born with (6 ms)
     children: dict[int, int] = {}
@@ -210,7 +217,7 @@ def _serve(sock: socket.socket) -> None:
             data, descriptors, _, _ = socket.recv_fds(sock, 1, 1)
             if not data:
                 return
-            pid = fork_child(descriptors[0])
+            pid = fork_child(descriptors[0], session=data == _SESSION)
             os.close(descriptors[0])
             pidfd = os.pidfd_open(pid)  # before it can be buried: nobody else can have its number
             children[pidfd] = pid

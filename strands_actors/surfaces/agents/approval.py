@@ -1,8 +1,9 @@
 """The operator gate: who is not the robot's own program may use what is guarded only when a person agrees.
 
-Guarded is what a driver declares (``Driver.GUARDED``) and what ``Robot(guarded=...)`` adds: verbs, and keys of an
-action. Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, or the answer ``True`` of ``approve``. No
-answer in time, an exception, any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
+Guarded is what a driver declares (``Driver.GUARDED``) and what ``Robot(guarded=...)`` adds: verbs,
+and keys of an action. Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, its ROS
+topic in ``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time, an
+exception, any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
 """
 
 from __future__ import annotations
@@ -48,14 +49,18 @@ def approval_of(
 ) -> Approval:
     """With what the driver guards by itself."""
     own = Approval(guarded, approve, within_s)
-    return Approval(own.guarded | set(driver_class.GUARDED), approve, within_s)
+    return Approval(own.guarded | set(driver_class.GUARDED), approve, within_s, driver_class.TOPICS)
 
 
 class Approval:
     """The gate of one robot. ``within_s``: how long ``approve`` may take; it runs in a thread of its own."""
 
     def __init__(
-        self, guarded: Collection[str] = (), approve: Approve | None = None, within_s: float = APPROVE_S
+        self,
+        guarded: Collection[str] = (),
+        approve: Approve | None = None,
+        within_s: float = APPROVE_S,
+        topics: Mapping[str, str] | None = None,
     ) -> None:
         """Raise ``TypeError`` or ``ValueError`` for what would guard nothing, or nothing that can be."""
         if isinstance(guarded, str):
@@ -67,12 +72,13 @@ class Approval:
                 f"approve is {approve!r}. give a function that takes a request and returns True or False"
             )
         self.guarded = frozenset(guarded)
+        self._topics = dict(topics or {})
         self._approve = approve
         self._within_s = within_s
 
     async def refuse(self, request: Request, keys: Iterable[str] = ()) -> Refused | None:
         """None: go on. ``keys``: of the action it would come to."""
-        names = unapproved(self.guarded, (request.verb, *keys))
+        names = unapproved(self.guarded, (request.verb, *keys), self._topics)
         why = await self._ask(request) if names else None
         return None if why is None else not_approved(request.verb, names, why)
 

@@ -30,6 +30,7 @@ class Call:
 
     verb: ToolVerb
     inputs: Mapping[str, Any] = field(default_factory=dict)
+    moves: bool = False  # of a service: it moves the robot
 
     @property
     def kind(self) -> Kind:
@@ -39,6 +40,8 @@ class Call:
                 return "stop"
             case "action":
                 return "motion"
+            case "service":
+                return "motion" if self.moves else "read"
             case "torque":
                 return "motion" if self.inputs["enabled"] else "stop"
         return "read"
@@ -100,7 +103,8 @@ def read(driver: Driver, given: object) -> Call | Refused:
     if verb.does == "stop":
         return Call(verb)
     inputs = {name: value for name, value in given.items() if name != "action" and value is not None}
-    return _refuse_inputs(verb, inputs) or Call(verb, inputs)
+    service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
+    return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and service.moves)
 
 
 def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:

@@ -21,12 +21,15 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
         if motion:
             return answers.refused(Refused("no_motion", f"{verb.name}: motion is not allowed here", motion))
         request = Request(tree.robot, verb.name, call.inputs, by)
-        refusal = await approval.refuse(request, call.action if verb.does == "action" else ())
+        keys = tree.driver.to_approve(call.action) if verb.does == "action" else ()
+        refusal = await approval.refuse(request, keys)
         if refusal is not None:
             return answers.refused(refusal)
     match verb.does:
         case "action":
             return await verbs.send_action(tree, call.action)
+        case "service":
+            return await verbs.service(tree, verb.name, call.inputs)
         case "torque":
             return await verbs.resume(tree, lift=False)  # an e-stop is an operator's to lift
         case "sensors":

@@ -275,12 +275,13 @@ def matrix(
         str | None, typer.Option(help="Cells that are repeated: wire-exit, so101/wire-spin ...")
     ] = None,
     why: Annotated[str, typer.Option(help="For the page: why these, and none of the others.")] = "",
+    pairs: Annotated[bool, typer.Option(help="Break two processes, one shortly after the other.")] = False,
     json: Json = False,
 ) -> None:
     """Break everything there is to break on the twins, and measure."""
     from .matrix import run as measure
 
-    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, again, why))
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, again, why, pairs))
 
 
 def main() -> None:

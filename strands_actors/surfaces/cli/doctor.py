@@ -55,6 +55,7 @@ def examine() -> Iterator[Check]:
         check_python,
         check_kernel,
         check_scheduling,
+        check_memory,
         check_directory,
         check_zenoh,
         check_serial,
@@ -118,6 +119,24 @@ def check_scheduling() -> Iterator[Check]:
     yield Check(
         "scheduling", OK, "SCHED_FIFO is permitted: `chrt -f 5 python script.py` gives it to a robot's tree"
     )
+
+
+def check_memory() -> Iterator[Check]:
+    """Whom the kernel ends when memory runs out."""
+    from strands_actors.kernel.processes.identity import LAST, may_be_taken_last
+
+    may = may_be_taken_last()
+    if may is None:
+        yield Check("memory", WEAK, "this system does not say whom it ends when memory runs out")
+    elif may:
+        yield Check("memory", OK, f"a tree's processes are taken last when it runs out (oom_score_adj {LAST})")
+    else:
+        yield Check(
+            "memory",
+            WEAK,
+            "when it runs out the kernel may end root, wire and standby as soon as others",
+            f"run the script by systemd with OOMScoreAdjust={LAST}, or give it CAP_SYS_RESOURCE",
+        )
 
 
 def check_directory() -> Iterator[Check]:

@@ -76,6 +76,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     )
     count = 5 if runs_policies(driver) else 4
     print(CONSENT.format(robot=robot, port=port, count=count, safe_states=safe_states), file=sys.stderr)
+    if driver.BEFORE_MOTION:
+        print(f"Before each of them it does {driver.BEFORE_MOTION}(). Keep clear of it.", file=sys.stderr)
     if not sys.stdin.isatty():
         raise Problem("drill: nobody is there to consent. pass --yes when that was done elsewhere")
     print(f"Type {robot} to go on: ", end="", file=sys.stderr, flush=True)

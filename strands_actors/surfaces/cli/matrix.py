@@ -12,10 +12,21 @@ from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.testing import trials as testing_trials
 from strands_actors.testing.bench import driver_of
-from strands_actors.testing.faults import Cell, Faults, Victims, cells_of
-from strands_actors.testing.jobs import Plan, measure_all
-from strands_actors.testing.matrix import Row, as_json, conditions, page, rows_of, summary, verdict
-from strands_actors.testing.trials import Trial, Trials
+from strands_actors.testing.faults import cells_of
+from strands_actors.testing.jobs import Cells, Plan, measure_all
+from strands_actors.testing.matrix import (
+    INTRODUCTION,
+    PAIRS,
+    Row,
+    as_json,
+    conditions,
+    page,
+    rows_of,
+    summary,
+    verdict,
+)
+from strands_actors.testing.pairs import pairs_of
+from strands_actors.testing.trials import Trial, Trials, cell_named
 
 from .errors import Problem
 
@@ -31,23 +42,26 @@ def run(
     resume: Path | None = None,
     again: str | None = None,
     why: str = "",
+    pairs: bool = False,
 ) -> int:
     """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other rows with it: they
     are written, and then it is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
-    repeated = _repeated(again, why, resume, robots)
+    cells: Cells = pairs_of if pairs else cells_of
+    repeated = _repeated(again, why, resume, robots, cells)
     try:
         trials = Trials(resume, jobs, repeated, why)
     except testing_trials.Problem as problem:
         raise Problem(f"matrix: {problem}") from None
-    problems = trio.run(measure_all, Plan(robots, repeats, trials), jobs, _Progress(trials, repeats).heard)
-    rows, taken = list(rows_of(robots, trials)), conditions(trials)
+    problems = trio.run(measure_all, Plan(robots, repeats, trials, cells), jobs, _Progress(trials, repeats).heard)
+    rows, taken = list(rows_of(robots, trials, cells)), conditions(trials)
+    written = page(rows, taken, PAIRS if pairs else INTRODUCTION)
     if out is not None:
-        out.write_text(page(rows, taken))
+        out.write_text(written)
     if json:
         print(as_json(rows, taken))
     elif out is None:
-        print(page(rows, taken))
+        print(written)
     if problems:
         raise Problem(f"matrix: {problems[0]}" + (f" (and {len(problems) - 1} more)" if problems[1:] else ""))
     return 0 if all(row.safe for row in rows) else 1
@@ -63,7 +77,7 @@ class _Progress:
     def heard(self, trial: Trial) -> None:
         self._trials.add(trial)
         robot, victim, fault = trial.cell
-        cell = Cell(Victims(victim), Faults(fault))
+        cell = cell_named(victim, fault)
         row = summary(robot, cell, self._trials.of(robot, cell))
         if not trial.outcome.safe or row.trials == self._repeats:
             _tell(row)
@@ -90,21 +104,21 @@ def _chosen(text: str) -> list[str]:
     return robots
 
 
-def _repeated(again: str | None, why: str, resume: Path | None, robots: Iterable[str]) -> list[str]:
-    cells = [name.strip() for name in (again or "").split(",") if name.strip()]
-    if (cells or why) and not (cells and why and resume):
+def _repeated(again: str | None, why: str, resume: Path | None, robots: Iterable[str], cells: Cells) -> list[str]:
+    names = [name.strip() for name in (again or "").split(",") if name.strip()]
+    if (names or why) and not (names and why and resume):
         raise Problem("matrix: --again, --why and --resume go together: some trials of that file count no more")
-    known = {f"{cell}" for robot in robots for cell in cells_of(driver_of(robot)) if not cell.why_not}
-    for name in cells:
+    known = {f"{cell}" for robot in robots for cell in cells(driver_of(robot)) if not cell.why_not}
+    for name in names:
         robot, _, cell = name.rpartition("/")
         if cell not in known or (robot and robot not in robots):
             raise Problem(f"matrix: no cell {name!r}. there are {', '.join(sorted(known))}, and ROBOT/CELL of each")
-    return cells
+    return names
 
 
 def _tell(row: Row) -> None:
     line = (
-        f"{row.robot:<14} {row.victim:<7} {row.fault:<13} {row.safe_state:<6} median {row.median_ms:7.1f} ms  "
+        f"{row.robot:<14} {row.victim:<16} {row.fault:<15} {row.safe_state:<6} median {row.median_ms:7.1f} ms  "
         f"worst {row.worst_ms:7.1f} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  "
         f"disturbed {row.disturbed}  {verdict(row) if row.safe else verdict(row).upper()}"
     )

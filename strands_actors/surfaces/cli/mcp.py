@@ -10,7 +10,7 @@ import trio
 from strands_actors.caller.async_robot import AsyncRobot, open_tree
 from strands_actors.caller.background import open_background
 from strands_actors.caller.plan import Plan, plan
-from strands_actors.surfaces.agents.approval import Approval, ask_on_terminal
+from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of, ask_on_terminal
 
 from .errors import Problem
 
@@ -54,6 +54,6 @@ async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
 async def _serve(wanted: Plan, allow_motion: bool) -> None:
     from strands_actors.surfaces.agents.mcp_server import serve
 
-    approval = Approval(wanted.driver_class.GUARDED, ask_on_terminal)
+    approval = approval_of(wanted.driver_class, (), ask_on_terminal, APPROVE_S)
     async with open_tree(wanted, arm=allow_motion) as tree:
         await serve(AsyncRobot(tree, approval), allow_motion)

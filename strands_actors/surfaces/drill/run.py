@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import trio
 
 from strands_actors.caller.async_robot import open_tree
-from strands_actors.caller.plan import Plan, plan
+from strands_actors.caller.plan import Plan, completed, plan
 from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
-from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.driver import Driver, Reason, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.testing.twin import Twin
@@ -57,7 +57,10 @@ async def run_drill(
     nothing to drill."""
     plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
     with _behind(robot, port) as (twin, address):
-        wanted = plan(robot, "real", port=address, **options)
+        try:
+            wanted = await completed(plan(robot, "real", port=address, **options))
+        except WireDown as down:
+            raise ConnectionError(str(down)) from None
         config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
         figures: list[Figure] = []
         async with open_tree(wanted) as tree:

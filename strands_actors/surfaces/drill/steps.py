@@ -157,6 +157,10 @@ class Drill:
             released = await tree.perform(RELEASE, {})
             if isinstance(released, Refused):
                 raise Failed(released.text)
+        if self._driver.BEFORE_MOTION:
+            prepared = await tree.perform(self._driver.BEFORE_MOTION, {})
+            if isinstance(prepared, Refused):
+                raise Failed(prepared.text)
         if not runs_policies(self._driver):
             async with trio.open_nursery() as nursery:
                 await nursery.start(self._send_still)

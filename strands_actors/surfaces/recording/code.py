@@ -8,7 +8,8 @@ from pathlib import Path
 
 from strands_actors.contract import driver as contract
 from strands_actors.contract.driver import Driver
-from strands_actors.drivers import get_native_driver_class
+from strands_actors.contract.loading import load
+from strands_actors.drivers import PLAIN, get_native_driver_class
 from strands_actors.supervisors import messages
 from strands_actors.supervisors.gate import failsafe, gate
 from strands_actors.supervisors.loading import describe_driver
@@ -24,6 +25,9 @@ def driver_class_of(description: dict[str, object]) -> type[Driver]:
     """The registered class of the robot. One that only the file names is not loaded: a file is no authority for
     what code to run. Raise ``RecordingError``."""
     robot = str(description.get("robot"))
+    if description.get("class") == PLAIN:  # of this package: what decides for any class of the drivers page
+        plain: type[Driver] = load(PLAIN)
+        return plain
     found = get_native_driver_class(robot)
     if found is None or not issubclass(found, Driver):
         raise RecordingError(f"there is no driver for {robot} here. install the package that has it")

@@ -1,4 +1,4 @@
-"""What the kernel and the system do for processes, for simulated ones: start, watch, signal, share a page."""
+"""What the kernel and the system do for processes, for simulated ones: start, watch, signal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import trio
 
 from strands_actors.kernel.channels.permissions import Channel
-from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Life, Standing
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.process import ChildProcess
@@ -39,6 +38,9 @@ class SimChild(ChildProcess):
     def kill(self, sig: int = 9) -> None:
         if not self._sock.process.dead:
             self._child.kill(-sig)
+
+    def pidfds(self) -> tuple[int, ...]:
+        return (os.memfd_create(f"pidfd {self.pid}"),)
 
     async def wait(self) -> int:
         await until_ended(self._child)
@@ -83,13 +85,15 @@ class Starter:
         ends.extend(socket_pair(child, parent))
         return SimChild(child, ends[1])
 
-    def execute(self, entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = ()) -> SimChild:
+    def execute(
+        self, entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = ""
+    ) -> SimChild:
         """As ``process.start``."""
         return self.start(entry, args, EXECUTED_S)
 
 
-class SimStandby:
-    """As ``Standby``: one child that was forked before."""
+class SimAhead:
+    """As ``ForkedAhead``: one child that was forked before."""
 
     def __init__(self, starter: Starter) -> None:
         self._starter: Starter | None = starter
@@ -105,7 +109,7 @@ class SimSpawner:
     def __init__(self, starter: Starter) -> None:
         self._starter = starter
 
-    async def start(self, entry: str, args: Mapping[str, Any]) -> SimChild:
+    async def start(self, entry: str, args: Mapping[str, Any], session: bool = False) -> SimChild:
         await trio.sleep(0.002)
         if self._starter.spawner_slow_s:
             await trio.sleep(self._starter.spawner_slow_s)
@@ -116,18 +120,33 @@ class SimSpawner:
         await trio.sleep_forever()
 
 
-class SimHeartbeat(Heartbeat):
-    """One end of a shared page; who is dead stores nothing."""
+class SimPeer:
+    """As ``Peer``: a process of the tree that is no child of this one."""
 
-    __slots__ = ("_process",)
+    def __init__(self, world: World, pid: int, pidfd: int | None = None) -> None:
+        found = world.by_pid(pid)
+        assert found is not None
+        self.pid = pid
+        self._process = found
+        self._pidfd = pidfd
 
-    def __init__(self, words: memoryview, end: int, process: Process) -> None:
-        super().__init__(words, end)
-        self._process = process
+    @property
+    def ended(self) -> bool:
+        return self._process.gone
 
-    def beat(self, now_ns: int) -> None:
-        if not self._process.dead:
-            super().beat(now_ns)
+    async def wait(self) -> None:
+        await until_ended(self._process)
+
+    async def fence(self, within_s: float) -> bool:
+        self._process.kill()
+        with trio.move_on_after(within_s):
+            await self.wait()
+        return self.ended
+
+    def close(self) -> None:
+        if self._pidfd is not None:
+            os.close(self._pidfd)
+            self._pidfd = None
 
 
 class SimOs:
@@ -142,6 +161,10 @@ class SimOs:
     def getppid(self) -> int:
         parent = self._world.current.parent
         return 1 if parent is None or parent.gone else parent.pid
+
+    def pidfd_open(self, pid: int) -> int:
+        """A descriptor to give away; who gets it goes by the number that comes with it."""
+        return os.memfd_create(f"pidfd {pid}")
 
     def _exit(self, code: int) -> None:
         self._world.current.exit(code)

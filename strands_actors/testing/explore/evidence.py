@@ -16,12 +16,6 @@ from .world import TREE, Process, World
 
 ALONE_S = 0.35
 """So long before a fault, and until its bound is over, nothing else was wrong: then its bound is promised."""
-PAIR_S = 0.4
-"""A wire and a root that fail within this time: nobody is left [SAF-016 is not kept yet]."""
-
-
-AGAIN_S = 2.5
-"""The longest pause between two attempts of who is alone to make the robot safe, and an attempt."""
 
 
 class Fault(NamedTuple):
@@ -129,18 +123,10 @@ class Evidence:
 
     @property
     def excused(self) -> bool:
-        """Nobody was left to act: wire and root were killed, together or while nothing could be
-        written; or the root, alone since its wire has ended, before it could be written again."""
-        unheard = [fault for fault in self.faults if fault.kind in ("lose requests", "pull", "lag", "freeze")]
-        roots, wires = (
-            [fault.t_s for fault in self.faults if fault.who == who and fault.kind == "kill"]
-            for who in ("root", "wire")
-        )
-        pairs = [(min(root, wire), max(root, wire)) for root in roots for wire in wires]
-        if any(last - first < PAIR_S or _during(unheard, first, last) for first, last in pairs):
-            return True
-        cut = [fault for fault in unheard if fault.kind in ("lose requests", "pull")]
-        return any(not self._wire_lives(t_s) and _during(cut, t_s - AGAIN_S, t_s) for t_s in roots)
+        """Whoever could act last was killed by the plan: nobody was left."""
+        able = [process for process in self.world.processes if process.role in ("root", "wire", "standby")]
+        last = max(able, key=lambda process: process.until_s, default=None)
+        return last is not None and last.by_plan
 
     def _wire_lives(self, t_s: float) -> bool:
         return any(
@@ -181,10 +167,6 @@ _WRONG = frozenset(
 
 
 _DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
-
-
-def _during(faults: list[Fault], from_s: float, to_s: float) -> bool:
-    return any(fault.t_s < to_s and fault.t_s + fault.for_s > from_s for fault in faults)
 
 
 def _near(t_s: float, fault: Fault) -> bool:

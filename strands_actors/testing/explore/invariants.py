@@ -102,7 +102,8 @@ def a_hold_moves_no_joint(seen: Evidence) -> Found:
             if motor not in frame.torque_before:
                 continue
             here, before = frame.positions[motor], frame.before[motor]
-            low, high = min(here, before) - TOLERATED_COUNTS, max(here, before) + TOLERATED_COUNTS
+            aims = (here, before, frame.lost.get(motor, here))
+            low, high = min(aims) - TOLERATED_COUNTS, max(aims) + TOLERATED_COUNTS
             if not low <= goal <= high:
                 detail = f"motor {motor} at {here} with goal {before} is told to hold at {goal}"
                 yield frame.t_s, detail

@@ -9,7 +9,7 @@ import msgspec
 
 CALLER = "caller"
 OPERATORS = ("operator", "second operator")
-PROCESSES = ("caller", "root", "wire", "policy")
+PROCESSES = ("caller", "root", "wire", "policy", "standby")
 
 BOOT_S = 0.25
 """By then the link is up on a quiet machine, and the caller has energised the robot."""
@@ -120,6 +120,9 @@ RECIPES: tuple[Recipe, ...] = (
         Step("kill", ("root",)),
         (0.1, 0.15),
     ),
+    (Step("kill", ("root", "wire", "standby")), Step("kill", ("root", "wire", "standby")), (0.0, 0.05)),
+    (Step("freeze", ("root", "wire", "standby")), Step("kill", ("root", "wire", "standby")), (0.0, 0.05)),
+    (Step("freeze", ("root", "wire")), Step("freeze", ("root", "wire")), (0.0, 0.05)),
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )

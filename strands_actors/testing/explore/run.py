@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from strands_actors.contract.loading import load
+from strands_actors.kernel.health.heartbeat import new_page, private_page
 from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.root import process as root
 from strands_actors.supervisors.root import tasks
+from strands_actors.supervisors.root.standby_keeper import ENTRY
+from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
 
 from .askers import ROBOT, Asker, Numbers, Sweep
 from .attack import attack
-from .children import FORKED_S, SimChild, SimSpawner, SimStandby, Starter
+from .children import FORKED_S, SimAhead, SimChild, SimSpawner, Starter
 from .evidence import Evidence, count_of
 from .invariants import Violation, violations_of
 from .links import Net, Socket
@@ -50,6 +54,7 @@ class Run:
             {
                 "strands_actors.supervisors.root.process:main": ("root", self._root),
                 "strands_actors.supervisors.wire.group:main": ("wire", group._main),  # type: ignore[dict-item]
+                ENTRY: ("standby", standby._main),  # type: ignore[dict-item]
                 "strands_actors.supervisors.root.tasks:main": ("policy", tasks._main),  # type: ignore[dict-item]
             },
         )
@@ -102,7 +107,7 @@ class Run:
     def _start_again(self) -> None:
         if not self.world.restarts:
             return  # the world ends
-        if self.world.find("root") is not None:  # its name and port are taken
+        if self.world.find("root") or self.world.find("standby"):  # its name and port are taken
             self.world.after(0.1, self._start_again)
             return
         self.world.restarts -= 1
@@ -111,8 +116,9 @@ class Run:
 
     def _start_root(self, caller: str) -> SimChild:
         world = self.world
-        page = len(world.pages)
-        world.pages[page] = memoryview(bytearray(256)).cast("q")
+        page = new_page()
+        world.pages[os.fstat(page).st_ino] = private_page()
+        world.descriptors.append(page)
         args = {
             "robot": ROBOT,
             "driver": describe_driver(Feetech, "so101", PATH, Feetech.resolve("so101", {})),
@@ -127,13 +133,16 @@ class Run:
             "policy_listen": "policy",
             "connect": ["caller"],
             "page": page,
+            "label": "",
+            "standby": {"lock": "", "port": PATH, "report": ""},
             "mesh": {"listen": [], "connect": [], "settings": {}},
         }
         return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
 
     async def _root(self, args: dict[str, Any], sock: Socket) -> None:
-        spawner, standby = SimSpawner(self.starter), SimStandby(self.starter)
-        await root._main(args, sock, spawner, standby, args["page"])  # type: ignore[arg-type]
+        starter = self.starter
+        ahead = root.Ahead(SimSpawner(starter), SimAhead(starter), SimAhead(starter), args["page"])  # type: ignore[arg-type]
+        await root._main(args, sock, ahead)  # type: ignore[arg-type]
 
     # -- what befalls it
 
@@ -192,7 +201,7 @@ class Run:
             return nothing, nothing
         match event.kind:
             case "kill":
-                return victim.kill, nothing
+                return lambda: victim.kill(by_plan=True), nothing
             case "freeze":
                 return victim.freeze, victim.go_on
             case "lag":

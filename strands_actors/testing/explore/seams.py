@@ -6,6 +6,7 @@ The processes run the product's own ``_main``. A name that is gone makes the exp
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -15,10 +16,11 @@ import trio
 from strands_actors.contract.loading import load
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.supervisors import policy
-from strands_actors.supervisors.root import guardian, lock_keeper, process, tasks
+from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
+from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
 
-from .children import SimHeartbeat, SimOs, Starter, life_of, suspected, until_ended
+from .children import SimOs, SimPeer, Starter, life_of, suspected, until_ended
 from .links import Net, SimLink, SimMesh
 from .locks import SimLocks
 from .servo_arm import ServoArm
@@ -55,6 +57,10 @@ class Told:
         self._world.note("root", "reports", f"{report.safe_state} unconfirmed {report.unconfirmed}")
 
 
+def nothing(*_: Any) -> None:
+    """Names, locks and ranks are the system's."""
+
+
 def _threads(world: World) -> Callable[..., Any]:
     """``trio.to_thread.run_sync``: what a thread does takes a while, and now and then long."""
     rng = world.rng("threads")
@@ -75,8 +81,11 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
     """Put them in for one run."""
     system = SimOs(world)
 
-    def on_page(page: int, end: int) -> SimHeartbeat:
-        return SimHeartbeat(world.pages[page], end, world.current)
+    def words_of(page: int) -> memoryview:
+        return world.pages[os.fstat(page).st_ino]
+
+    def write(path: object, report: Any) -> None:
+        world.note("standby", "reports", f"confirmed {report.confirmed} attempts {report.attempts}: {report.why}")
 
     def report_failure(what: str, error: BaseException) -> None:
         world.note(world.current.role, "reports", f"{what} failed: {error!r}")
@@ -94,7 +103,9 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (group, "Link", SimLink),
         (group, "ZenohMesh", SimMesh),
         (group, "start", starter.execute),
-        (group, "on_page", on_page),
+        (group, "words_of", words_of),
+        (group, "take_name", nothing),
+        (group, "be_taken_last", nothing),
         (group, "suspected", lambda pid: suspected(world, pid)),
         (group, "report_failure", report_failure),
         (process, "os", system),
@@ -104,11 +115,25 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (process, "MeshPlace", NoPlace),
         (process, "Locks", SimLocks),
         (process, "Unconfirmed", lambda _: Told(world)),
-        (process, "on_page", on_page),
+        (process, "words_of", words_of),
         (process, "wait_for_end_of", lambda pid: until_ended(find(pid))),
         (process, "report_failure", report_failure),
         (guardian, "life_of", lambda pid: life_of(world, pid)),
         (lock_keeper, "run_like_others", lambda: None),
+        (standby_keeper, "os", system),
+        (standby_keeper, "suspected", lambda pid: suspected(world, pid)),
+        (standby_keeper, "report_failure", report_failure),
+        (standby, "os", system),
+        (standby, "MonotonicClock", VirtualClock),
+        (standby, "Link", SimLink),
+        (standby, "words_of", words_of),
+        (standby, "suspected", lambda pid: suspected(world, pid)),
+        (standby, "report_failure", report_failure),
+        (standby, "take_name", nothing),
+        (standby, "be_taken_last", nothing),
+        (standby, "Peer", lambda pid, pidfd=None: SimPeer(world, pid, pidfd)),
+        (standby, "_take_lock", nothing),  # a script is not started again before the last standby has ended
+        (standby, "write", write),
         (tasks, "os", system),
         (tasks, "MonotonicClock", VirtualClock),
         (tasks, "Link", SimLink),

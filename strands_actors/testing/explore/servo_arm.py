@@ -19,6 +19,9 @@ STS3215 = 777
 
 # By name, as the registry loads drivers.
 FeetechBus: Any = load("strands_actors.drivers.feetech.twin:FeetechBus")
+Decoder: Any = load("strands_actors.drivers.feetech.protocol:Decoder")
+SYNC_WRITE: int = load("strands_actors.drivers.feetech.protocol:SYNC_WRITE")
+rows_of: Any = load("strands_actors.drivers.feetech.protocol:rows_of")
 TABLES: Any = load("strands_actors.drivers.feetech.robots:TABLES")
 
 
@@ -31,6 +34,7 @@ class Frame(NamedTuple):
     safe_state: str
     goals: Mapping[int, int]  # of the frame, by motor
     before: Mapping[int, int]  # goals before it
+    lost: Mapping[int, int]  # goals that were written since then and lost
     positions: Mapping[int, int]  # counts, where the joints truly were
     torque_before: frozenset[int]
     torque: frozenset[int]
@@ -68,6 +72,8 @@ class ServoArm:
         self._torque = load("strands_actors.drivers.feetech.protocol:TORQUE_ENABLE")
         self._position = load("strands_actors.drivers.feetech.protocol:POSITION")
         self._before = self._goals()
+        self._lost: dict[int, int] = {}
+        self._decoder = Decoder()
 
     @property
     def torque(self) -> frozenset[int]:
@@ -106,11 +112,18 @@ class ServoArm:
         trouble = self.trouble
         if trouble.requests_lost or not self.line.plugged:
             self.world.note("wire", "loses", f"{role}: {data.hex()}")
+            self._lose(data)
             return
         for exchange in self.bus.receive(data, BAUD):
             if exchange.kind != "read":
                 self._log(exchange, role)
             yield from self._replies(exchange)
+
+    def _lose(self, data: bytes) -> None:
+        for packet in self._decoder.feed(data):
+            if packet.code == SYNC_WRITE and packet.params[0] == self._goal.address:
+                _, rows = rows_of(packet)
+                self._lost |= {motor: self._goal.decode(row[: self._goal.size]) for motor, row in rows.items()}
 
     def _replies(self, exchange: Any) -> Iterable[tuple[float, bytes]]:
         trouble, rng = self.trouble, self._rng
@@ -139,11 +152,14 @@ class ServoArm:
             str(exchange.safe_state or ""),
             {motor: goals[motor] for motor in self._named(exchange, goals)},
             before,
+            dict(self._lost),
             self.positions(),
             torque_before,
             now,
         )
         self.frames.append(frame)
+        for motor in frame.goals:
+            self._lost.pop(motor, None)
         self._log_torque()
         what = f"{exchange.kind} {exchange.safe_state or ''} {dict(frame.goals)} torque {sorted(now)}"
         self.world.note("wire", role, what)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import os
 import random
 from collections.abc import Awaitable, Callable
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ BEGIN_S = 1000.0
 STEP_S = 30e-6
 """A task step computes for this long at most [assumed]; a third of it is the mean."""
 
-TREE = frozenset({"caller", "root", "wire", "policy"})
+TREE = frozenset({"caller", "root", "wire", "policy", "standby"})
 
 DYING_S = 0.03
 """From SIGKILL until the system tells of the end, at most: seen on a busy machine."""
@@ -50,7 +51,8 @@ class World:
         self.conversation = Conversation()
         self.processes: list[Process] = []
         self.running: Process | None = None
-        self.pages: dict[int, memoryview] = {}
+        self.pages: dict[int, memoryview] = {}  # by inode
+        self.descriptors: list[int] = []  # to be closed
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._pids = itertools.count(100)
@@ -113,6 +115,8 @@ class World:
             process.loop.abandon()
             if not process.gone:
                 process._go()
+        for fd in self.descriptors:
+            os.close(fd)
 
 
 class Process:
@@ -132,6 +136,8 @@ class Process:
         self.parent = parent
         self.dead = False
         """It runs no code any more."""
+        self.by_plan = False
+        """What happened to it was drawn, and no act of the tree."""
         self.gone = False
         """The system tells so, and has closed what it had open."""
         self.frozen = False
@@ -164,10 +170,11 @@ class Process:
             self._inbox.append(do)
             self.wake()
 
-    def kill(self, code: int = -9) -> None:
+    def kill(self, code: int = -9, by_plan: bool = False) -> None:
         if self.dead:
             return
         self.dead = True
+        self.by_plan = by_plan
         self.code = code
         self.until_s = self.world.now_s
         self.world.note(self.role, "ends", f"signal {-code}" if code < 0 else f"code {code}")

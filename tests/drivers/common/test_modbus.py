@@ -18,7 +18,8 @@ from pymodbus.pdu.register_message import (
 )
 
 from strands_actors.contract.driver import WireDown
-from strands_actors.drivers.common.modbus import SILENT_S, Decoder, Garbled, ModbusClient, encode, exception_words
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.modbus import SILENT_S, Decoder, ModbusClient, encode, exception_words
 from strands_actors.kernel.clock import VirtualClock
 
 from .memory_port import MemoryPort, virtual
@@ -68,13 +69,13 @@ def test_no_bytes_break_the_decoder(data: bytes, requests: bool) -> None:
     try:
         for pdu, frame in Decoder(requests=requests).feed(data):
             assert isinstance(pdu, ModbusPDU) and frame in data
-    except Garbled:
+    except MalformedFrame:
         pass
 
 
 @given(st.sampled_from(["0001 0001 0006 09", "0001 0000 0001 09", "0001 0000 00ff 09"]))
 def test_a_header_that_is_none_is_noticed_at_once(header: str) -> None:
-    with pytest.raises(Garbled):
+    with pytest.raises(MalformedFrame):
         list(Decoder(requests=False).feed(bytes.fromhex(header) + b"\x04"))
 
 

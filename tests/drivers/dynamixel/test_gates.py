@@ -57,7 +57,7 @@ def refusal(driver: Dynamixel, action: Mapping[str, Any], at: GateState | None =
 
 
 def test_koch_is_in_the_registry() -> None:
-    assert list_native_drivers()["koch"] == "Dynamixel"
+    assert list_native_drivers()["koch"] == "DynamixelDriver"
     assert get_native_driver_class("koch_follower") is Dynamixel
 
 

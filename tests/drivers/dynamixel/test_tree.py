@@ -131,12 +131,12 @@ def test_the_root_is_killed(arm: Any, twin: Twin) -> None:
     moving(arm)
 
 
-def test_wire_and_root_are_killed_and_the_firmware_stops_the_arm(arm: Any, twin: Twin) -> None:
+def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, twin: Twin) -> None:
     """Nobody of ours is left: the third line."""
     moving(arm)
-    pids = [pid_of(arm, role) for role in ("root", "wire")]
+    pids = [pid_of(arm, role) for role in ("root", "wire", "standby")]
     for pid in pids:
-        os.kill(pid, signal.SIGSTOP)  # so that neither acts on the other's end
+        os.kill(pid, signal.SIGSTOP)  # so that none acts on the end of the others
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
     time.sleep(1.0)

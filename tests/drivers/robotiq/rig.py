@@ -10,8 +10,9 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, WireDown
 from strands_actors.drivers.robotiq.driver import Robotiq
+from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
 from strands_actors.drivers.robotiq.twin import ModbusSession, RobotiqTwin, twin_of
-from strands_actors.drivers.robotiq.wire import RobotiqStopChannel, RobotiqWire
+from strands_actors.drivers.robotiq.wire import RobotiqWire
 from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import MemoryPort, Permission
 
@@ -23,7 +24,7 @@ class Rig:
         self.driver = Robotiq("robotiq_2f85", "192.0.2.10", options or {})
         self.twin: RobotiqTwin = twin_of("robotiq_2f85", trio.current_time, **bench)
         self.clock = VirtualClock()
-        self.wire = RobotiqWire(self.driver, self.clock, self.connect)
+        self.wire = RobotiqWire(self.driver.config, self.clock, self.connect)
         self.ports: list[MemoryPort] = []
         self.written: list[str] = []
         self.questions = 0
@@ -70,7 +71,7 @@ class Rig:
         return report
 
     async def stop_channel(self) -> MotorReport:
-        path = RobotiqStopChannel(self.driver, self.clock, self.connect)
+        path = RobotiqStopChannel(self.driver.config, (), self.clock, self.connect)
         (report,) = await path.make_safe("hold")
         path.close()
         assert self.ports[-1].closed

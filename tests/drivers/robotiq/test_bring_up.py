@@ -6,12 +6,14 @@ import json
 import subprocess
 import sys
 
+import msgspec
 import pytest
 import trio
 
 from strands_actors.contract.driver import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
+from strands_actors.drivers.robotiq.wire import RobotiqWire
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig, refused, sensor
@@ -63,9 +65,9 @@ def test_a_silent_gripper_is_named_within_its_bound() -> None:
 def test_a_port_that_is_no_address_is_told_as_such() -> None:
     async def main() -> None:
         rig = Rig()
-        rig.driver.port = "/dev/ttyUSB0:x"
+        config = msgspec.structs.replace(rig.driver.config, port="/dev/ttyUSB0:x")
         with pytest.raises(WireDown, match="Give an address"):
-            await rig.wire.open()
+            await RobotiqWire(config, rig.clock, rig.connect).open()
 
     virtual(main)
 

@@ -9,7 +9,8 @@ from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.faults import Reply
 from strands_actors.drivers.robotiq import protocol as p
-from strands_actors.drivers.robotiq.wire import RobotiqStopChannel, RobotiqWire
+from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
+from strands_actors.drivers.robotiq.wire import RobotiqWire
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 
 from .rig import Rig
@@ -114,7 +115,7 @@ def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
         rig.silent_from = rig.questions
         (report,) = await rig.wire.reach("hold")
         assert (rig.written, report.written, report.safe) == ([], False, False)
-        assert await RobotiqWire(rig.driver, rig.clock, rig.connect).reach("hold") == (), "never connected"
+        assert await RobotiqWire(rig.driver.config, rig.clock, rig.connect).reach("hold") == (), "never connected"
 
     virtual(main)
 
@@ -191,7 +192,7 @@ def test_the_stop_channel_without_a_way_is_honest() -> None:
         async def no_way(host: str, port: int) -> MemoryPort:
             raise WireDown("192.0.2.10:502: cannot connect (refused)")
 
-        (report,) = await RobotiqStopChannel(rig.driver, rig.clock, no_way).make_safe("hold")
+        (report,) = await RobotiqStopChannel(rig.driver.config, (), rig.clock, no_way).make_safe("hold")
         assert report == MotorReport("gripper", 9, False, False, False, "192.0.2.10:502: cannot connect (refused)")
 
     virtual(main)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import messages, wire_types
 from strands_actors.drivers.common.rtps.messages import Fragment
 from strands_actors.drivers.common.rtps.reassembly import MAX_BYTES, MAX_SAMPLES, PATIENCE_NS, Reassembly
-from strands_actors.drivers.common.rtps.wire_types import Malformed
 
 from .pair import HEAD, A, B, Pair
 
@@ -54,7 +54,7 @@ def test_reassembly_is_bounded_in_number_size_and_time() -> None:
     assert len(parts) == MAX_SAMPLES
     parts.tick(PATIENCE_NS + 1)
     assert len(parts) == parts._bytes == 0
-    with pytest.raises(Malformed):
+    with pytest.raises(MalformedFrame):
         parts.add(fragment(1, size=60000, total=MAX_BYTES + 1), 0)
     for sequence in range(3):
         parts.add(fragment(sequence, size=60000, total=MAX_BYTES // 2), 0)
@@ -75,7 +75,7 @@ def test_fragments_come_in_any_order_and_more_than_once() -> None:
 def test_fragments_that_do_not_fit_together_are_malformed() -> None:
     parts = Reassembly()
     parts.add(fragment(1, 0), 0)
-    with pytest.raises(Malformed):
+    with pytest.raises(MalformedFrame):
         parts.add(fragment(1, 1, total=40), 0)
     assert len(parts) == 0
 

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterable
 from itertools import pairwise
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import messages, wire_types
 from strands_actors.drivers.common.rtps.engine import MAX_PEERS, Engine
 from strands_actors.drivers.common.rtps.matching import MAX_ENDPOINTS
@@ -250,6 +251,6 @@ def test_random_submessages_decode_or_are_malformed() -> None:
         submessage = bytes((kind, dice.getrandbits(8))) + struct.pack("<H", len(body)) + body
         try:
             messages.decode(memoryview(messages.header(prefix) + submessage), bytes(12))
-        except wire_types.Malformed:
+        except MalformedFrame:
             malformed += 1
     assert 0 < malformed < COUNT

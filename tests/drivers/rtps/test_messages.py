@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData, ParticipantData
 from strands_actors.drivers.common.rtps.messages import AckNack, Data, Fragment, Gap, Heartbeat
-from strands_actors.drivers.common.rtps.wire_types import Malformed
 
 PEER = bytes(range(12))
 OWN = bytes(range(100, 112))
@@ -145,7 +145,7 @@ def test_a_datagram_that_is_cut_off_says_nothing_new(choice: st.DataObject) -> N
     if size in borders:
         assert len(messages.decode(cut, OWN)) == max(0, borders.index(size) - 1)
     else:
-        with pytest.raises(Malformed):
+        with pytest.raises(MalformedFrame):
             messages.decode(cut, OWN)
 
 
@@ -174,7 +174,7 @@ def submessage(kind: int, flags: int, body: bytes) -> bytes:
     ],
 )
 def test_nonsense_is_malformed(nonsense: bytes) -> None:
-    with pytest.raises(Malformed):
+    with pytest.raises(MalformedFrame):
         decoded(nonsense)
 
 
@@ -243,7 +243,7 @@ def test_discovery_data_of_any_bytes_decodes_or_is_malformed(content: bytes) -> 
         ):
             try:
                 decode(memoryview(payload))
-            except Malformed:
+            except MalformedFrame:
                 continue
 
 
@@ -256,7 +256,7 @@ def test_parameters_with_any_values_decode_or_are_malformed(found: list[tuple[in
     for decode in (discovery.decode_participant, lambda view: discovery.decode_endpoint(view, False)):
         try:
             decode(memoryview(payload))
-        except Malformed:
+        except MalformedFrame:
             continue
 
 

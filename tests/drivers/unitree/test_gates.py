@@ -31,7 +31,7 @@ def go2(robot: str = "unitree_go2", **options: Any) -> Go2Driver:
 def observation(driver: Driver, age_s: float = 0.0, **sensors: tuple[float, ...] | None) -> Observation:
     """Of a robot that may be commanded, but for what is given; a sensor that is None is not there."""
     stamp_ns = NOW_NS - round(age_s * NS)
-    position = tuple((joint.low + joint.high) / 2 for joint in driver.model.joints)  # type: ignore[attr-defined]
+    position = tuple((axis.low + axis.high) / 2 for axis in driver.table)
     known: dict[str, tuple[float, ...]] = {
         "fsm": (801.0, NOW_S),
         "sport_mode_released": (1.0, NOW_S),
@@ -331,8 +331,8 @@ def test_the_floor_is_an_option() -> None:
 
 
 @pytest.mark.parametrize(("part", "code", "words"), [
-    ({"q": 3.1}, "past_travel", "left_knee.q=3.1 is outside -0.087..2.880 rad"),
-    ({"q": -0.1}, "past_travel", "left_knee.q=-0.1 is outside"),
+    ({"q": 3.1}, "past_travel", "left_knee 3.1000 rad is past 2.8798"),
+    ({"q": -0.1}, "past_travel", "left_knee -0.1000 rad is past -0.0872"),
     ({"dq": 20.1}, "too_fast", "left_knee.dq=20.1 is outside -20..20 rad/s"),
     ({"dq": -20.1}, "too_fast", "left_knee.dq=-20.1 is outside"),
     ({"tau": 139.5}, "too_strong", "left_knee.tau=139.5 is outside -139..139 Nm"),
@@ -369,7 +369,7 @@ def test_saf_011_no_joint_jumps(period_s: float, reach_s: float) -> None:
     allowed = 20.0 * reach_s * 1.2
     assert isinstance(verdict(driver, {"left_knee": 0.999 * allowed}, at), Candidate)
     refusal = refused(driver, {"left_knee": 1.001 * allowed}, at)
-    assert refusal.code == "too_far"
+    assert refusal.code == "too_fast"
     assert "left_knee steps" in refusal.reason
     assert at.target[knee] == 0.0
 
@@ -381,13 +381,13 @@ def test_saf_011_the_first_step_starts_where_the_joint_is_now() -> None:
     armed_at = (0.0,) * 29
     walked = msgspec.structs.replace(at, target=armed_at)
     assert isinstance(verdict(driver, {"left_knee": here(driver, "left_knee")}, walked), Candidate)
-    assert refused(driver, {"left_knee": 0.0}, walked).code == "too_far"
+    assert refused(driver, {"left_knee": 0.0}, walked).code == "too_fast"
 
 
 def test_the_joints_of_every_robot_are_limited() -> None:
     for robot in Go2Driver.SUPPORTED_ROBOTS:
         driver = go2(robot)
-        for joint in driver.model.joints:
+        for joint in driver.table:
             for past in (joint.low - 0.01, joint.high + 0.01):
                 at = state(driver, tuple(past for _ in driver.axes))
                 assert refused(driver, {joint.key: past}, at).code == "past_travel", joint.key
@@ -404,10 +404,10 @@ def test_every_end_is_zero_torque_unless_the_user_chose_to_damp() -> None:
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    ({"on_exit": "hold"}, "on_exit is 'hold'. Give zero_torque or damp"),
-    ({"battery_floor_pct": 101}, "battery_floor_pct is 101. Give a number from 0 to 100"),
+    ({"on_exit": "hold"}, "on_exit is 'hold'. .* one of 'zero_torque', 'damp'"),
+    ({"battery_floor_pct": 101}, "battery_floor_pct is 101. .* 0 to 100"),
     ({"battery_floor_pct": True}, "battery_floor_pct is True"),
-    ({"domain": 233}, "domain is 233. Give a whole number from 0 to 232"),
+    ({"domain": 233}, "domain is 233. .* 0 to 232"),
     ({"domain": "x"}, "domain is 'x'"),
     ({"interface": 3}, "interface is 3"),
 ])  # fmt: skip

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
-from strands_actors.drivers.unitree.protocol import Command, CommandCodec, Garbled, State, StateCodec
+from strands_actors.drivers.unitree.protocol import Command, CommandCodec, State, StateCodec
 from strands_actors.drivers.unitree.robots import TABLES, Model, model_of
 
 ROBOTS = tuple(TABLES.robots)
@@ -152,7 +153,7 @@ def test_one_wrong_bit_is_no_command(robot: str, data: st.DataObject) -> None:
     padding = {3} if model.family == "hg" else {23}
     at = data.draw(st.integers(0, len(body) - 1).filter(lambda byte: byte not in padding))
     body[at] ^= 1 << data.draw(st.integers(0, 7))
-    with pytest.raises(Garbled):
+    with pytest.raises(MalformedFrame):
         codec.decode(bytes(body))
 
 
@@ -171,7 +172,7 @@ def test_a_frame_keeps_nothing_of_the_one_before_nor_changes_it(robot: str) -> N
 
 def test_the_frame_of_the_other_family_is_no_command() -> None:
     hg, go = model_of("unitree_g1"), model_of("unitree_go2")
-    with pytest.raises(Garbled, match="1000 bytes, not 808"):
+    with pytest.raises(MalformedFrame, match="1000 bytes, not 808"):
         CommandCodec(hg).decode(CommandCodec(go).encode(0, flat(rows(go))))
 
 
@@ -185,7 +186,7 @@ def test_noise_is_garbled_and_nothing_worse(noise: bytes) -> None:
         rpc.decode_response,
         p.decode_battery,
     ):
-        with pytest.raises(Garbled):
+        with pytest.raises(MalformedFrame):
             read(noise)
 
 
@@ -194,7 +195,7 @@ def test_a_battery_is_read_from_its_state_of_charge() -> None:
     body[100] = 42
     assert p.decode_battery(bytes(body)) == 42
     body[100] = 101
-    with pytest.raises(Garbled, match="101 percent"):
+    with pytest.raises(MalformedFrame, match="101 percent"):
         p.decode_battery(bytes(body))
 
 
@@ -227,7 +228,7 @@ def test_requests_and_responses_read_back(number: int, api: int, text: str, flag
 
 @pytest.mark.parametrize("data", ["", "{}", '{"data": "801"}', '{"data": true}', "[1]", "nan", "["])
 def test_an_fsm_id_that_is_none_is_garbled(data: str) -> None:
-    with pytest.raises(Garbled):
+    with pytest.raises(MalformedFrame):
         rpc.fsm_id(rpc.Response(1, rpc.GET_FSM_ID, 0, data))
 
 

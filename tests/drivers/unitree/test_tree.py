@@ -115,7 +115,7 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
             ({"left_knee": {"tau": 1.0}}, "no_q"),
             ({"left_knee": {"q": knee, "i": 1}}, "unknown_key"),
             ({"7": 0.1}, "unknown_joint"),
-            ({"left_elbow": elbow + 0.5}, "too_far"),
+            ({"left_elbow": elbow + 0.5}, "too_fast"),
         ):
             assert g1.refused(action)[0] == expected
 

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.ur.arms import DH_ALPHA_RAD, HOME_RAD, JOINTS, Arm, arm_of, arms, model_table
+from strands_actors.drivers.ur.arms import JOINTS, TABLES, Arm, arm_of
+from strands_actors.drivers.ur.twin.model import HOME_RAD, model_table
 
 ROBOTS = ("ur3e", "ur5e", "ur7e", "ur10e", "ur12e", "ur16e", "ur8long", "ur15", "ur18", "ur20", "ur30")
+
+DH_ALPHA_RAD = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
 
 REACH_M = {"ur3e": 0.5, "ur5e": 0.85, "ur10e": 1.3, "ur16e": 0.9, "ur15": 1.3, "ur20": 1.75, "ur30": 1.3}
 """As advertised: with the wrist, which adds what it likes to the two long links."""
@@ -31,7 +34,7 @@ def flange(arm: Arm, radians: list[float]) -> np.ndarray:
 
 
 def test_all_models_are_there() -> None:
-    assert tuple(arms()) == ROBOTS
+    assert tuple(TABLES.robots) == ROBOTS
     with pytest.raises(ValueError, match="ur5e"):
         arm_of("ur6")
 
@@ -62,7 +65,7 @@ def test_a_row_is_whole_and_plausible(robot: str) -> None:
     for row in (arm.range_deg, arm.speed_deg_s, arm.effort_nm, arm.link_kg):
         assert len(row) == len(JOINTS)
         assert all(number > 0 for number in row)
-    assert math.isclose(arm.reach_rad[2], math.pi), "the elbow has half the range of the others"
+    assert math.isclose(arm.axes[2].high, math.pi), "the elbow has half the range of the others"
     assert all(120 <= speed <= 360 for speed in arm.speed_deg_s)
     stretched = -arm.dh_m[1] - arm.dh_m[2]
     assert 0.85 < stretched / REACH_M.get(robot, stretched) < 1.05
@@ -81,5 +84,5 @@ def test_the_twin_holds_its_own_weight_and_keeps_to_its_speed() -> None:
     for tick in range(50, 200):
         plant.catch_up(tick * 0.02)
         fastest = max(fastest, plant.velocity_rad_s[0])
-    assert 0.9 * arm.speed_rad_s[0] < fastest < 1.1 * arm.speed_rad_s[0]
+    assert 0.9 * arm.axes[0].speed < fastest < 1.1 * arm.axes[0].speed
     assert abs(plant.position_rad[0] - 3.0) < 0.01

@@ -12,7 +12,9 @@ from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.config import URConfig
 from strands_actors.drivers.ur.driver import UR
+from strands_actors.drivers.ur.stop_channel import stop
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import Twin
 from tests.answers import until
@@ -27,6 +29,10 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 @pytest.fixture
 def host(twin: Twin) -> str:
     return twin.port.partition(":")[0]
+
+
+def at(host: str) -> URConfig:
+    return URConfig("ur5e", host)
 
 
 async def play(host: str) -> None:
@@ -69,14 +75,14 @@ def test_a_wire_without_an_address_reaches_nobody_and_says_so() -> None:
 def test_saf_005_stop_ends_the_program_and_confirms_each_joint(twin: Twin, host: str) -> None:
     trio.run(play, host)
     began_ns = time.monotonic_ns()
-    reports = trio.run(plain.stop, host)
+    reports = trio.run(stop, at(host))
     assert [report.axis for report in reports] == list(JOINTS)
     assert all(report.written and report.acknowledged and report.safe for report in reports)
     assert [entry.data for entry in twin.log.host("safe", began_ns)] == [b"stop\n"]
 
 
 def test_where_nothing_runs_a_stop_is_confirmed_too(host: str) -> None:
-    assert all(report.safe for report in trio.run(plain.stop, host))
+    assert all(report.safe for report in trio.run(stop, at(host)))
 
 
 def test_without_a_dashboard_a_script_stops(twin: Twin, host: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +90,7 @@ def test_without_a_dashboard_a_script_stops(twin: Twin, host: str, monkeypatch: 
     trio.run(play, host)
     monkeypatch.setattr(p, "DASHBOARD_PORT", 29998)
     began_ns = time.monotonic_ns()
-    reports = trio.run(plain.stop, host)
+    reports = trio.run(stop, at(host))
     assert all(report.written and report.safe and not report.acknowledged for report in reports)
     assert [entry.data for entry in twin.log.host("safe", began_ns)] == [p.STOP_SCRIPT]
 
@@ -94,7 +100,7 @@ def test_saf_005_a_frozen_controller_confirms_nothing_in_bounded_time(twin: Twin
     twin.pause()
     frozen_ns = time.monotonic_ns()
     try:
-        reports = trio.run(plain.stop, host)
+        reports = trio.run(stop, at(host))
         assert time.monotonic_ns() - frozen_ns < 3e9
         assert not any(report.safe for report in reports)
         assert all("does not answer" in report.detail for report in reports)
@@ -103,13 +109,13 @@ def test_saf_005_a_frozen_controller_confirms_nothing_in_bounded_time(twin: Twin
     finally:
         twin.go_on()
     until(lambda: twin.log.host("safe", frozen_ns), "what was sent takes effect when it wakes up")
-    assert all(report.safe for report in trio.run(plain.stop, host))
+    assert all(report.safe for report in trio.run(stop, at(host)))
 
 
 def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> None:
     twin.fault("stuck")
     try:
-        until(lambda: not any(report.safe for report in trio.run(plain.stop, host)), "it stands still")
+        until(lambda: not any(report.safe for report in trio.run(stop, at(host))), "it stands still")
         with pytest.raises(WireDown, match="stands still"):
             trio.run(plain.look, host)
     finally:
@@ -119,7 +125,7 @@ def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> No
 def test_nobody_there() -> None:
     with pytest.raises(WireDown, match=r"127.0.0.1:29999: cannot connect .* Check port="):
         trio.run(plain.handshake, "127.0.0.1")
-    assert not any(report.written for report in trio.run(plain.stop, "127.0.0.1"))
+    assert not any(report.written for report in trio.run(stop, at("127.0.0.1")))
 
 
 def test_two_clients_cannot_write_the_same_input(host: str) -> None:

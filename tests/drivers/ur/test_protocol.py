@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.ur import protocol as p
+from strands_actors.drivers.ur.twin import commands as c
 
 packets = st.tuples(st.integers(0, 255), st.binary(max_size=200))
 
@@ -28,7 +30,7 @@ def test_garbage_is_waited_for_or_refused_and_nothing_else(data: bytes) -> None:
     try:
         for packet in decoder.feed(data):
             assert len(packet.payload) <= len(data)
-    except p.Garbled as error:
+    except MalformedFrame as error:
         assert "bytes" in str(error)
 
 
@@ -53,43 +55,43 @@ def test_a_recipe_there_and_back(time_s: float, q: tuple[float, ...], mode: int,
 
 
 def test_what_a_controller_does_not_have_is_named() -> None:
-    with pytest.raises(p.Garbled, match="actual_q"):
+    with pytest.raises(MalformedFrame, match="actual_q"):
         p.outputs_answer(b"\x01DOUBLE,NOT_FOUND,INT32,UINT32", NAMES)
-    with pytest.raises(p.Garbled):
+    with pytest.raises(MalformedFrame):
         p.outputs_answer(b"\x01DOUBLE", NAMES)
     recipe = p.outputs_answer(b"\x01" + ",".join(KINDS).encode(), NAMES)
-    with pytest.raises(p.Garbled):
+    with pytest.raises(MalformedFrame):
         recipe.unpack(b"\x01")
 
 
 @pytest.mark.parametrize(
     ("number", "kind"),
     [
-        (p.Command.SERVO_J, "setpoint"),
-        (p.Command.MOVE_J, "setpoint"),
-        (p.Command.SPEED_J, "setpoint"),
-        (p.Command.SERVO_STOP, "safe"),
-        (p.Command.STOP_SCRIPT, "safe"),
-        (p.Command.SET_WATCHDOG, "config"),
-        (p.Command.NONE, "keepalive"),
+        (c.Command.SERVO_J, "setpoint"),
+        (c.Command.MOVE_J, "setpoint"),
+        (c.Command.SPEED_J, "setpoint"),
+        (c.Command.SERVO_STOP, "safe"),
+        (c.Command.STOP_SCRIPT, "safe"),
+        (c.Command.SET_WATCHDOG, "config"),
+        (c.Command.NONE, "keepalive"),
     ],
 )
 def test_what_a_command_counts_as(number: int, kind: str) -> None:
-    assert p.classify_command(number) == kind
+    assert c.classify_command(number) == kind
 
 
 def test_what_lines_and_programs_count_as() -> None:
-    assert p.classify_dashboard("stop\n") == p.classify_dashboard("power off") == "safe"
-    assert p.classify_dashboard("brake release") == "enable"
-    assert p.classify_dashboard("robotmode") == "read"
-    assert p.classify_script(p.STOP_SCRIPT) == "safe"
-    assert p.classify_script(b"def move():\n  movej([0,0,0,0,0,0])\nend\n") == "enable"
-    assert p.classify_script(b"stopj(2)\nmovej([0,0,0,0,0,0])\n") == "enable"
+    assert c.classify_dashboard("stop\n") == c.classify_dashboard("power off") == "safe"
+    assert c.classify_dashboard("brake release") == "enable"
+    assert c.classify_dashboard("robotmode") == "read"
+    assert c.classify_script(p.STOP_SCRIPT) == "safe"
+    assert c.classify_script(b"def move():\n  movej([0,0,0,0,0,0])\nend\n") == "enable"
+    assert c.classify_script(b"stopj(2)\nmovej([0,0,0,0,0,0])\n") == "enable"
 
 
 def test_modes_have_names_and_strange_ones_numbers() -> None:
-    assert p.robot_mode_name(3) == "POWER_OFF (3)"
-    assert p.safety_mode_name(3) == "PROTECTIVE_STOP (3)"
-    assert p.robot_mode_name(42) == "unknown (42)"
-    assert set(p.SAFETY_BITS) == set(p.SafetyMode)
+    assert p.mode_name(p.RobotMode, 3) == "POWER_OFF (3)"
+    assert p.mode_name(p.SafetyMode, 3) == "PROTECTIVE_STOP (3)"
+    assert p.mode_name(p.RobotMode, 42) == "unknown (42)"
+    assert set(c.SAFETY_BITS) == set(p.SafetyMode)
     assert math.isclose(p.STOP_DECELERATION_RAD_S2, 4.0)

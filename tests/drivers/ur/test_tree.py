@@ -126,7 +126,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
 def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     assert f"{ELBOW} is nan" in why(arm.send_action({ELBOW: math.nan}))
-    assert f"{ELBOW} 4 rad is past" in why(arm.send_action({ELBOW: 4.0}))
+    assert f"{ELBOW} 4.0000 rad is past" in why(arm.send_action({ELBOW: 4.0}))
     assert f"{ELBOW} steps" in why(arm.send_action({ELBOW: 0.0}))
     assert "elbow is not a joint of ur5e" in why(arm.send_action({"elbow": 0.0}))
     time.sleep(0.1)

@@ -7,13 +7,15 @@ from collections.abc import Iterator
 import pytest
 
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.arms import HOME_RAD, arm_of
+from strands_actors.drivers.ur.arms import arm_of
+from strands_actors.drivers.ur.twin import commands as c
 from strands_actors.drivers.ur.twin.controller import Controller
 from strands_actors.drivers.ur.twin.lines import Dashboard
+from strands_actors.drivers.ur.twin.model import HOME_RAD
 from strands_actors.drivers.ur.twin.script import program_of
 
 SCRIPT = b"def rtde_control():\n    global reg_offset_int = # int register offset\n24\nend\n"
-COMMAND = p.UPPER_RANGE
+COMMAND = c.UPPER_RANGE
 TICK_S = 0.002
 
 
@@ -27,7 +29,7 @@ class World:
         for _ in range(round(seconds / TICK_S)):
             self.now_s += TICK_S
             if feed:
-                self.command(p.Command.NONE)
+                self.command(c.Command.NONE)
             self.controller.tick()
 
     def command(self, number: int, *doubles: float) -> None:
@@ -59,54 +61,54 @@ def test_a_program_takes_its_time_to_start(world: World) -> None:
     world.run(0.02)
     assert world.controller.runtime_state == p.RuntimeState.STOPPED
     world.run(0.1)
-    assert world.answer == p.READY
+    assert world.answer == c.READY
 
 
 def test_servo_follows_and_keeps_the_last_goal(world: World) -> None:
     world.start()
-    world.command(p.Command.SERVO_J, 0.2, *HOME_RAD[1:])
-    assert world.answer == p.READY
+    world.command(c.Command.SERVO_J, 0.2, *HOME_RAD[1:])
+    assert world.answer == c.READY
     world.run(1.0)
     assert abs(world.pan - 0.2) < 0.01
 
 
 def test_servo_stop_stops_and_says_done(world: World) -> None:
     world.start()
-    world.command(p.Command.SERVO_J, 2.0, *HOME_RAD[1:])
+    world.command(c.Command.SERVO_J, 2.0, *HOME_RAD[1:])
     world.run(0.3)
-    world.command(p.Command.SERVO_STOP, 10.0)
-    assert world.answer == p.READY, "it takes its time"
+    world.command(c.Command.SERVO_STOP, 10.0)
+    assert world.answer == c.READY, "it takes its time"
     world.run(0.5)
-    assert world.answer == p.DONE
+    assert world.answer == c.DONE
     stood = world.pan
     assert 0.3 < stood < 1.5
     world.run(0.5)
     assert abs(world.pan - stood) < 1e-3
-    world.command(p.Command.NONE)
-    assert world.answer == p.READY
+    world.command(c.Command.NONE)
+    assert world.answer == c.READY
 
 
 def test_speed_never_expires_by_itself(world: World) -> None:
     world.start()
-    world.command(p.Command.SPEED_J, 0.2, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.2, 0, 0, 0, 0, 0)
     world.run(2.0)
     assert abs(world.pan - 0.4) < 0.05
 
 
 def test_move_is_done_when_it_is_there(world: World) -> None:
     world.start()
-    world.command(p.Command.MOVE_J, 0.3, *HOME_RAD[1:], 1.0, 1.0)
+    world.command(c.Command.MOVE_J, 0.3, *HOME_RAD[1:], 1.0, 1.0)
     world.run(0.1)
-    assert world.answer == p.READY
+    assert world.answer == c.READY
     world.run(1.0)
-    assert world.answer == p.DONE
+    assert world.answer == c.DONE
     assert abs(world.pan - 0.3) < 0.005
 
 
 def test_saf_013_the_watchdog_stops_the_program(world: World) -> None:
     world.start()
-    world.command(p.Command.SET_WATCHDOG, 10.0)
-    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SET_WATCHDOG, 10.0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
     world.run(0.08)
     assert world.controller.runtime_state == p.RuntimeState.PLAYING
     world.run(0.04)
@@ -119,7 +121,7 @@ def test_saf_013_the_watchdog_stops_the_program(world: World) -> None:
 
 def test_a_watchdog_that_is_fed_lets_it_go_on(world: World) -> None:
     world.start()
-    world.command(p.Command.SET_WATCHDOG, 10.0)
+    world.command(c.Command.SET_WATCHDOG, 10.0)
     world.run(0.5, feed=True)
     assert world.controller.runtime_state == p.RuntimeState.PLAYING
 
@@ -127,7 +129,7 @@ def test_a_watchdog_that_is_fed_lets_it_go_on(world: World) -> None:
 @pytest.mark.parametrize("mode", [mode for mode in p.SafetyMode if mode not in p.MOVABLE_SAFETY])
 def test_a_safety_stop_ends_the_program_and_takes_no_other(world: World, mode: p.SafetyMode) -> None:
     world.start()
-    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
     world.run(0.2)
     world.controller.set_safety(mode)
     world.run(0.3)
@@ -149,7 +151,7 @@ def test_brakes_hold_the_arm_without_power(world: World) -> None:
 
 def test_stopj_replaces_the_program(world: World) -> None:
     world.start()
-    world.command(p.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
+    world.command(c.Command.SPEED_J, 0.5, 0, 0, 0, 0, 0)
     world.run(0.2)
     world.controller.start_program(program_of(p.STOP_SCRIPT, world.controller))
     world.run(1.0)

@@ -1,0 +1,149 @@
+"""The server's side of a WebSocket for twins: a handler per connection, or beside an HTTP service on one port."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.websocket_messages import MAX_MESSAGE, Closed, Heard, Opened, ServerEnd
+
+from .line import Channel
+from .server import Conversation, Session
+from .tcp import ClientGone, Connection, Handler
+
+NOT_FOUND = 404
+
+_HEAD_END = b"\r\n\r\n"
+_MAX_HEAD = 16_384
+
+
+class WebSocketClient:
+    """A client that was accepted."""
+
+    def __init__(self, connection: Connection, end: ServerEnd, opened: Opened) -> None:
+        self._end = end
+        self._heard: deque[Heard] = deque()
+        self._read_ns = 0
+        self.connection = connection
+        self.target = opened.target
+        self.headers = opened.headers
+
+    async def receive(self) -> tuple[int, str | bytes]:
+        """Return the next message and when it was read. Answer pings meanwhile. Raise ``ClientGone``."""
+        while True:
+            while self._heard:
+                match self._heard.popleft():
+                    case str() | bytes() as message:
+                        return self._read_ns, message
+                    case Closed():
+                        raise ClientGone
+            self._read_ns, data = await self.connection.receive()
+            await self.connection.frost.thawed()
+            try:
+                self._heard.extend(self._end.feed(data))
+            except MalformedFrame:
+                raise ClientGone from None  # as a server does with what it cannot follow
+            if replies := self._end.replies():
+                self.connection.send(replies)
+
+    def heard(self, t_ns: int, kind: str, message: str | bytes, safe_state: str | None = None) -> None:
+        """Log a message of the client's, without its frame."""
+        self.connection.log.write(t_ns, "host", [(kind, _bytes(message))], safe_state)
+
+    def say(self, kind: str, message: str | bytes) -> None:
+        """Log and send a message of the robot's. Raise ``ClientGone`` after a close."""
+        self.connection.log.write(time.monotonic_ns(), "robot", [(kind, _bytes(message))])
+        self.send(message)
+
+    def send(self, message: str | bytes) -> None:
+        """Send without a line in the log: for what is told many times a second. Raise ``ClientGone``."""
+        try:
+            frame = self._end.message(message)
+        except MalformedFrame:
+            raise ClientGone from None
+        self.connection.send(frame)
+
+
+WebSocketHandler = Callable[[WebSocketClient], Awaitable[None]]
+"""Serves one client until ``ClientGone``, which it lets pass."""
+
+Choose = Callable[[str], WebSocketHandler | None]
+"""Path of an upgrade, without its query -> who serves it; None: nobody."""
+
+
+def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
+    """Return the handler of a port on which there are WebSockets only."""
+
+    async def handle(connection: Connection) -> None:
+        await _serve(connection, b"", choose, max_message)
+
+    return handle
+
+
+def serving_both(new_session: Callable[[], Session], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
+    """Return the handler of a port with an HTTP service and WebSockets: the first request of a connection says
+    which it is. ``new_session``: makes what hears one that is no WebSocket."""
+
+    async def handle(connection: Connection) -> None:
+        first, t_ns = b"", 0
+        while _HEAD_END not in first and len(first) <= _MAX_HEAD:
+            t_ns, data = await connection.receive()
+            first += data
+        head = first.partition(_HEAD_END)[0].lower()
+        if b"\r\nupgrade: websocket" in head:
+            await _serve(connection, first, choose, max_message)
+        else:
+            begun = _Begun(connection, t_ns, first)
+            await Conversation(new_session(), begun, connection.log, connection.frost).serve()
+
+    return handle
+
+
+async def _serve(connection: Connection, data: bytes, choose: Choose, max_message: int) -> None:
+    end = ServerEnd(max_message)
+    while True:
+        try:
+            heard = list(end.feed(data)) if data else []
+        except MalformedFrame:
+            raise ClientGone from None
+        match heard:
+            case [Opened() as opened]:
+                break
+            case []:
+                _, data = await connection.receive()
+            case _:
+                raise ClientGone
+    handler = choose(opened.target.partition("?")[0])
+    if handler is None:
+        connection.send(end.reject(NOT_FOUND))
+        while True:  # until the client has read it
+            await connection.receive()
+    connection.send(end.accept())
+    await handler(WebSocketClient(connection, end, opened))
+
+
+class _Begun(Channel):
+    """A connection of which some bytes have been read."""
+
+    def __init__(self, connection: Connection, t_ns: int, first: bytes) -> None:
+        self._connection = connection
+        self._first: tuple[int, bytes] | None = (t_ns, first)
+
+    def bits_per_s(self) -> int | None:
+        return self._connection.bits_per_s()
+
+    def quiet_for(self, seconds: float) -> bool:
+        return self._connection.quiet_for(seconds)
+
+    async def receive(self) -> tuple[int, bytes]:
+        first, self._first = self._first, None
+        return first if first is not None else await self._connection.receive()
+
+    def send(self, data: bytes) -> None:
+        self._connection.send(data)
+
+
+def _bytes(message: str | bytes) -> bytes:
+    return message.encode() if isinstance(message, str) else message

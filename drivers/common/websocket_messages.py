@@ -1,0 +1,193 @@
+"""One end of a WebSocket as bytes in and bytes out, over wsproto. Pure: no socket, no clock.
+
+No extension is offered or accepted, so nothing is compressed. Messages are bounded. An end that was fed malformed
+bytes is of no further use: its connection has to be closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from wsproto import ConnectionType, WSConnection
+from wsproto.connection import ConnectionState
+from wsproto.events import (
+    AcceptConnection,
+    BytesMessage,
+    CloseConnection,
+    Event,
+    Ping,
+    Pong,
+    RejectConnection,
+    Request,
+    TextMessage,
+)
+from wsproto.utilities import ProtocolError
+
+from .malformed import MalformedFrame
+
+MAX_MESSAGE = 1 << 20
+"""Bytes, or characters of a text. A lidar scan as JSON is 20 kB."""
+
+MAX_CONTROL = 125
+"""Bytes of a ping, by RFC 6455."""
+
+NORMAL_CLOSURE = 1000
+
+Headers = Sequence[tuple[bytes, bytes]]
+
+
+class Accepted(NamedTuple):
+    """The server has taken the upgrade: messages may go out."""
+
+
+class Rejected(NamedTuple):
+    """The server has answered the upgrade with an HTTP status instead."""
+
+    status: int
+
+
+class Opened(NamedTuple):
+    """A client asks for an upgrade: ``accept`` or ``reject``. Header names are in lower case."""
+
+    target: str
+    headers: dict[str, str]
+
+
+class Ponged(NamedTuple):
+    """The other end has answered a ping, and so has taken everything before it."""
+
+    payload: bytes
+
+
+class Closed(NamedTuple):
+    """The other end has closed; nothing follows."""
+
+    code: int
+    reason: str
+
+
+Heard = str | bytes | Accepted | Rejected | Opened | Ponged | Closed
+
+
+class _End:
+    def __init__(self, kind: ConnectionType, max_message: int) -> None:
+        self._connection = WSConnection(kind)
+        self._max_message = max_message
+        self._parts: list[str] | list[bytes] = []
+        self._length = 0
+        self._replies = b""
+        self._ended = False
+
+    def feed(self, data: bytes) -> Iterator[Heard]:
+        """Yield what the other end says. Raise ``MalformedFrame``. Afterwards send ``replies``, if any."""
+        if self._ended:
+            raise MalformedFrame("bytes after the end")
+        try:
+            self._connection.receive_data(data)
+            for event in self._connection.events():
+                heard = self._take(event)
+                if heard is not None:
+                    yield heard
+        except MalformedFrame:
+            self._ended = True
+            raise
+        except (ProtocolError, ValueError) as error:  # ValueError: a header that is no text
+            self._ended = True
+            raise MalformedFrame(str(error) or type(error).__name__) from None
+
+    def replies(self) -> bytes:
+        """Return the answers to pings and to a close heard since the last call."""
+        replies, self._replies = self._replies, b""
+        return replies
+
+    def message(self, message: str | bytes) -> bytes:
+        """Return the frame of a text or binary message. Raise ``MalformedFrame`` when it cannot be sent now."""
+        if len(message) > self._max_message:
+            raise MalformedFrame(f"message of {len(message)}, more than {self._max_message}")
+        return self._send(TextMessage(data=message) if isinstance(message, str) else BytesMessage(data=message))
+
+    def ping(self, payload: bytes) -> bytes:
+        """Return a ping. Raise ``MalformedFrame`` when it cannot be sent now."""
+        if len(payload) > MAX_CONTROL:
+            raise MalformedFrame(f"ping of {len(payload)} bytes, more than {MAX_CONTROL}")
+        return self._send(Ping(payload=payload))
+
+    def close(self, code: int = NORMAL_CLOSURE) -> bytes:
+        """Return a close; empty when there is nothing to close."""
+        if self._connection.state not in (ConnectionState.OPEN, ConnectionState.REMOTE_CLOSING):
+            return b""
+        return self._send(CloseConnection(code=code))
+
+    def _send(self, event: Event) -> bytes:
+        try:
+            return bytes(self._connection.send(event))
+        except ProtocolError as error:
+            raise MalformedFrame(f"not open: {error}") from None
+
+    def _take(self, event: Event) -> Heard | None:
+        match event:
+            case TextMessage() | BytesMessage():
+                return self._message(event)
+            case Ping():
+                if self._connection.state is ConnectionState.OPEN:
+                    self._replies += self._send(event.response())
+                return None
+            case Pong():
+                return Ponged(bytes(event.payload))
+            case CloseConnection():
+                if self._connection.state is ConnectionState.OPEN:  # wsproto's way to report a parse error
+                    raise MalformedFrame(event.reason or "no WebSocket frame")
+                if self._connection.state is ConnectionState.REMOTE_CLOSING:
+                    self._replies += self._send(event.response())
+                self._ended = True
+                return Closed(int(event.code), event.reason or "")
+            case AcceptConnection():
+                return Accepted()
+            case RejectConnection():
+                self._ended = True
+                return Rejected(event.status_code)
+            case Request():
+                names = ((name.decode("ascii"), value.decode("latin-1")) for name, value in event.extra_headers)
+                return Opened(event.target, dict(names))
+            case _:
+                return None
+
+    def _message(self, event: TextMessage | BytesMessage) -> str | bytes | None:
+        self._length += len(event.data)
+        if self._length > self._max_message:
+            raise MalformedFrame(f"message of more than {self._max_message}")
+        part = event.data if isinstance(event.data, str) else bytes(event.data)
+        if part:
+            self._parts.append(part)  # type: ignore[arg-type]  # wsproto keeps the kinds apart
+        if not event.message_finished:
+            return None
+        empty: str | bytes = "" if isinstance(part, str) else b""
+        whole = empty.join(self._parts)  # type: ignore[arg-type]
+        self._parts, self._length = [], 0
+        return whole
+
+
+class ClientEnd(_End):
+    """The end that asks. ``request`` is the upgrade to send."""
+
+    def __init__(self, host: str, target: str, headers: Headers = (), max_message: int = MAX_MESSAGE) -> None:
+        """``host``: with the port, as in the ``Host`` header."""
+        super().__init__(ConnectionType.CLIENT, max_message)
+        self.request = self._send(Request(host=host, target=target, extra_headers=list(headers)))
+
+
+class ServerEnd(_End):
+    """The end that is asked: first it hears ``Opened``."""
+
+    def __init__(self, max_message: int = MAX_MESSAGE) -> None:
+        super().__init__(ConnectionType.SERVER, max_message)
+
+    def accept(self) -> bytes:
+        """Return the answer after which messages may go out."""
+        return self._send(AcceptConnection())
+
+    def reject(self, status: int) -> bytes:
+        """Return the answer that there is no WebSocket here."""
+        self._ended = True
+        return self._send(RejectConnection(status_code=status))

@@ -1,0 +1,122 @@
+"""CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the data. Pure.
+
+On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the packet and the
+XOR of all of that; a length of zero says "ready for the next", and each end waits for that before it sends one.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import operator
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+LONGEST = 100
+"""Bytes of a packet on a serial line."""
+START = 0xFF
+READY = bytes((START, 0))
+
+
+class Target(enum.IntEnum):
+    STM32 = 1
+    HOST = 3
+
+
+class Function(enum.IntEnum):
+    SYSTEM = 1
+    CRTP = 3
+
+
+BRIDGE = b"\x21\x01"
+"""System: CRTP goes over CPX from now on."""
+CLIENT = b"\x20\x01"
+"""System: a client is there."""
+
+
+def packet(function: Function, data: bytes, to_robot: bool = True) -> bytes:
+    """Return a packet from the host to the robot, or back."""
+    source, destination = (Target.HOST, Target.STM32) if to_robot else (Target.STM32, Target.HOST)
+    return bytes((source << 3 | destination, function)) + data
+
+
+def parse(data: bytes) -> tuple[int, bytes]:
+    """Return function and data of a packet. Raise ``MalformedFrame``."""
+    if len(data) < 2:
+        raise MalformedFrame(f"a CPX packet of {len(data)} bytes")
+    if data[1] >> 6:
+        raise MalformedFrame(f"CPX version {data[1] >> 6}, not 0")
+    return data[1] & 0x3F, data[2:]
+
+
+def tcp_frame(data: bytes) -> bytes:
+    return len(data).to_bytes(2, "little") + data
+
+
+def uart_frame(data: bytes) -> bytes:
+    """Raise ``ValueError`` for a packet that is too long."""
+    if len(data) > LONGEST:
+        raise ValueError(f"a CPX packet of {len(data)} bytes, not up to {LONGEST}")
+    head = bytes((START, len(data))) + data
+    return head + bytes((_xor(head),))
+
+
+class TcpDecoder:
+    """Bytes in any pieces, packets out."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Raise ``MalformedFrame`` for a length that no packet has: nothing after it can be understood."""
+        self._held += data
+        packets = []
+        while len(self._held) >= 2:
+            size = int.from_bytes(self._held[:2], "little")
+            if size > LONGEST:
+                raise MalformedFrame(f"a CPX packet of {size} bytes, not up to {LONGEST}")
+            if len(self._held) < 2 + size:
+                break
+            packets.append(bytes(self._held[2 : 2 + size]))
+            del self._held[: 2 + size]
+        return packets
+
+
+class UartDecoder:
+    """Bytes in any pieces; packets out, and b"" for each "ready". What is no frame is skipped and counted."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+        self.damaged = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        self._held += data
+        found: list[bytes] = []
+        while self._held:
+            start = self._held.find(START)
+            if start:
+                self.damaged += 1
+                del self._held[: start if start > 0 else len(self._held)]
+                continue
+            if len(self._held) < 2:
+                break
+            size = self._held[1]
+            if size > LONGEST:
+                self.damaged += 1
+                del self._held[0]
+            elif size == 0:
+                found.append(b"")
+                del self._held[:2]
+            elif len(self._held) < size + 3:
+                break
+            elif _xor(self._held[: size + 2]) != self._held[size + 2]:
+                self.damaged += 1
+                del self._held[0]
+            else:
+                found.append(bytes(self._held[2 : size + 2]))
+                del self._held[: size + 3]
+        return found
+
+
+def _xor(data: bytes | bytearray) -> int:
+    return functools.reduce(operator.xor, data, 0)

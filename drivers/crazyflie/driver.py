@@ -1,0 +1,163 @@
+"""Bitcraze Crazyflie, on CRTP over UDP, TCP, a serial line, a Crazyradio or USB: no SDK.
+
+Four verbs end or begin a flight, and each means something else:
+
+``takeoff()``         arms the motors and rises; the only way up, and no agent has it
+``land()``            comes down because its program says so; ``takeoff()`` may follow
+``stop()``            lands whatever goes on; nothing flies again before ``resume()``
+``emergency_stop()``  cuts the motors in the air, and locks it until it is switched off and on
+
+A late writer makes it hover, level, where it is; a hover without a command lands after half a minute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import finite, parse_action
+from strands_actors.contract.driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    Reason,
+    Service,
+    Timing,
+)
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from .config import LAND_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
+from .gates import conditions_of, gates_of
+from .robots import AXES, TABLES, VZ, Z, part_of
+
+LIFETIME_S = 0.3
+"""Of a command to a drone."""
+SERVICE_RANGES = {"height": (0.1, 2.0, "m"), "duration": (0.5, 10.0, "s")}
+
+
+class CrazyflieOptions(DriverOptions, frozen=True):
+    setpoint_hz: Annotated[
+        float,
+        option("setpoints a second, 10 to 100; the firmware levels out after 0.5 s without one", ge=10, le=100),
+    ] = 20.0
+
+
+class Crazyflie(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.crazyflie.wire:CrazyflieWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.crazyflie.stop_channel:CrazyflieStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.crazyflie.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(CrazyflieOptions)
+    ROLLOUTS: ClassVar[str] = (
+        "a Crazyflie runs no policies: it is flown by send_action(), each command for 0.3 s, after takeoff()"
+    )
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("pose", {"xyz": "xyz_m", "rpy": "rpy_rad"}),
+        Sensor("battery", {"voltage": "battery_v"}),
+    )
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
+        READ_SENSORS,
+        STATUS,
+        ToolVerb("land", "stop", "Land at once, motors off on the floor; nothing flies again by itself."),
+        STOP,
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "takeoff": Service(
+            "arm the motors, rise to a height, hover there; in the air: go to that height",
+            within_s=20.0,
+            arguments={"height": TAKEOFF_M, "duration": TAKEOFF_S},
+        ),
+        "land": Service("come down to the floor, motors off", within_s=15.0, arguments={"duration": LAND_S}),
+        "emergency_stop": Service(
+            "cut the motors at once, wherever it is, and lock it until it is switched off and on",
+            within_s=5.0,
+            stops=Reason.ESTOP,
+        ),
+    }
+    BEFORE_MOTION: ClassVar[str] = "takeoff"
+
+    unit = "m/s (wz: rad/s, z: m)"
+    fallbacks: Mapping[Reason, str] = {
+        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
+        Reason.ESTOP: SafeState.OFF,
+    }
+    firmware_watchdog = (
+        "levels out 0.5 s after the last setpoint and cuts the motors after 2 s; a landing that it has taken it "
+        "flies to the end. Nothing to arm, nothing to read back"
+    )
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, CrazyflieOptions, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        hz = read_options(robot, CrazyflieOptions, options).setpoint_hz
+        self.robot = TABLES.canonical(robot)
+        table = TABLES.table(robot)
+        low, high = table["z_m"]
+        self.config = CrazyflieConfig(self.robot, port, hz, (low, high), float(table["battery_v"]))
+        self.setpoint_hz = hz
+        self.declare(part_of(robot))
+        self.timing = Timing(
+            control_hz=hz,
+            keepalive_s=1 / hz,
+            stream_ttl_s=LIFETIME_S,
+            oneshot_ttl_s=LIFETIME_S,
+            state_ttl_s=self.config.fresh_s,
+            arm_s=3.0,
+            call_s=0.2 if port and _is_usb(port) else 0.0,
+            open_s=25.0,
+            safe_s=6.0,
+        )
+        self.gates = gates_of(self.table, self.timing.state_ttl_s)
+        self.conditions = conditions_of(float(table["battery_v"]), float(table["hover_s"]))
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return speeds and a height; behind them whether the height counts (a hover, speeds in the drone's own
+        frame) or not (speeds in the world's frame)."""
+        target = (*state.target[:Z], state.observation.position[Z])
+        parsed = parse_action(action, self.robot, self.table, self._index, target)
+        if isinstance(parsed, Refused):
+            return parsed
+        values, named = parsed
+        if Z in named and VZ in named:
+            return Refused("both", "move: vz and z are both given", "send one of them", "vz and z", "vz or z")
+        return Candidate((*values, float(Z in named)), named)
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
+        if refusal is not None:
+            return refusal
+        for name, default in self.SERVICES[service].arguments.items():
+            low, high, unit = SERVICE_RANGES[name]
+            value = finite(arguments.get(name, default))
+            if value is None or not low <= value <= high:
+                offered, limit = str(arguments.get(name))[:40], f"{low:g}..{high:g} {unit}"
+                why = f"{service}: {name} is {offered}"
+                return Refused("bad_argument", why, f"give {limit}", offered, limit)
+        return None
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        by_height = bool(values[Z + 1])
+        keys = ("vx", "vy", "wz", "z") if by_height else AXES[:Z]
+        args = {key: value for key, value in self.as_json(values).items() if key in keys}
+        name = "hover" if by_height else "velocity_world"
+        return {"commanded": name, "args": args, "setpoint_hz": self.setpoint_hz, "unit": self.unit}
+
+
+def _is_usb(port: str) -> bool:
+    try:
+        return parse_port(port).is_usb
+    except ValueError:
+        return False  # refused when it is opened

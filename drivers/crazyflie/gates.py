@@ -1,0 +1,169 @@
+"""What a Crazyflie refuses, from what it reports. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import axis_gates
+from strands_actors.contract.driver import (
+    Candidate,
+    Condition,
+    ConditionCheck,
+    GateCheck,
+    GateState,
+    Observation,
+    Reason,
+)
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.kernel.messages import Refused
+
+from .protocol import Battery, Bit, Flight, Place
+from .robots import VZ, Z
+
+Row = tuple[float, ...]
+
+SETTLED_DEG = 15.0
+"""Tilt above which it does not stand well enough to take off [assumed]."""
+
+
+def sensors_of(flight: Flight, place: Place, place_age_s: float, hover_s: float) -> dict[str, Row]:
+    """Return what is read, by name, unit in the name."""
+    return {
+        "xyz_m": (place.x_m, place.y_m, flight.z_m),
+        "rpy_rad": (flight.roll_rad, flight.pitch_rad, place.yaw_rad),
+        "velocity_m_s": flight.velocity_m_s,
+        "battery_v": (place.battery_v,),
+        "battery_state": (float(flight.battery_state),),
+        "supervisor": (float(flight.bits),),
+        "hover_s": (hover_s,),
+        "place_age_s": (place_age_s,),
+    }
+
+
+def bits_in(sensors: Mapping[str, Row]) -> Bit | None:
+    """Return what the supervisor said; None: nothing was read."""
+    row = sensors.get("supervisor")
+    return None if row is None else Bit(int(row[0]))
+
+
+# -- conditions: what must be true of it, whatever it is told
+
+
+def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked. Each names what is done when it is not true any more: a
+    drone that lies on its back has its motors cut, one with a low battery lands."""
+    return (
+        Condition(_locked, Reason.FAULT, SafeState.LIMP, always=True),
+        Condition(_upset, Reason.FAULT, SafeState.LIMP, always=True),
+        Condition(_battery(battery_v), Reason.FAULT, SafeState.LAND, always=True),
+        Condition(_hovering(hover_s), Reason.FAULT, SafeState.LAND, always=True),
+        Condition(_flying, Reason.FAULT, SafeState.LAND),
+    )
+
+
+def _locked(observation: Observation, now_ns: int) -> Refused | None:
+    bits = bits_in(observation.sensors)
+    if bits is None or Bit.LOCKED not in bits:
+        return None
+    return Refused("locked", "move: it is locked after an emergency stop", "switch it off and on", "locked")
+
+
+def _upset(observation: Observation, now_ns: int) -> Refused | None:
+    bits = bits_in(observation.sensors)
+    if bits is None or not bits & (Bit.TUMBLED | Bit.CRASHED):
+        return None
+    if Bit.TUMBLED in bits:
+        return Refused("tumbled", "move: it has tumbled", "put it on its feet", "tumbled")
+    return Refused("crashed", "move: it has crashed", "switch it off and on", "crashed")
+
+
+def _battery(floor_v: float) -> ConditionCheck:
+    def battery(observation: Observation, now_ns: int) -> Refused | None:
+        bits = bits_in(observation.sensors)
+        if bits is None or not bits.airborne:
+            return None  # on the floor it is takeoff that asks
+        return _refuse_battery("move", observation.sensors, floor_v)
+
+    return battery
+
+
+def _refuse_battery(verb: str, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
+    (volts,) = sensors.get("battery_v", (math.nan,))
+    (state,) = sensors.get("battery_state", (float(Battery.BATTERY),))
+    if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):
+        return None
+    limit = f"{floor_v:.1f} V"
+    return Refused(
+        "battery", f"{verb}: battery at {volts:.2f} V", f"charge it above {limit}", f"{volts:.2f}", limit
+    )
+
+
+def _hovering(longest_s: float) -> ConditionCheck:
+    def hovering(observation: Observation, now_ns: int) -> Refused | None:
+        (hover_s,) = observation.sensors.get("hover_s", (0.0,))
+        if hover_s <= longest_s:
+            return None
+        limit = f"{longest_s:g} s"
+        return Refused("hovering", f"move: it hovered without a command for {limit}", "take off again", limit=limit)
+
+    return hovering
+
+
+def _flying(observation: Observation, now_ns: int) -> Refused | None:
+    bits = bits_in(observation.sensors)
+    if bits is None:
+        return Refused("no_observation", "move: its supervisor has said nothing yet", "wait for it")
+    if bits.airborne:
+        return None
+    return Refused("not_flying", "move: it stands on the floor, motors off", "call takeoff() first")
+
+
+# -- gates: of one command
+
+
+def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    return (*axis_gates(axes, state_ttl_s), _within_heights(axes[Z].limits))
+
+
+def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
+    """Refuse to climb past the ceiling, or to sink into its own wash, by a speed."""
+    low, high = heights_m
+
+    def within_heights(candidate: Candidate, state: GateState) -> Refused | None:
+        climb, here = candidate.values[VZ], state.observation.position[Z]
+        if climb > 0 and here >= high:
+            why, remedy = f"at {here:.2f} m, past {high:g}", "sink, or give z"
+        elif climb < 0 and here <= low:
+            why, remedy = f"at {here:.2f} m, below {low:g}", "call land()"
+        else:
+            return None
+        return Refused("past_travel", f"move: vz {climb:g} m/s {why}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
+
+    return within_heights
+
+
+# -- taking off
+
+
+def why_no_takeoff(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
+    """Return why it may not take off now; None: it may."""
+    if bits is None:
+        return Refused("no_observation", "takeoff: its supervisor does not answer", "check radio and power")
+    if Bit.LOCKED in bits:
+        return Refused("locked", "takeoff: it is locked after an emergency stop", "switch it off and on")
+    if bits & (Bit.TUMBLED | Bit.CRASHED):
+        return Refused("tumbled", "takeoff: it has tumbled or crashed", "put it on its feet, switch it off and on")
+    refusal = _refuse_battery("takeoff", sensors, floor_v)
+    if refusal is not None or bits.airborne:
+        return refusal
+    if not bits & (Bit.ARMED | Bit.CAN_BE_ARMED):
+        return Refused("cannot_arm", "takeoff: its supervisor lets nobody arm it", "look at the drone")
+    tilt_deg = max(abs(math.degrees(angle)) for angle in sensors["rpy_rad"][:2])
+    if tilt_deg > SETTLED_DEG:
+        limit = f"{SETTLED_DEG:g} degrees"
+        return Refused(
+            "tilted", f"takeoff: it is tilted by {tilt_deg:.0f} degrees", "put it on a level floor", limit=limit
+        )
+    return None

@@ -1,0 +1,221 @@
+"""Links to a Crazyflie that carry packets of CRTP: UDP, TCP and serial lines. (Radio and USB: ``usb_links``.)"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Protocol
+
+import trio
+
+from strands_actors.contract.driver import Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
+from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.drivers.common.udp_port import UdpPort, open_udp
+
+from . import cpx
+from .config import Place
+
+BAUD = 576_000
+READY_S = 2.0
+"""Within which a serial line's other end must be ready."""
+
+
+class Link(Protocol):
+    """Everything raises ``WireDown`` once the link is gone."""
+
+    name: str
+    prompt: bool = True
+    """Whether ``write`` and ``read_waiting`` never wait."""
+
+    outlives_a_loss: bool = False
+    """Whether what was lost may carry something again: it has no connection that could be dead."""
+
+    async def write(self, packet: bytes, permit: Permit | None = None) -> None:
+        """Send a packet. ``permit`` is checked as the last thing before."""
+        ...
+
+    async def read(self) -> bytes:
+        """Return the next packet. One task at a time."""
+        ...
+
+    def read_waiting(self) -> bytes | None:
+        """Return a packet that is already there, else None. Never waits."""
+        ...
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Keep up what the link needs, if it needs anything."""
+        task_status.started()
+
+    def handover(self) -> Sequence[int]:
+        """Return descriptors by which another process can write; valid until ``close``."""
+        return ()
+
+    def close(self) -> None: ...
+
+
+class UdpLink(Link):
+    outlives_a_loss = True
+
+    def __init__(self, port: UdpPort) -> None:
+        self._port = port
+        self.name = f"udp://{port.name}"
+
+    async def write(self, packet: bytes, permit: Permit | None = None) -> None:
+        if permit is not None:
+            permit.check()
+            self._port.write(packet)
+            return
+        try:
+            self._port.write(packet)
+        except WireDown:
+            self._port.write(packet)  # the refusal may have been of an earlier packet, and has been told now
+
+    async def read(self) -> bytes:
+        return await self._port.read()
+
+    def read_waiting(self) -> bytes | None:
+        return self._port.read_waiting()
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class TcpLink(Link):
+    """CPX over TCP."""
+
+    def __init__(self, port: TcpPort) -> None:
+        self._port = port
+        self._decoder = cpx.TcpDecoder()
+        self._waiting: deque[bytes] = deque()
+        self.name = f"tcp://{port.name}"
+
+    def bridge(self) -> None:
+        """Ask for CRTP over CPX."""
+        self._port.write(cpx.tcp_frame(cpx.packet(cpx.Function.SYSTEM, cpx.BRIDGE)))
+
+    async def write(self, packet: bytes, permit: Permit | None = None) -> None:
+        frame = cpx.tcp_frame(cpx.packet(cpx.Function.CRTP, packet))
+        if permit is not None:
+            permit.check()
+        self._port.write(frame)
+
+    async def read(self) -> bytes:
+        while (packet := self.read_waiting()) is None:
+            self._take(await self._port.read())
+        return packet
+
+    def read_waiting(self) -> bytes | None:
+        if not self._waiting:
+            data = self._port.read_waiting()
+            if data:
+                self._take(data)
+        return self._waiting.popleft() if self._waiting else None
+
+    def _take(self, data: bytes) -> None:
+        try:
+            packets = self._decoder.feed(data)
+        except MalformedFrame as malformed:
+            raise WireDown(f"{self.name}: cannot be understood ({malformed}). Reconnect") from None
+        self._waiting += carried(packets)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class SerialLink(Link):
+    """CPX over a serial line. A setpoint is not written while the robot has not taken the frame before; what makes
+    it safe is."""
+
+    def __init__(self, port: BytePort, name: str) -> None:
+        self._port = port
+        self._decoder = cpx.UartDecoder()
+        self._waiting: deque[bytes] = deque()
+        self._ready = True
+        self.name = name
+
+    async def bridge(self) -> None:
+        """Synchronise, and ask for CRTP over CPX. Raise ``WireDown``."""
+        self._ready = False
+        with trio.move_on_after(READY_S):
+            while not self._ready:
+                self._take(await self._port.read())
+            self._port.write(cpx.READY)
+            for request in (cpx.BRIDGE, cpx.CLIENT):
+                self._ready = False
+                self._port.write(cpx.uart_frame(cpx.packet(cpx.Function.SYSTEM, request)))
+                while not self._ready:
+                    self._take(await self._port.read())
+            return
+        raise WireDown(f"{self.name}: nobody is ready there. Check the line and its rate, {BAUD} baud")
+
+    async def write(self, packet: bytes, permit: Permit | None = None) -> None:
+        frame = cpx.uart_frame(cpx.packet(cpx.Function.CRTP, packet))
+        self._take(self._port.take())
+        if permit is not None:
+            if not self._ready:
+                raise PermitDenied("the robot has not taken the frame before")
+            permit.check()
+        self._ready = False
+        self._port.write(frame)
+
+    async def read(self) -> bytes:
+        while (packet := self.read_waiting()) is None:
+            self._take(await self._port.read())
+        return packet
+
+    def read_waiting(self) -> bytes | None:
+        if not self._waiting:
+            self._take(self._port.take())
+        return self._waiting.popleft() if self._waiting else None
+
+    def _take(self, data: bytes) -> None:
+        packets = self._decoder.feed(data)
+        full = [packet for packet in packets if packet]
+        self._ready = self._ready or len(full) < len(packets)
+        for _ in full:
+            self._port.write(cpx.READY)
+        self._waiting += carried(full)
+
+    def handover(self) -> Sequence[int]:
+        return (self._port.fileno(),)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+async def open_link(place: Place, descriptors: Sequence[int] = ()) -> Link:
+    """Open a link that needs no USB. ``descriptors``: what ``Link.handover`` of an earlier one gave. Raise
+    ``WireDown``."""
+    match place.kind:
+        case "udp":
+            return UdpLink(open_udp(place.host, place.number))
+        case "tcp":
+            tcp = TcpLink(await open_tcp(place.host, place.number))
+            tcp.bridge()
+            return tcp
+        case "serial" if descriptors:
+            return SerialLink(adopt_serial(descriptors[0], place.path), f"serial://{place.path}")
+        case "serial":
+            serial = SerialLink(open_serial(place.path, BAUD), f"serial://{place.path}")
+            try:
+                await serial.bridge()
+            except BaseException:
+                serial.close()
+                raise
+            return serial
+    raise WireDown(f"{place.kind}: only the wire process has this link")
+
+
+def carried(packets: Sequence[bytes]) -> list[bytes]:
+    """Return the packets of CRTP that packets of CPX carry; others are none of ours."""
+    found = []
+    for packet in packets:
+        try:
+            function, data = cpx.parse(packet)
+        except MalformedFrame:
+            continue
+        if function == cpx.Function.CRTP and data:
+            found.append(data)
+    return found

@@ -1,0 +1,355 @@
+"""CRTP, what a Crazyflie speaks on every link: packets of a header byte and at most 30 bytes. Pure.
+
+SI units everywhere; the firmware wants yaw rates and reports angles in degrees, and ``_deg`` and ``_rad`` are the
+one place where that is converted. Layouts: the CRTP pages of the firmware's documentation, tried with cflib 0.1.34.
+
+A hover that makes the robot safe is written with a negative zero for ``vx``: to the firmware it is the same hover,
+and the log of a wire tells it from a setpoint of zero.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+LONGEST = 31
+"""Bytes of a packet, header included."""
+NULL = b"\xff"
+"""A packet that says nothing: it asks who is there, and lets a radio's robot answer."""
+OLDEST = 12
+"""Protocol version. From it on there is a supervisor port, by which a landing is confirmed."""
+NAME = b"Bitcraze Crazyflie"
+EXISTS = 17
+"""Status of a block of the log that there is already: it was asked for twice."""
+
+
+class Port(enum.IntEnum):
+    PARAMETERS = 2
+    RPYT = 3
+    MEMORY = 4
+    LOG = 5
+    LOCALIZATION = 6
+    SETPOINT = 7
+    HIGH_LEVEL = 8
+    SUPERVISOR = 9
+    PLATFORM = 13
+    LINK = 15
+
+
+class Setpoint(enum.IntEnum):
+    """First byte on ``Port.SETPOINT``, channel 0."""
+
+    STOP = 0
+    VELOCITY_WORLD = 8
+    HOVER = 10
+
+
+class HighLevel(enum.IntEnum):
+    STOP = 3
+    TAKEOFF = 7
+    LAND = 8
+
+
+class Order(enum.IntEnum):
+    """First byte on ``Port.SUPERVISOR``, channel 1."""
+
+    ARM = 1
+    RECOVER = 2
+    EMERGENCY_STOP = 3
+
+
+class Bit(enum.IntFlag):
+    """What the supervisor says."""
+
+    CAN_BE_ARMED = 1 << 0
+    ARMED = 1 << 1
+    AUTO_ARMED = 1 << 2
+    CAN_FLY = 1 << 3
+    FLYING = 1 << 4
+    TUMBLED = 1 << 5
+    LOCKED = 1 << 6
+    CRASHED = 1 << 7
+    HIGH_LEVEL_ACTIVE = 1 << 8
+    TRAJECTORY_FINISHED = 1 << 9
+    HIGH_LEVEL_DISABLED = 1 << 10
+
+    @property
+    def airborne(self) -> bool:
+        """Whether motors keep it up: the flying bit outlasts a landing, and who is disarmed or locked has none."""
+        return Bit.FLYING in self and Bit.ARMED in self and Bit.LOCKED not in self
+
+
+class Battery(enum.IntEnum):
+    """``pm.state``."""
+
+    BATTERY = 0
+    CHARGING = 1
+    CHARGED = 2
+    LOW_POWER = 3
+    SHUTDOWN = 4
+
+
+class Block(NamedTuple):
+    """A row of the log that the robot is asked to send: name and type of each variable, at most nine."""
+
+    number: int
+    variables: tuple[tuple[str, int], ...]
+    layout: struct.Struct
+
+
+_FP16, _FLOAT, _U8, _U16 = 8, 7, 1, 2
+
+FLIGHT = Block(
+    1,
+    (
+        ("stateEstimate.z", _FP16),
+        ("stateEstimate.vx", _FP16),
+        ("stateEstimate.vy", _FP16),
+        ("stateEstimate.vz", _FP16),
+        ("gyro.z", _FP16),
+        ("stabilizer.roll", _FP16),
+        ("stabilizer.pitch", _FP16),
+        ("pm.state", _U8),
+        ("supervisor.info", _U16),
+    ),
+    struct.Struct("<7eBH"),
+)
+"""What must be known to fly."""
+
+PLACE = Block(
+    2,
+    (
+        ("stateEstimate.x", _FLOAT),
+        ("stateEstimate.y", _FLOAT),
+        ("stabilizer.yaw", _FLOAT),
+        ("pm.vbat", _FLOAT),
+    ),
+    struct.Struct("<4f"),
+)
+"""What may be older."""
+
+_ALL_BITS = (1 << 11) - 1
+
+
+class Packet(NamedTuple):
+    port: int
+    channel: int
+    data: bytes
+
+
+def encode(port: int, channel: int, data: bytes = b"") -> bytes:
+    return bytes((port << 4 | 0x0C | channel,)) + data
+
+
+def decode(packet: bytes) -> Packet:
+    """Return a packet's parts. Raise ``MalformedFrame``."""
+    if not 1 <= len(packet) <= LONGEST:
+        raise MalformedFrame(f"a packet of {len(packet)} bytes, not 1 to {LONGEST}")
+    return Packet(packet[0] >> 4, packet[0] & 3, packet[1:])
+
+
+def is_null(packet: bytes) -> bool:
+    """Return whether a packet is only there to be answered, or is such an answer: port 15, channel 3."""
+    return packet[:1] == NULL
+
+
+# -- what the host commands
+
+
+def hover(vx_m_s: float, vy_m_s: float, wz_rad_s: float, z_m: float) -> bytes:
+    """Return a setpoint at a height, with velocities of the robot's own frame."""
+    return _setpoint(Setpoint.HOVER, vx_m_s + 0.0, vy_m_s, _deg(wz_rad_s), z_m)
+
+
+def hover_still(z_m: float) -> bytes:
+    """Return the safe hover: level, where it is."""
+    return _setpoint(Setpoint.HOVER, -0.0, 0.0, 0.0, z_m)
+
+
+def velocity(vx_m_s: float, vy_m_s: float, vz_m_s: float, wz_rad_s: float) -> bytes:
+    """Return a setpoint of velocities in the world's frame."""
+    return _setpoint(Setpoint.VELOCITY_WORLD, vx_m_s, vy_m_s, vz_m_s, _deg(wz_rad_s))
+
+
+def _setpoint(kind: Setpoint, *values: float) -> bytes:
+    return encode(Port.SETPOINT, 0, struct.pack("<Bffff", kind, *values))
+
+
+STOP = encode(Port.SETPOINT, 0, bytes((Setpoint.STOP,)))
+"""Motors off."""
+YIELD = encode(Port.SETPOINT, 1, struct.pack("<BI", 0, 0))
+"""From now on the high-level commander is obeyed, not the last setpoint."""
+ARM = encode(Port.SUPERVISOR, 1, bytes((Order.ARM, 1)))
+DISARM = encode(Port.SUPERVISOR, 1, bytes((Order.ARM, 0)))
+EMERGENCY_STOP = encode(Port.SUPERVISOR, 1, bytes((Order.EMERGENCY_STOP,)))
+"""Motors off, and locked until the robot is switched off and on."""
+
+
+def land(duration_s: float) -> bytes:
+    """Return an order to the high-level commander: down to the floor, straight, in so long."""
+    return encode(Port.HIGH_LEVEL, 0, struct.pack("<BBff?f", HighLevel.LAND, 0, 0.0, 0.0, True, duration_s))
+
+
+# -- questions: what is sent, and how an answer to it begins
+
+
+class Question(NamedTuple):
+    packet: bytes
+    answer: bytes
+    """What an answer begins with, header included. An answer's bits 2 and 3 of the header may be anything."""
+
+    def answered_by(self, packet: bytes) -> bool:
+        mine, theirs = self.answer, packet[: len(self.answer)]
+        return len(theirs) == len(mine) and (theirs[0] ^ mine[0]) & 0xF3 == 0 and theirs[1:] == mine[1:]
+
+
+def _ask(port: int, channel: int, data: bytes, answer: bytes) -> Question:
+    return Question(encode(port, channel, data), encode(port, channel, answer))
+
+
+NAME_QUESTION = _ask(Port.LINK, 1, b"", NAME)
+VERSION_QUESTION = _ask(Port.PLATFORM, 1, b"\x00", b"\x00")
+FIRMWARE_QUESTION = _ask(Port.PLATFORM, 1, b"\x01", b"\x01")
+SUPERVISOR_QUESTION = _ask(Port.SUPERVISOR, 0, b"\x0c", b"\x8c")
+ARM_QUESTION = Question(ARM, encode(Port.SUPERVISOR, 1, b"\x81"))
+DISARM_QUESTION = Question(DISARM, encode(Port.SUPERVISOR, 1, b"\x81"))
+LOG_INFO_QUESTION = _ask(Port.LOG, 0, b"\x03", b"\x03")
+LOG_RESET_QUESTION = _ask(Port.LOG, 1, b"\x05", b"\x05")
+
+
+def land_question(duration_s: float) -> Question:
+    packet = land(duration_s)
+    return Question(packet, packet[:4])
+
+
+def log_item_question(number: int) -> Question:
+    item = struct.pack("<BH", 2, number)
+    return _ask(Port.LOG, 0, item, item)
+
+
+def log_create_question(block: Block, numbers: Sequence[int]) -> Question:
+    """Ask for a block of the log: its variables by number, each with the type it is to be sent as."""
+    kinds = (kind for _, kind in block.variables)
+    rows = b"".join(struct.pack("<BH", kind, number) for kind, number in zip(kinds, numbers, strict=True))
+    head = bytes((6, block.number))
+    return _ask(Port.LOG, 1, head + rows, head)
+
+
+def log_start_question(block: Block, period_s: float) -> Question:
+    """``period_s``: in hundredths of a second on the wire, 0.01 to 2.55."""
+    hundredths = min(255, max(1, round(period_s * 100)))
+    head = bytes((3, block.number))
+    return _ask(Port.LOG, 1, head + bytes((hundredths,)), head)
+
+
+# -- answers
+
+
+def version_of(packet: bytes) -> int:
+    """Raise ``MalformedFrame``."""
+    return _unpack("<BB", packet)[1]
+
+
+def firmware_of(packet: bytes) -> str:
+    """Return the firmware's own name, printable."""
+    text = packet[2:].split(b"\0")[0].decode("ascii", "replace")
+    return "".join(letter for letter in text if letter.isprintable())
+
+
+def supervisor_of(packet: bytes) -> Bit:
+    """Raise ``MalformedFrame``."""
+    return Bit(_unpack("<BH", packet)[1] & _ALL_BITS)
+
+
+def is_armed(packet: bytes) -> bool:
+    """Return whether an order to arm left the robot armed. Raise ``MalformedFrame``."""
+    return bool(_unpack("<BBB", packet)[2])
+
+
+def log_count_of(packet: bytes) -> int:
+    """Raise ``MalformedFrame``."""
+    return int(_unpack("<BHI", packet)[1])
+
+
+def log_name_of(packet: bytes) -> str:
+    """Return ``group.name`` of an item of the log's table. Raise ``MalformedFrame``."""
+    try:
+        group, name = packet[5:].decode("ascii").split("\0")[:2]
+    except (UnicodeDecodeError, ValueError):
+        raise MalformedFrame("an item of the log without a name") from None
+    return f"{group}.{name}"
+
+
+def status_of(packet: bytes) -> int:
+    """Return the status of an answer that ends with one: 0 is success. Raise ``MalformedFrame``."""
+    if len(packet) < 4:
+        raise MalformedFrame("an answer without a status")
+    return packet[-1]
+
+
+# -- readings
+
+
+class Flight(msgspec.Struct, frozen=True):
+    """A row of ``FLIGHT``, SI."""
+
+    z_m: float
+    velocity_m_s: tuple[float, float, float]
+    wz_rad_s: float
+    roll_rad: float
+    pitch_rad: float
+    battery_state: int
+    bits: Bit
+
+
+class Place(msgspec.Struct, frozen=True):
+    """A row of ``PLACE``, SI."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    battery_v: float
+
+
+def row_of(packet: bytes) -> tuple[int, Flight | Place] | None:
+    """Return a row of our blocks, with the robot's clock (ms, 24 bits); None for what is no row of ours. Raise
+    ``MalformedFrame`` for another length, and for numbers that are none."""
+    port, channel, data = decode(packet)
+    block = next((block for block in (FLIGHT, PLACE) if data[:1] == bytes((block.number,))), None)
+    if (port, channel) != (Port.LOG, 2) or block is None:
+        return None
+    if len(data) != 4 + block.layout.size:
+        raise MalformedFrame(f"a row of {len(data)} bytes, not {4 + block.layout.size}")
+    values = block.layout.unpack(data[4:])
+    if not all(map(math.isfinite, values)):
+        raise MalformedFrame("a row with a number that is none")
+    stamp_ms = int.from_bytes(data[1:4], "little")
+    if block is PLACE:
+        x, y, yaw, volts = values
+        return stamp_ms, Place(x, y, _rad(yaw), volts)
+    z, vx, vy, vz, turn, roll, pitch, battery, bits = values
+    # the firmware's pitch is positive with the nose up
+    return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), battery, Bit(bits & _ALL_BITS))
+
+
+def _deg(rad: float) -> float:
+    return math.degrees(rad)
+
+
+def _rad(deg: float) -> float:
+    return math.radians(deg)
+
+
+def _unpack(layout: str, packet: bytes) -> tuple[int, ...]:
+    """Return the head of a packet's data. Raise ``MalformedFrame``."""
+    size = struct.calcsize(layout)
+    if len(packet) < size + 1:
+        raise MalformedFrame(f"an answer of {len(packet)} bytes, not {size + 1}")
+    return struct.unpack(layout, packet[1 : size + 1])

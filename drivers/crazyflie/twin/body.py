@@ -1,0 +1,164 @@
+"""The body of the twin: a rigid body in MuJoCo under the firmware's cascade of controllers.
+
+Speed asks for tilt, tilt for torque; what the motors give is bounded. Gains are [assumed]: they make it fly, they
+are not the firmware's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.model_rows import build
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+
+GRAVITY_M_S2 = 9.81
+LONGEST_S = 0.25
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is dropped."""
+
+_SPEED_GAIN, _CLIMB_GAIN, _HEIGHT_GAIN, _TURN_GAIN = 4.0, 8.0, 2.0, 10.0
+_TILT_GAIN, _TILT_DAMPING = 400.0, 36.0
+_MOST_TILT_RAD = math.radians(25.0)
+_MOST_CLIMB_M_S = 0.8
+_MOST_LIFT_M_S2 = 5.0
+
+
+class Wanted(NamedTuple):
+    """What the commander asks of the controllers. ``level``: roll and pitch zero, whatever the speed.
+    ``z_m``: the height; None where ``vz_m_s`` counts alone."""
+
+    vx_m_s: float = 0.0
+    vy_m_s: float = 0.0
+    vz_m_s: float = 0.0
+    wz_rad_s: float = 0.0
+    z_m: float | None = None
+    level: bool = False
+    world: bool = True  # whether speeds are in the world's frame, or in the robot's own
+
+
+class FlyingBody:
+    """At first it stands on the floor, motors off. ``wanted`` None: they are off."""
+
+    def __init__(self, table: Mapping[str, Any]) -> None:
+        self.spec = build(table)
+        self.model = self.spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._base = int(self.model.body("base").id)
+        self._kg = float(self.model.body_subtreemass[self._base])
+        self._inertia = [float(value) for value in self.model.body_inertia[self._base]]
+        self._thrust_n = float(table["thrust_n"])
+        self._torque_nm = [float(value) for value in table["torque_nm"]]
+        self._drag = float(table["drag_n_s_m"])
+        self._rest_m = float(self.data.qpos[2])
+        self.wanted: Wanted | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """On the floor where it began, upright, at rest."""
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
+        self.wanted = None
+
+    # -- what its estimator knows
+
+    @property
+    def time_s(self) -> float:
+        return float(self.data.time)
+
+    @property
+    def xyz_m(self) -> tuple[float, float, float]:
+        """Where it is; the height is that of its feet."""
+        x, y, z = self.data.qpos[:3].tolist()
+        return x, y, z - self._rest_m
+
+    @property
+    def velocity_m_s(self) -> tuple[float, float, float]:
+        vx, vy, vz = self.data.qvel[:3].tolist()
+        return vx, vy, vz
+
+    @property
+    def wz_rad_s(self) -> float:
+        return float(self.data.qvel[5])
+
+    @property
+    def rpy_rad(self) -> tuple[float, float, float]:
+        w, x, y, z = self.data.qpos[3:7].tolist()
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return roll, pitch, yaw
+
+    @property
+    def tilt_rad(self) -> float:
+        """Between its own axis and the vertical."""
+        _, x, y, _ = self.data.qpos[3:7].tolist()
+        return math.acos(max(-1.0, min(1.0, 1 - 2 * (x * x + y * y))))
+
+    def tip_over(self) -> None:
+        """Put it on its back on the floor, as a wall would."""
+        self.data.qpos[2:7] = (2 * self._rest_m, 0.0, 1.0, 0.0, 0.0)
+        self.data.qvel[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    # -- time
+
+    def step(self) -> None:
+        """Let one time step pass."""
+        data = self.data
+        vx, vy, vz = self.velocity_m_s
+        force = [-self._drag * vx, -self._drag * vy, -self._drag * vz]
+        torque = (0.0, 0.0, 0.0)
+        if self.wanted is not None:
+            thrust_n, torque = self._control(self.wanted)
+            up = data.xmat[self._base][2::3].tolist()
+            force = [drag + thrust_n * axis for drag, axis in zip(force, up, strict=True)]
+        rotation = data.xmat[self._base].tolist()
+        turned = [sum(rotation[3 * row + at] * torque[at] for at in range(3)) for row in range(3)]
+        data.xfrc_applied[self._base] = (*force, *turned)
+        mujoco.mj_step(self.model, data)
+
+    def _control(self, wanted: Wanted) -> tuple[float, tuple[float, float, float]]:
+        """Return thrust and torques in the body's frame, as much as the motors can give."""
+        roll, pitch, yaw = self.rpy_rad
+        vx, vy, vz = self.velocity_m_s
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        forward, left = cos * vx + sin * vy, cos * vy - sin * vx
+        want_forward, want_left = wanted.vx_m_s, wanted.vy_m_s
+        if wanted.world:
+            want_forward, want_left = (
+                cos * wanted.vx_m_s + sin * wanted.vy_m_s,
+                cos * wanted.vy_m_s - sin * wanted.vx_m_s,
+            )
+        want_pitch = want_roll = 0.0
+        if not wanted.level:
+            want_pitch = _tilt(_SPEED_GAIN * (want_forward - forward))
+            want_roll = -_tilt(_SPEED_GAIN * (want_left - left))
+        climb = wanted.vz_m_s
+        if wanted.z_m is not None:
+            climb = _within(climb + _HEIGHT_GAIN * (wanted.z_m - self.xyz_m[2]), _MOST_CLIMB_M_S)
+        lift = GRAVITY_M_S2 + _within(_CLIMB_GAIN * (climb - vz), _MOST_LIFT_M_S2)
+        thrust_n = self._kg * lift / max(0.5, math.cos(roll) * math.cos(pitch))
+        turn = self.data.qvel[3:6].tolist()
+        angular = (
+            _TILT_GAIN * (want_roll - roll) - _TILT_DAMPING * turn[0],
+            _TILT_GAIN * (want_pitch - pitch) - _TILT_DAMPING * turn[1],
+            _TURN_GAIN * (wanted.wz_rad_s - turn[2]),
+        )
+        torques = [
+            _within(inertia * value, most)
+            for inertia, value, most in zip(self._inertia, angular, self._torque_nm, strict=True)
+        ]
+        return min(max(thrust_n, 0.0), self._thrust_n), (torques[0], torques[1], torques[2])
+
+
+def _tilt(acceleration_m_s2: float) -> float:
+    return _within(math.atan2(acceleration_m_s2, GRAVITY_M_S2), _MOST_TILT_RAD)
+
+
+def _within(value: float, most: float) -> float:
+    return max(-most, min(most, value))
+
+
+__all__ = ["LONGEST_S", "TIMESTEP_S", "FlyingBody", "Wanted"]

@@ -1,0 +1,404 @@
+"""The twin's firmware: commander, supervisor, high-level commander, log and parameters. It knows no sockets.
+
+Its watchdog is the real one's: without a setpoint it levels out after 0.5 s, and cuts the motors after 2 s. The
+high-level commander has none: what it was told it flies to the end.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.crazyflie import protocol as p
+from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
+
+from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Wanted
+from .tables import LOG, LOG_LAYOUTS, PARAMETERS, Reading, checksum, packed
+
+LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
+"""Of the firmware's commander."""
+FLYING_S = 2.0
+"""How long it counts as flying after its motors stopped [assumed]."""
+AIRBORNE_M = 0.02
+TUMBLED_RAD, TUMBLED_S = math.radians(70.0), 0.3
+"""[assumed]"""
+SETTLE_S = 0.3
+"""How long a landing lasts after its trajectory has ended."""
+LOW_V = 3.2
+DESCENT_S = 2.0
+"""Of a landing that a simulation asks for."""
+
+LOG_BYTES = 26
+HOVER_THRUST = 36000.0
+"""In the firmware's units, of 65535 [assumed]."""
+
+
+class Heard(NamedTuple):
+    """What became of a packet: its kind for the wire log, the safe state it brings, and the answers."""
+
+    kind: str
+    replies: tuple[bytes, ...] = ()
+    safe_state: str | None = None
+
+
+@dataclass
+class Plan:
+    """What the high-level commander flies: from one height to another."""
+
+    from_m: float
+    to_m: float
+    began_s: float
+    duration_s: float
+    lands: bool
+
+    def wanted(self, now_s: float) -> Wanted:
+        share = min(1.0, (now_s - self.began_s) / self.duration_s)
+        height, rate = share * share * (3 - 2 * share), 6 * share * (1 - share) / self.duration_s
+        rise = self.to_m - self.from_m
+        return Wanted(z_m=self.from_m + rise * height, vz_m_s=rise * rate)
+
+
+@dataclass
+class LogBlock:
+    variables: list[tuple[int, int]] = field(default_factory=list)  # number in the table, type to send
+    period_s: float = 0.0  # 0: not started
+    due_s: float = 0.0
+
+
+class Firmware:
+    def __init__(
+        self,
+        table: Mapping[str, Any],
+        now_s: Callable[[], float],
+        *,
+        protocol: int = p.OLDEST,
+        auto_arm: bool = False,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """``note`` hears what the watchdog and the supervisor do by themselves."""
+        self.body = FlyingBody(table)
+        self._now_s = now_s
+        self._protocol = protocol
+        self._auto_arm = auto_arm
+        self._note = note
+        self._seen_s = now_s()
+        self.battery_v = 4.0
+        self.stuck: Reading | None = None  # what it goes on reporting
+        self.wrong_m = 0.0
+        self.boot()
+
+    def boot(self) -> None:
+        """Switched off and on where it is."""
+        self.armed = self._auto_arm
+        self.locked = self.tumbled = self.crashed = False
+        self._setpoint: Wanted | None = None
+        self._told_s = 0.0
+        self._plan: Plan | None = None
+        self._finished = False
+        self._flew_s = -math.inf
+        self._tipped_s = 0.0
+        self._levelled = False
+        self.blocks: dict[int, LogBlock] = {}
+        self.parameters = [parameter.value for parameter in PARAMETERS]
+        self.simulated = False  # whether a simulation flies it, instead of the wire
+        self._simulated: Wanted | None = None
+
+    def reset(self) -> None:
+        """As at first: on the floor, just switched on."""
+        self.body.reset()
+        self.boot()
+
+    # -- time
+
+    @property
+    def time_s(self) -> float:
+        return self.body.time_s
+
+    @property
+    def motors_on(self) -> bool:
+        return self.body.wanted is not None
+
+    def pass_time(self) -> None:
+        """Until now."""
+        now_s = self._now_s()
+        passed_s, self._seen_s = min(now_s - self._seen_s, LONGEST_S), now_s
+        for _ in range(round(passed_s / TIMESTEP_S)):
+            self.step()
+
+    def step(self) -> None:
+        """Let one time step pass."""
+        self.body.wanted = self._wanted()
+        self.body.step()
+        self._supervise()
+
+    def fly(self, wanted: Wanted | None) -> None:
+        """Do as a simulation says; None: motors off."""
+        self._simulated, self._plan = wanted, None
+
+    def descend(self) -> None:
+        """Land for a simulation."""
+        if self._simulated is not None:
+            self._simulated = None
+            self._plan = Plan(max(0.0, self.body.xyz_m[2]), 0.0, self.time_s, DESCENT_S, lands=True)
+
+    def _wanted(self) -> Wanted | None:
+        if self.simulated and self._plan is None:
+            return self._simulated
+        if self.simulated:
+            return self._planned()
+        if not self.armed or self.locked or self.tumbled or self.crashed:
+            return None
+        if self._setpoint is not None:
+            age_s = self.time_s - self._told_s
+            if age_s > CUT_AFTER_S:
+                self._setpoint = None
+                self._note("watchdog: motors off")
+                return None
+            if age_s > LEVEL_AFTER_S:
+                if not self._levelled:
+                    self._levelled = True
+                    self._note("watchdog: level")
+                return self._setpoint._replace(level=True, wz_rad_s=0.0)
+            return self._setpoint
+        return self._planned()
+
+    def _planned(self) -> Wanted | None:
+        plan = self._plan
+        if plan is None:
+            return None
+        if plan.lands and self.time_s > plan.began_s + plan.duration_s + SETTLE_S:
+            self._plan, self._finished = None, True
+            return None
+        self._finished = self.time_s >= plan.began_s + plan.duration_s
+        return plan.wanted(self.time_s)
+
+    def _supervise(self) -> None:
+        if self.motors_on and self.body.xyz_m[2] > AIRBORNE_M:
+            self._flew_s = self.time_s
+        self._tipped_s = self._tipped_s + TIMESTEP_S if self.body.tilt_rad > TUMBLED_RAD else 0.0
+        tumbled = self._tipped_s >= TUMBLED_S
+        if tumbled and not self.tumbled:
+            self.crashed = self.crashed or self.flying
+            self._note("supervisor: tumbled")
+        self.tumbled = tumbled
+
+    # -- what it says
+
+    @property
+    def flying(self) -> bool:
+        return self.time_s - self._flew_s < FLYING_S
+
+    @property
+    def bits(self) -> Bit:
+        sound = not (self.locked or self.tumbled or self.crashed)
+        planned = self._plan is not None and self._setpoint is None
+        flags = {
+            Bit.CAN_BE_ARMED: sound,
+            Bit.ARMED: self.armed,
+            Bit.AUTO_ARMED: self._auto_arm,
+            Bit.CAN_FLY: sound and self.armed,
+            Bit.FLYING: self.flying,
+            Bit.TUMBLED: self.tumbled,
+            Bit.LOCKED: self.locked,
+            Bit.CRASHED: self.crashed,
+            Bit.HIGH_LEVEL_ACTIVE: planned,
+            Bit.TRAJECTORY_FINISHED: self._finished,
+        }
+        return Bit(sum(bit for bit, on in flags.items() if on))
+
+    @property
+    def reading(self) -> Reading:
+        if self.stuck is not None:
+            return self.stuck
+        body = self.body
+        x, y, z = body.xyz_m
+        roll, pitch, yaw = (math.degrees(angle) for angle in body.rpy_rad)
+        state = Battery.LOW_POWER if self.battery_v < LOW_V else Battery.BATTERY
+        return Reading(
+            (x, y, z + self.wrong_m),
+            body.velocity_m_s,
+            (roll, pitch, yaw),
+            math.degrees(body.wz_rad_s),
+            self.battery_v,
+            int(state),
+            int(self.bits),
+            HOVER_THRUST if self.motors_on else 0.0,
+        )
+
+    def rows(self) -> Iterator[bytes]:
+        """Return the rows of the log that are due."""
+        for number, block in self.blocks.items():
+            if block.period_s and self.time_s >= block.due_s:
+                block.due_s = max(block.due_s + block.period_s, self.time_s)
+                values = (packed(LOG_LAYOUTS[kind], LOG[at].read(self.reading)) for at, kind in block.variables)
+                stamp = (round(self.time_s * 1e3) & 0xFFFFFF).to_bytes(3, "little")
+                yield p.encode(Port.LOG, 2, bytes((number,)) + stamp + b"".join(values))
+
+    # -- what it hears
+
+    def hear(self, packet: bytes) -> Heard:
+        """Obey a packet, or answer it. What is malformed is neither."""
+        if p.is_null(packet):
+            return Heard("poll", (p.encode(Port.LINK, 3),))
+        try:
+            port, channel, data = p.decode(packet)
+            match port, channel:
+                case Port.SETPOINT, 0:
+                    return self._set(data)
+                case Port.SETPOINT, 1:
+                    self._setpoint = None
+                    return Heard("yield")
+                case Port.HIGH_LEVEL, 0:
+                    return self._high_level(data)
+                case Port.RPYT, 0:
+                    struct.unpack("<fffH", data)
+                    return self._follow(Wanted(level=True), "setpoint")
+                case Port.SUPERVISOR, _:
+                    return self._supervisor(channel, data)
+                case Port.LOCALIZATION, 1 if data[:1] == b"\x03":
+                    return self._lock()
+                case Port.LINK, 1:
+                    return self._said(Port.LINK, 1, p.NAME.ljust(30, b"\0"))
+                case Port.LINK, 0:
+                    return self._said(Port.LINK, 0, data)
+                case Port.PLATFORM, 1 if data[:1] == b"\0":
+                    return self._said(Port.PLATFORM, 1, bytes((0, self._protocol)))
+                case Port.PLATFORM, 1 if data[:1] == b"\1":
+                    return self._said(Port.PLATFORM, 1, b"\1twin\0")
+                case Port.MEMORY, 0 if data[:1] == b"\1":
+                    return self._said(Port.MEMORY, 0, b"\1\0")
+                case Port.LOG, _:
+                    return self._log(channel, data)
+                case Port.PARAMETERS, _:
+                    return self._parameters(channel, data)
+        except (MalformedFrame, struct.error, IndexError, ValueError):
+            return Heard("garbled")
+        return Heard("other")
+
+    def _said(self, port: int, channel: int, data: bytes, kind: str = "read") -> Heard:
+        return Heard(kind, (p.encode(port, channel, data),))
+
+    def _set(self, data: bytes) -> Heard:
+        match data[0]:
+            case Setpoint.STOP:
+                self._setpoint = self._plan = None
+                return Heard("safe", (), "limp")
+            case Setpoint.HOVER:
+                vx, vy, turn, z = struct.unpack("<ffff", data[1:])
+                wanted = Wanted(vx, vy, 0.0, math.radians(turn), max(0.0, z), world=False)
+                still = (math.copysign(1.0, vx), vx, vy, turn) == (-1.0, 0.0, 0.0, 0.0)
+                return self._follow(wanted, "safe", "hold") if still else self._follow(wanted, "setpoint")
+            case Setpoint.VELOCITY_WORLD:
+                vx, vy, vz, turn = struct.unpack("<ffff", data[1:])
+                return self._follow(Wanted(vx, vy, vz, math.radians(turn)), "setpoint")
+        return Heard("other")
+
+    def _follow(self, wanted: Wanted, kind: str, safe_state: str | None = None) -> Heard:
+        self._setpoint, self._told_s, self._levelled = wanted, self.time_s, False
+        self._plan = None
+        return Heard(kind, (), safe_state)
+
+    def _high_level(self, data: bytes) -> Heard:
+        answer = (p.encode(Port.HIGH_LEVEL, 0, data[:3].ljust(3, b"\0") + b"\0"),)
+        match data[0]:
+            case HighLevel.STOP:
+                self._plan = None
+                return Heard("safe", answer, "limp")
+            case (HighLevel.TAKEOFF | HighLevel.LAND) as order:
+                _, to_m, _, _, duration_s = struct.unpack("<Bff?f", data[1:])
+                if not math.isfinite(to_m) or not 0 < duration_s < 60:
+                    return Heard("garbled")
+                lands = order == HighLevel.LAND
+                self._finished = False
+                if self.flying or not lands:  # on the floor there is nothing to land
+                    height_m = max(0.0, self.body.xyz_m[2])
+                    self._plan = Plan(height_m, to_m, self.time_s, duration_s, lands)
+                return Heard("safe", answer, "land") if lands else Heard("setpoint", answer)
+        return Heard("other", answer)
+
+    def _supervisor(self, channel: int, data: bytes) -> Heard:
+        match channel, data[0]:
+            case 0, 0x0C:
+                return self._said(Port.SUPERVISOR, 0, b"\x8c" + struct.pack("<H", self.reading.bits))
+            case 1, Order.ARM:
+                arms = bool(data[1])
+                done = not arms or Bit.CAN_BE_ARMED in self.bits
+                self.armed = arms if done else self.armed
+                answer = bytes((0x81, done, self.armed))
+                return self._said(Port.SUPERVISOR, 1, answer, "arm" if arms else "disarm")
+            case 1, Order.RECOVER:
+                self.crashed = self.crashed and self.tumbled
+                return self._said(Port.SUPERVISOR, 1, bytes((0x82, 1, not self.crashed)), "recover")
+            case 1, Order.EMERGENCY_STOP:
+                return self._lock()
+        return Heard("other")
+
+    def _lock(self) -> Heard:
+        self.locked = True
+        self._setpoint = self._plan = None
+        return Heard("safe", (), "off")
+
+    # -- tables
+
+    def _log(self, channel: int, data: bytes) -> Heard:
+        command = data[0]
+        if channel == 0 and command == 3:
+            info = struct.pack("<BHIBB", 3, len(LOG), checksum(LOG), 16, 128)
+            return self._said(Port.LOG, 0, info)
+        if channel == 0 and command == 2:
+            at = struct.unpack("<H", data[1:3])[0]
+            row = LOG[at]
+            names = f"{row.group}\0{row.name}\0".encode()
+            return self._said(Port.LOG, 0, data[:3] + bytes((row.kind,)) + names)
+        if channel != 1:
+            return Heard("other")
+        if command == 5:
+            self.blocks.clear()
+            return self._said(Port.LOG, 1, b"\5\0\0")
+        return self._said(Port.LOG, 1, bytes((command, data[1], self._change_block(command, data))))
+
+    def _change_block(self, command: int, data: bytes) -> int:
+        """Make, start, stop or delete a block; an errno, 0 for success."""
+        number, block = data[1], self.blocks.get(data[1])
+        if command == 6:
+            if block is not None:
+                return 17  # EEXIST
+            rows = [struct.unpack("<BH", data[at : at + 3]) for at in range(2, len(data), 3)]
+            variables = [(at, kind & 0x0F) for kind, at in rows]
+            if any(at >= len(LOG) or kind not in LOG_LAYOUTS for at, kind in variables):
+                return 2  # ENOENT
+            if sum(struct.calcsize(LOG_LAYOUTS[kind]) for _, kind in variables) > LOG_BYTES:
+                return 7  # E2BIG
+            self.blocks[number] = LogBlock(variables)
+            return 0
+        if block is None:
+            return 2
+        if command == 3:
+            block.period_s, block.due_s = data[2] / 100, self.time_s
+        elif command == 4:
+            block.period_s = 0.0
+        elif command == 2:
+            del self.blocks[number]
+        return 0
+
+    def _parameters(self, channel: int, data: bytes) -> Heard:
+        if channel == 0 and data[0] == 3:
+            info = struct.pack("<BHI", 3, len(PARAMETERS), checksum(PARAMETERS))
+            return self._said(Port.PARAMETERS, 0, info)
+        if channel == 0 and data[0] == 2:
+            row = PARAMETERS[struct.unpack("<H", data[1:3])[0]]
+            names = f"{row.group}\0{row.name}\0".encode()
+            return self._said(Port.PARAMETERS, 0, data[:3] + bytes((row.kind,)) + names)
+        if channel not in (1, 2):
+            return Heard("other")
+        at = struct.unpack("<H", data[:2])[0]
+        layout = PARAMETERS[at].layout
+        if channel == 1:
+            value = packed(layout, self.parameters[at])
+            return self._said(Port.PARAMETERS, 1, data[:2] + b"\0" + value)
+        self.parameters[at] = struct.unpack(layout, data[2:])[0]
+        return self._said(Port.PARAMETERS, 2, data)

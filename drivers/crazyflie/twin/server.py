@@ -1,0 +1,217 @@
+"""The twin as a process: its firmware behind one link, which may lose and delay packets.
+
+Beside the control lines of every twin it takes ``battery VOLTS``, ``tip-over`` (on its back) and
+``link LOSS DELAY_S``.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import aclosing
+from typing import Any, Unpack
+
+import trio
+
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    WireLog,
+    known_options,
+    own_host,
+    parse_fault,
+    run_server,
+)
+from strands_actors.drivers.common.twin.server import Frost
+from strands_actors.drivers.crazyflie.robots import TABLES
+from strands_actors.kernel.clock import NS, MonotonicClock
+
+from .ends import End, SerialEnd, TcpEnd, UdpEnd
+from .firmware import Firmware
+from .simulated import CrazyflieBody
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "UDP or TCP port (default: any free one)",
+    "link": "udp (default), tcp or serial",
+    "loss": "share of packets that are lost, each way, 0 to 1 (default 0)",
+    "delay_s": "seconds that a packet takes, each way (default 0)",
+    "protocol": "CRTP protocol version it reports (default 12)",
+    "auto_arm": "whether it arms by itself at boot, as a drone with brushed motors does (default false)",
+    "trace": "path of a file with time, height and tilt, a line every 10 ms",
+}
+
+TICK_S = 0.01
+WRONG_M = 1.0
+SEED = 23
+
+
+class CrazyflieServer:
+    """Serves one robot. Its methods are what may happen to it while it runs."""
+
+    def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: Mapping[str, Any]) -> None:
+        self._log = log
+        self._end = end
+        self._faults = Faults()
+        self._frost = Frost()
+        self._clock = MonotonicClock()
+        self._chance = random.Random(SEED)
+        self._loss, self._delay_s = float(options.get("loss", 0.0)), float(options.get("delay_s", 0.0))
+        self._underway: list[tuple[int, int, bool, bytes]] = []  # due, order, to the robot, packet
+        self._order = itertools.count()
+        self.firmware = Firmware(
+            table,
+            time.monotonic,
+            protocol=int(options.get("protocol", 12)),
+            auto_arm=str(options.get("auto_arm", False)).lower() in ("1", "true"),
+            note=self._note,
+        )
+        self.body = CrazyflieBody(self.firmware)
+        path = options.get("trace")
+        self._trace = open(path, "w", buffering=1) if path else None  # noqa: SIM115  # closed with the twin
+
+    @property
+    def address(self) -> str:
+        return self._end.address
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._listen)
+            nursery.start_soon(self._tick)
+
+    async def _listen(self) -> None:
+        while True:
+            packet = await self._end.receive()
+            await self._frost.thawed()
+            if self._faults.of(None) is not Fault.OFF:
+                self._pass_on(packet, to_robot=True)
+
+    async def _tick(self) -> None:
+        async with aclosing(self._clock.ticks(TICK_S)) as ticks:
+            async for _ in ticks:
+                await self._frost.thawed()
+                self.firmware.pass_time()
+                self._deliver()
+                for row in self.firmware.rows():
+                    self._say(row)
+                if self._trace is not None:
+                    body = self.firmware.body
+                    line = (time.monotonic(), body.xyz_m[2], math.degrees(body.tilt_rad))
+                    self._trace.write("{:.4f} {:.4f} {:.3f}\n".format(*line))
+
+    # -- the link
+
+    def _pass_on(self, packet: bytes, to_robot: bool, late_s: float = 0.0) -> None:
+        """Lose a packet, or let it arrive, now or later."""
+        if self._loss and self._chance.random() < self._loss:
+            return
+        late_s += self._delay_s
+        if late_s <= 0:
+            self._arrive(packet, to_robot)
+        else:
+            due_ns = time.monotonic_ns() + round(late_s * NS)
+            heapq.heappush(self._underway, (due_ns, next(self._order), to_robot, packet))
+
+    def _deliver(self) -> None:
+        while self._underway and self._underway[0][0] <= time.monotonic_ns():
+            _, _, to_robot, packet = heapq.heappop(self._underway)
+            self._arrive(packet, to_robot)
+
+    def _arrive(self, packet: bytes, to_robot: bool) -> None:
+        if not to_robot:
+            self._end.send(packet)
+            return
+        t_ns = time.monotonic_ns()
+        self.firmware.pass_time()
+        heard = self.firmware.hear(packet)
+        self._log.write(t_ns, "host", [(heard.kind, packet)], heard.safe_state)
+        for reply in heard.replies:
+            self._say(reply)
+
+    def _say(self, packet: bytes) -> None:
+        reply = self._faults.apply(Reply(0.0, packet))
+        if reply is not None:
+            self._log.write(time.monotonic_ns(), "robot", [("read", reply.data)])
+            self._pass_on(reply.data, to_robot=False, late_s=reply.delay_s + reply.late_s)
+
+    def _note(self, text: str) -> None:
+        self._log.write(time.monotonic_ns(), "robot", [("note", text.encode())])
+
+    # -- what may happen to it
+
+    def set_fault(self, text: str) -> None:
+        """``WORD``: there is one speaker. Raise ``ValueError``."""
+        fault, unit = parse_fault(text)
+        if unit is not None:
+            raise ValueError(f"fault {text!r}: a Crazyflie has no units. use {fault}")
+        firmware = self.firmware
+        firmware.pass_time()
+        firmware.stuck = None
+        firmware.stuck = firmware.reading if fault is Fault.STUCK else None
+        firmware.wrong_m = WRONG_M if fault is Fault.WRONG else 0.0
+        self._faults.set(fault)
+        if fault is Fault.OFF:
+            firmware.boot()
+
+    def power_cycle(self) -> None:
+        self.firmware.boot()
+
+    def plug(self) -> None:
+        self._end.plug()
+
+    def unplug(self) -> None:
+        """Lose the link. The robot itself notices that setpoints are missing."""
+        self._end.unplug()
+
+    def freeze(self, seconds: float) -> None:
+        """Neither read nor answer for so long; then take up what waited."""
+        self._frost.freeze(seconds)
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["battery", volts]:
+                self.firmware.battery_v = float(volts)
+            case ["tip-over"]:
+                self.firmware.body.tip_over()
+            case ["link", loss, delay_s]:
+                self._loss, self._delay_s = float(loss), float(delay_s)
+            case _:
+                return False
+        return True
+
+    def close(self) -> None:
+        self._end.close()
+        if self._trace is not None:
+            self._trace.close()
+
+
+def open_end(options: Mapping[str, Any]) -> End:
+    """Return the robot's end of the link that ``options`` ask for. Raise ``ValueError`` or ``OSError``."""
+    link = str(options.get("link", "udp"))
+    host, port = str(options.get("host") or own_host()), int(options.get("port", 0))
+    ends: dict[str, Callable[[], End]] = {
+        "udp": lambda: UdpEnd(host, port),
+        "tcp": lambda: TcpEnd(host, port),
+        "serial": SerialEnd,
+    }
+    if link not in ends:
+        raise ValueError(f"link is {link!r}. use one of {', '.join(ends)}")
+    return ends[link]()
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    table = TABLES.table(robot)
+
+    def build(wire_log: WireLog) -> CrazyflieServer:
+        return CrazyflieServer(table, wire_log, open_end(given), given)
+
+    run_server(build, **start)

@@ -1,0 +1,154 @@
+"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. Nobody has seen them on hardware.
+
+Loaded only in a process that may be killed: a call of libusb cannot be abandoned. Each packet is one transaction,
+in a thread and with a deadline; who wants to send waits for the one that is under way, and then checks its permit.
+A radio's robot speaks only when it is spoken to, so ``read`` asks it a hundred times a second, by packets that say
+nothing: they are no setpoint, and the firmware's watchdog does not count them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
+
+from .config import Place
+from .links import Link
+from .protocol import NULL
+
+INSTALL = "Install it: pip install 'strands-actors[crazyflie]'"
+
+RADIO_ID, DRONE_ID = (0x1915, 0x7777), (0x0483, 0x5740)
+"""Vendor and product: Crazyradio, Crazyradio PA and 2.0; a Crazyflie."""
+SET_CHANNEL, SET_ADDRESS, SET_RATE, SET_POWER, SET_RETRY_DELAY, SET_RETRIES, ACK_ENABLE = 1, 2, 3, 4, 5, 6, 0x10
+"""Vendor requests of the dongle. Here and below: the Crazyradio's USB protocol, as Bitcraze documents it."""
+FULL_POWER = 3
+RETRY_BYTES = 0x80 | 32
+"""Wait for an answer of 32 bytes before sending anew."""
+RETRIES = 3
+CRTP_BY_USB = 1
+"""Vendor request of a drone, value 1: CRTP goes by USB from now on."""
+VENDOR_OUT = 0x40
+OUT, IN = 0x01, 0x81
+SIZE = 64
+
+TRANSFER_MS = 20
+CALL_S = 0.15
+"""Of one transaction, its two transfers and a busy machine."""
+OPEN_S = 3.0
+POLL_S = 0.01
+
+
+class UsbLink(Link):
+    """Either kind. ``is_radio``: whatever is sent is answered, by an acknowledgement with or without data."""
+
+    prompt: ClassVar[bool] = False  # type: ignore[misc]  # of an object elsewhere
+
+    def __init__(self, device: Any, calls: SdkCalls, errors: type[Exception], is_radio: bool, name: str) -> None:
+        self._device = device
+        self._calls = calls
+        self._errors = errors
+        self._is_radio = is_radio
+        self._turn = trio.Lock()
+        self._waiting: deque[bytes] = deque()
+        self._news = trio.Event()
+        self.name = name
+        self.lost = 0  # packets that the radio did not get through
+
+    async def write(self, packet: bytes, permit: Permit | None = None) -> None:
+        async with self._turn:
+            if permit is not None:
+                permit.check()
+            received = await self._calls.call("a transfer", CALL_S, self._transfer, packet)
+        if isinstance(received, str):
+            raise WireDown(f"{self.name}: the USB device is gone ({received}). Plug it in again")
+        self._take(received)
+
+    def _transfer(self, packet: bytes) -> bytes | str:
+        """Send, and return what the device has to say; a text: it is gone. In a thread."""
+        try:
+            if packet:
+                self._device.write(OUT, packet, TRANSFER_MS)
+            return bytes(self._device.read(IN, SIZE, TRANSFER_MS))
+        except self._errors as error:
+            if getattr(error, "errno", None) in _TIMEOUTS:
+                return b""
+            return str(error)
+
+    def _take(self, received: bytes) -> None:
+        if self._is_radio:
+            status, received = received[:1], received[1:]
+            if not status or not status[0] & 1:
+                self.lost += 1
+                return
+        if received and received[0] & 0xF3 != 0xF3:
+            self._waiting.append(received)
+            self._news.set()
+            self._news = trio.Event()
+
+    async def read(self) -> bytes:
+        while not self._waiting:
+            await self._poll()
+            if not self._waiting:
+                await trio.sleep(POLL_S)
+        return self._waiting.popleft()
+
+    def read_waiting(self) -> bytes | None:
+        return self._waiting.popleft() if self._waiting else None
+
+    async def _poll(self) -> None:
+        await self.write(NULL if self._is_radio else b"")
+
+    def close(self) -> None:
+        self._calls.spent = self._calls.spent or f"{self.name}: closed"
+        load_sdk("usb.util", INSTALL).dispose_resources(self._device)
+
+
+_TIMEOUTS = (110, 60)
+"""ETIMEDOUT, on Linux and on macOS."""
+
+
+async def open_usb_link(place: Place) -> Link:
+    """Open a radio or a drone. Sends no packet. Raise ``WireDown``."""
+    core = load_sdk("usb.core", INSTALL)
+    name = f"radio://{place.number}" if place.kind == "radio" else f"usb://{place.number}"
+    calls = SdkCalls("pyusb", (OSError,))
+    found = await calls.open("opening", OPEN_S, _open, core, place)
+    if isinstance(found, str):
+        raise WireDown(f"{name}: {found}")
+    return UsbLink(found, calls, core.USBError, place.kind == "radio", name)
+
+
+def _open(core: Any, place: Place) -> Any:
+    """Return the device, set up, or a text that says why there is none. In a thread."""
+    vendor, product = RADIO_ID if place.kind == "radio" else DRONE_ID
+    what = "Crazyradio" if place.kind == "radio" else "Crazyflie"
+    try:
+        devices = list(core.find(find_all=True, idVendor=vendor, idProduct=product))
+        if place.number >= len(devices):
+            return f"there are {len(devices)} of {what} on USB. Plug it in, or give another number"
+        device = devices[place.number]
+        device.set_configuration(1)
+        if place.kind == "usb":
+            device.ctrl_transfer(VENDOR_OUT, CRTP_BY_USB, 1, 1, ())
+            return device
+        settings: tuple[tuple[int, int, bytes], ...] = (
+            (SET_RATE, place.rate, b""),
+            (SET_CHANNEL, place.channel, b""),
+            (SET_ADDRESS, 0, place.address),
+            (SET_POWER, FULL_POWER, b""),
+            (SET_RETRY_DELAY, RETRY_BYTES, b""),
+            (SET_RETRIES, RETRIES, b""),
+            (ACK_ENABLE, 1, b""),
+        )
+        for request, value, data in settings:
+            device.ctrl_transfer(VENDOR_OUT, request, value, 0, data)
+        return device
+    except core.NoBackendError:
+        return "libusb is not there. Install it: apt-get install libusb-1.0-0"
+    except core.USBError as error:
+        return f"cannot be opened ({error}). Look who else has it, and the udev rules of USB devices"

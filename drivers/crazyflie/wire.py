@@ -1,0 +1,276 @@
+"""A Crazyflie in the wire process.
+
+A setpoint goes out when it was accepted, and again while it lives; a hover while gate and transport answer
+(``feed``). Nothing else is repeated, so that the firmware's watchdog, 0.5 s and 2 s, holds for whatever of ours
+stops working. Taking off is a service: neither opening nor arming starts a motor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    ProcessSpent,
+    Wire,
+    WireDown,
+)
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import LAND_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
+from .gates import sensors_of, why_no_takeoff
+from .hovering import Hover
+from .links import Link, open_link
+from .protocol import Bit
+from .robots import VX, VY, VZ, WZ, Z
+from .session import AGAIN_S, Session, handshake
+from .stopping import Outcome, bring_down, first_frames
+
+ARM_S = 1.0
+RISE_S = 3.0
+"""How much longer than it was told a takeoff may take."""
+NEAR_M = 0.05
+"""So near its height a takeoff is over."""
+
+
+class CrazyflieWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: CrazyflieConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._session_or_none: Session | None = None
+        self._hover: Hover | None = None
+        self._is_armed = False
+
+    # -- the link
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        link = await self._open_link()
+        try:
+            session = Session(link, self._clock)
+            facts = await handshake(session, 1 / self._config.setpoint_hz)
+        except BaseException:
+            link.close()
+            raise
+        self._session_or_none = session
+        return facts
+
+    async def _open_link(self) -> Link:
+        place = self._config.place()
+        if not place.is_usb:
+            return await open_link(place)
+        from .usb_links import open_usb_link  # pyusb: only for who has such a link
+
+        return await open_usb_link(place)
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        await self._session().serve()
+
+    @property
+    def prompt(self) -> bool:
+        session = self._session_or_none
+        return session is not None and session.link.prompt
+
+    async def read(self) -> Observation:
+        session = self._session()
+        session.take_waiting()
+        silent_s = session.age_s()
+        if silent_s > self._config.silent_s:
+            raise WireDown(f"read: {session.link.name} is silent for {silent_s:.1f} s. Check radio and power")
+        return self._observation(session)
+
+    def handover(self) -> Sequence[int]:
+        return () if self._session_or_none is None else self._session_or_none.link.handover()
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.link.close()
+        self._session_or_none = self._hover = None
+        self._is_armed = False
+
+    # -- commanding
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Take commands; start no motor."""
+        session = self._session()
+        bits = await session.supervisor(ARM_S)
+        permit.check()
+        if bits is None:
+            raise WireDown("arm: no answer of its supervisor. Check radio and power")
+        if Bit.LOCKED in bits:
+            raise WireDown("arm: it is locked after an emergency stop. Switch it off and on")
+        if bits.airborne:
+            raise WireDown("arm: it is in the air. Wait until it stands on the floor")
+        self._is_armed = True
+        return await self.read()
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        if not self._is_armed:
+            raise PermitDenied("it was made safe since")
+        vx, vy, vz, wz = values[VX], values[VY], values[VZ], values[WZ]
+        by_height = bool(values[Z + 1])
+        packet = p.hover(vx, vy, wz, values[Z]) if by_height else p.velocity(vx, vy, vz, wz)
+        await session.link.write(packet, permit)
+        self._hover = None
+
+    async def feed(self) -> None:
+        session, hover = self._session(), self._hover
+        if hover is None:
+            return
+        now_ns = self._clock.now_ns()
+        flight = session.flight
+        if not hover.rises(now_ns) and flight is not None and not flight.bits.airborne:
+            self._hover = None  # it lies on the floor: no motor is started by a hover
+            return
+        await session.link.write(hover.packet(now_ns))
+
+    # -- safe
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        session, self._hover = self._session_or_none, None
+        if session is None:
+            self._is_armed = False
+            return Outcome(False, False, "not connected").reports()
+        if safe_state == SafeState.HOLD:
+            held = await self._hold(session)
+            if held is not None:
+                return held
+        self._is_armed = safe_state == SafeState.HOLD  # on the floor: commands go on, motors are off
+        within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
+        return (await bring_down(session, within)).reports()
+
+    async def _hold(self, session: Session) -> tuple[MotorReport, ...] | None:
+        """Hover where it is. None: it is not known to be in the air, and no hover starts its motors."""
+        session.take_waiting()
+        flight, fresh = session.flight, session.age_s() <= self._config.fresh_s
+        if flight is None or not fresh or not flight.bits.airborne:
+            return None
+        low, high = self._config.z_m
+        height_m = max(low, min(high, flight.z_m))
+        hover = Hover(self._clock.now_ns(), height_m)
+        try:
+            await session.link.write(hover.packet(hover.began_ns))
+        except (WireDown, ProcessSpent) as failure:
+            return Outcome(False, False, str(failure)).reports()
+        self._hover = hover
+        return Outcome(True, True, "").reports((0.0, 0.0, 0.0, 0.0, height_m))
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed, and opened
+        anew, since what was lost may be dead, and keeps another from opening."""
+        within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
+        session, self._hover, self._is_armed = self._session_or_none, None, False
+        if session is not None and session.link.outlives_a_loss:
+            return (await bring_down(session, within)).reports()
+        if session is not None:
+            with contextlib.suppress(WireDown, ProcessSpent):
+                await session.say(*first_frames(within))
+            self.close()
+        try:
+            link = await self._open_link()
+        except (WireDown, ProcessSpent) as failure:
+            return Outcome(False, False, str(failure)).reports()
+        try:
+            return (await bring_down(Session(link, self._clock), within)).reports()
+        finally:
+            link.close()
+
+    # -- services
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        if not self._is_armed:
+            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+        if service == "takeoff":
+            height_m = float(arguments.get("height", TAKEOFF_M))
+            return await self._take_off(height_m, float(arguments.get("duration", TAKEOFF_S)), permit)
+        if service == "land":
+            return await self._land(float(arguments.get("duration", LAND_S)), permit)
+        return Refused("stop", f"{service}: it is an order to stop, no service", "ask for a stop")
+
+    async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
+        session = self._session()
+        bits = await session.supervisor(ARM_S)
+        refusal = why_no_takeoff(bits, self._observation(session).sensors, self._config.battery_v)
+        if refusal is not None:
+            return refusal
+        permit.check()
+        if bits is None or not bits.airborne:
+            answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
+            if answer is None or not _says_armed(answer):
+                await session.say(p.STOP, p.DISARM)
+                return Refused("not_armed", "takeoff: arming not confirmed; motors stay off", "look at the drone")
+            permit.check()
+        now_ns = self._clock.now_ns()
+        self._hover = Hover(now_ns, height_m, session.flight.z_m if session.flight else 0.0, duration_s)
+        with trio.move_on_after(duration_s + RISE_S):
+            while not self._is_up(session, height_m):
+                await session.news(AGAIN_S)
+                permit.check()
+            return {"height": round(self._height_m(session), 3)}
+        self._hover = None
+        outcome = await bring_down(session, SafeState.LAND)
+        landed = "it was landed" if not outcome.detail else f"not landed: {outcome.detail}"
+        return Refused("takeoff", f"takeoff: it is not at {height_m:g} m; {landed}", "look at the drone")
+
+    async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
+        session = self._session()
+        permit.check()
+        self._hover = None
+        outcome = await bring_down(session, SafeState.LAND, duration_s + RISE_S, duration_s)
+        if outcome.detail:
+            return Refused("land", f"land: {outcome.detail}", "call stop(), or emergency_stop()")
+        return {"landed": True}
+
+    def _is_up(self, session: Session, height_m: float) -> bool:
+        hover, flight = self._hover, session.flight
+        if hover is None or flight is None or hover.rises(self._clock.now_ns()):
+            return False
+        return flight.bits.airborne and abs(flight.z_m - height_m) <= NEAR_M
+
+    def _height_m(self, session: Session) -> float:
+        return session.flight.z_m if session.flight else 0.0
+
+    # -- parts
+
+    def _session(self) -> Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+    def _observation(self, session: Session) -> Observation:
+        flight, place = session.flight, session.place
+        if flight is None or place is None:
+            raise WireDown("read: nothing was read yet. Check radio and power")
+        hover = self._hover
+        hover_s = 0.0 if hover is None else hover.still_s(self._clock.now_ns())
+        position = (*flight.velocity_m_s, flight.wz_rad_s, flight.z_m)
+        faults = [bit.name or "" for bit in (Bit.TUMBLED, Bit.LOCKED, Bit.CRASHED) if bit in flight.bits]
+        return Observation(
+            t_ns=session.flight_ns,
+            position=position,
+            stamp_ns=(session.flight_ns,) * len(position),
+            sensors=sensors_of(flight, place, (self._clock.now_ns() - session.place_ns) / NS, hover_s),
+            faults={"drone": ", ".join(faults).lower()} if faults else {},
+        )
+
+
+def _says_armed(answer: bytes) -> bool:
+    try:
+        return p.is_armed(answer)
+    except MalformedFrame:
+        return False

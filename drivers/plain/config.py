@@ -1,0 +1,41 @@
+"""What the processes of a robot know of its driver class, and the deadlines of its calls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from .members import Declared
+from .place import ClassPlace
+
+CONNECT_S = 5.0
+"""To make and connect the object: the class may import an SDK there."""
+CALL_S = 0.5
+"""Of ``send_action`` and ``get_observation``. A stop waits for the one that is under way, so long
+at most."""
+STOP_S = 1.0
+CLEANUP_S = 0.5
+LOAD_S = 5.0
+"""To start a process and import the class."""
+
+
+class PlainConfig(msgspec.Struct, frozen=True):
+    """``keywords``: what the class is made with. ``has_channel``: it can stop its robot without an
+    object of it, by ``stop_channel(port)``."""
+
+    robot: str
+    place: ClassPlace
+    keywords: dict[str, Any]
+    declared: Declared
+    has_channel: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return the name of the class."""
+        return self.place.name
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the public name of each axis: ``x.pos`` is the axis ``x``."""
+        return tuple(key.removesuffix(".pos") for key in self.declared.keys)

@@ -1,0 +1,182 @@
+"""Any driver class of the drivers page's kind, plain members and no actors, as a robot of this
+package.
+
+The class stays as it is. The user's object lives in the wire process, and in no other: there its
+calls run with deadlines, one at a time, and one that hangs costs the process, which is fenced. What
+the page's class keeps up by itself, a thread that repeats setpoints for example, ends with that
+process.
+
+An unknown bus has no stop channel of ours. When the wire process is gone, a process that stood
+ready makes an object of the class, connects it and calls its ``stop()``; or the class's own
+``stop_channel(port)``, where it has one, which needs neither. Whether the robot then stands is the
+class's word. Its axes are read as ``members`` says.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
+
+import msgspec
+
+from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing, WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
+from .gates import CONDITIONS, all_gates
+from .members import declared_by
+from .place import place_of_class
+
+MARGIN_S = 0.5
+LEAVING = (Reason.CLEANUP, Reason.CALLER, Reason.ROOT)
+"""Reasons after which nobody uses the object any more."""
+NEVER_S = 3600.0
+SECRET_WORDS = ("password", "passwd", "token", "secret", "api_key", "credential")
+"""Keywords of a class with such a name are in no recording, no certificate and no answer."""
+
+
+class PlainDriver(Driver):
+    """Of ``options`` that ``options_of`` returned."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TRANSPORTS: ClassVar[tuple[str, ...]] = ()
+    WIRE: ClassVar[str] = "strands_actors.drivers.plain.wire:PlainWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.plain.stop_channel:PlainStopChannel"
+    TWIN: ClassVar[str] = ""
+    SECRETS: ClassVar[frozenset[str]] = frozenset({"secrets"})
+    SIMULATION: ClassVar[str] = "a driver class of your own has none"
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, SENSORS, STATUS, STOP)
+
+    fallbacks: Mapping[Reason, str] = {
+        reason: str(SafeState.OFF if reason in LEAVING else SafeState.STOP) for reason in Reason
+    }
+    """``stop``: the class's ``stop()``. ``off``: that, and then its ``cleanup()``, which ends its
+    connection."""
+    firmware_watchdog = "not known: the class does not say"
+    bound_s = 1.0
+    """And what the class takes to connect and to stop."""
+    conditions = CONDITIONS
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        self.robot = robot
+        self.config = config = _config_of(options)
+        declared = config.declared
+        self.declare(Part(PartKind.ARM, tuple(_axis(config, at) for at in range(len(config.axes)))))
+        self.unit = declared.unit or ", ".join(dict.fromkeys(declared.units.values())) or "the driver's own"
+        hz = declared.control_hz
+        stream_ttl_s = max(0.3, 3 / hz)
+        self.timing = Timing(
+            control_hz=hz,
+            keepalive_s=NEVER_S,  # an action is given once: what keeps it up is the class's
+            stream_ttl_s=stream_ttl_s,
+            oneshot_ttl_s=declared.lifetime_s,
+            state_ttl_s=max(CALL_S, 3 / hz),
+            arm_s=CONNECT_S + CALL_S + MARGIN_S,
+            silent_s=CONNECT_S + MARGIN_S,  # an import keeps the interpreter's lock
+            heartbeat_ttl_s=0.3,  # a library of the class may keep the interpreter's lock for a while
+            call_s=CALL_S + MARGIN_S,
+            open_s=CONNECT_S + CALL_S + CLEANUP_S + LOAD_S,
+            handover_s=LOAD_S,
+            safe_s=CONNECT_S + CALL_S + STOP_S + CLEANUP_S + MARGIN_S,
+        )
+        self.gates = all_gates(self.table, self.timing.state_ttl_s, stream_ttl_s)
+
+    @classmethod
+    def options_of(cls, driver_class: type[Any], robot: str, keywords: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the options of a ``PlainDriver`` for an object ``driver_class(**keywords)``. Raise
+        ``ValueError`` for a class that no other process can load, for what it declares wrongly, and
+        for keywords that cannot travel."""
+        name = driver_class.__qualname__
+        given = accepted(driver_class, keywords)
+        for keyword, value in given.items():
+            if not _travels(value):
+                raise ValueError(
+                    f"Robot: {keyword} is {value!r}, which cannot be given to {name} in its own process. "
+                    "Give numbers, text, lists and mappings of them"
+                )
+        has_channel = callable(getattr(driver_class, "stop_channel", None))
+        secrets = {keyword: value for keyword, value in given.items() if _is_secret(keyword)}
+        shown = {keyword: value for keyword, value in given.items() if keyword not in secrets}
+        place, declared = place_of_class(driver_class), declared_by(driver_class, name)
+        config = PlainConfig(robot, place, shown, declared, has_channel)
+        return {"config": msgspec.to_builtins(config), "secrets": secrets}
+
+    @classmethod
+    async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Have the class, in a process of its own, say which axes it has, unless that is known."""
+        config = _config_of(options)
+        if config.declared.keys:
+            return dict(options)
+        from .stop_channel import learn
+
+        declared = await learn(config)
+        if not declared.keys:
+            raise WireDown(
+                f"{config.name} names no axes. Give it action_features, a mapping of keys, or a get_observation "
+                "that returns numbers"
+            )
+        return {**options, "config": {**options["config"], "declared": msgspec.to_builtins(declared)}}
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return the whole target, and behind it per axis whether the action names it: the class is
+        given no axis that its writer did not name."""
+        count = len(self.axes)
+        plain = super().parse(action, msgspec.structs.replace(state, target=state.target[:count]))
+        if isinstance(plain, Refused):
+            return plain
+        flags = tuple(float(at in plain.named) for at in range(count))
+        return Candidate(plain.values + flags, plain.named)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Return the axes that are known: the class may measure fewer than it can move."""
+        return {axis: value for axis, value in zip(self.axes, values, strict=False) if not math.isnan(value)}
+
+
+def _config_of(options: Mapping[str, Any]) -> PlainConfig:
+    """Return the config with its passwords; a recording's options have none."""
+    config = msgspec.convert(options["config"], PlainConfig)
+    return msgspec.structs.replace(config, keywords={**config.keywords, **options.get("secrets", {})})
+
+
+def _is_secret(keyword: str) -> bool:
+    return any(word in keyword.lower() for word in SECRET_WORDS)
+
+
+def accepted(cls: type[Any], keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords that the class takes: its signature may lack some that the page names."""
+    parameters = inspect.signature(cls).parameters
+    if any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
+        return dict(keywords)
+    return {name: value for name, value in keywords.items() if name in parameters}
+
+
+def _travels(value: Any) -> bool:
+    """Return whether a value arrives in another process as it is; a tuple becomes a list."""
+    try:
+        return bool(msgspec.json.decode(msgspec.json.encode(value)) == _as_lists(value))
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def _as_lists(value: Any) -> Any:
+    """Return a value as it arrives: a tuple is a list."""
+    if isinstance(value, tuple | list):
+        return [_as_lists(each) for each in value]
+    return {key: _as_lists(each) for key, each in value.items()} if isinstance(value, Mapping) else value
+
+
+def _axis(config: PlainConfig, at: int) -> Axis:
+    declared, key, axis = config.declared, config.declared.keys[at], config.axes[at]
+
+    def of(table: Mapping[str, Any], default: Any) -> Any:
+        return table.get(key, table.get(axis, default))
+
+    low, high = of(declared.limits, (-math.inf, math.inf))
+    unit = of(declared.units, declared.unit)
+    return Axis(key=axis, unit=unit, low=low, high=high, speed=of(declared.speeds, math.inf), id=at)

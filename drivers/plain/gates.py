@@ -1,0 +1,66 @@
+"""What is refused before the class is asked: names and numbers, a robot that is not heard, the
+class's own limits. Pure. What the class itself refuses is told afterwards, by its own answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, too_fast
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation, Reason
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+REFUSED = "send_action: "
+"""How a fault begins that is the class's own answer to an action."""
+
+
+def all_gates(axes: Sequence[Axis], state_ttl_s: float, longest_s: float) -> tuple[GateCheck, ...]:
+    return not_heard(axes, state_ttl_s), past_range(axes), _too_fast(axes, longest_s)
+
+
+def not_heard(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
+    """Refuse to move when no reading came within ``ttl_s``, or the axis is missing in those that
+    came since. An axis that the class has never measured is its own affair."""
+    ttl_ns = round(ttl_s * NS)
+    limit = f"{ttl_s * 1e3:.0f} ms"
+    remedy = "check the robot's cable and power: it is back by itself as soon as it answers"
+
+    def not_heard(candidate: Candidate, state: GateState) -> Refused | None:
+        seen = state.observation
+        for at in candidate.named:
+            read_ns = seen.stamp_ns[at] or seen.t_ns
+            age_ms = (state.now_ns - read_ns) / 1e6
+            if state.now_ns - read_ns > ttl_ns:
+                age = f"for {age_ms:.0f} ms"
+                return Refused("stale", f"move: no reading of {axes[at].key} {age}", remedy, age, limit)
+        return None
+
+    return not_heard
+
+
+def _too_fast(axes: Sequence[Axis], longest_s: float) -> GateCheck:
+    check = too_fast(axes, longest_s=longest_s)
+    limited = {at for at, axis in enumerate(axes) if math.isfinite(axis.speed)}
+
+    def only_limited(candidate: Candidate, state: GateState) -> Refused | None:
+        named = tuple(at for at in candidate.named if at in limited)
+        return check(msgspec.structs.replace(candidate, named=named), state) if named else None
+
+    return only_limited
+
+
+def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | None:
+    for axis, fault in observation.faults.items():
+        if fault.startswith(REFUSED):
+            why = fault.removeprefix(REFUSED)
+            return Refused("refused_by_driver", f"move: {axis}: {why}", "call stop(), then resume()", why)
+    return None
+
+
+CONDITIONS = (Condition(_refused_by_the_class, Reason.FAULT),)
+"""A class that refuses an action is not sent the next one: the robot is stopped, and its status
+says why."""

@@ -1,0 +1,157 @@
+"""What a driver class of the drivers page says of itself, and what its answers mean. Pure.
+
+The page has no member that names a robot's axes: a class takes any mapping in ``send_action`` and
+checks it itself. So axes come from, in this order:
+
+1. ``action_features``, the name that LeRobot's robots have for it: a mapping of keys, or the keys.
+   On the class or on an object of it.
+2. the first observation: its numbers. If any of its keys ends in ``.pos``, those only: what else is
+   measured beside positions (``.vel``, temperatures) is nothing to command.
+
+What the class says of limits holds, and nothing is assumed where it says nothing: ``action_limits``
+(key to lowest and highest), ``action_speeds`` (key to units a second, for streams),
+``action_units`` (one word, or key to word), ``action_lifetime_s`` (a command ends after so long;
+without: when its writer is gone) and ``control_hz``.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgspec
+
+FEATURES = "action_features"
+OBSERVED = "the first observation"
+CONTROL_HZ = 30.0
+FASTEST_HZ = 250.0
+"""Blocking calls from a thread: above that the calls themselves take the time."""
+
+
+class Declared(msgspec.Struct, frozen=True):
+    """A robot's axes, as its class says. ``keys``: as the class spells them; ``source``: where they
+    are from."""
+
+    keys: tuple[str, ...] = ()
+    source: str = ""
+    limits: dict[str, tuple[float, float]] = msgspec.field(default_factory=dict)
+    speeds: dict[str, float] = msgspec.field(default_factory=dict)
+    units: dict[str, str] = msgspec.field(default_factory=dict)
+    unit: str = ""  # of axes that ``units`` does not name
+    lifetime_s: float | None = None
+    control_hz: float = CONTROL_HZ
+
+
+def declared_by(thing: Any, name: str) -> Declared:
+    """Return what a class, or an object of it, declares. Raise ``ValueError`` that says what would
+    be accepted."""
+    keys = _keys(_member(thing, FEATURES), name)
+    given_units = _member(thing, "action_units")
+    return Declared(
+        keys,
+        FEATURES if keys else "",
+        {
+            key: _limits(limits, f"{name}.action_limits[{key!r}]")
+            for key, limits in _rows(thing, "action_limits", name)
+        },
+        {
+            key: _above_zero(speed, f"{name}.action_speeds[{key!r}]")
+            for key, speed in _rows(thing, "action_speeds", name)
+        },
+        dict(_rows(thing, "action_units", name)) if isinstance(given_units, Mapping) else {},
+        given_units if isinstance(given_units, str) else "",
+        _optional(_member(thing, "action_lifetime_s"), f"{name}.action_lifetime_s"),
+        _hz(_member(thing, "control_hz"), f"{name}.control_hz"),
+    )
+
+
+def keys_of(observation: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the keys of an observation that are axes: those with a number, of positions if there
+    are any."""
+    keys = [key for key, value in observation.items() if isinstance(key, str) and number(value) is not None]
+    return tuple([key for key in keys if key.endswith(".pos")] or keys)
+
+
+def number(value: Any) -> float | None:
+    """Return a number of any library as a finite float, else None."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def failure_of(answer: Any) -> str:
+    """Return why an answer of the class is no success; empty: it is one.
+
+    The page's envelope says so itself, and in a block ``{"stopped": false, "reason": ...}``. False
+    is a no. None, and whatever else a call returns instead of raising, is the class's word that it
+    was done."""
+    if answer is False:
+        return "it answered False"
+    if not isinstance(answer, Mapping):
+        return ""
+    content = answer.get("content")
+    blocks = [block for block in content if isinstance(block, Mapping)] if isinstance(content, list | tuple) else []
+    told = [block["json"] for block in blocks if isinstance(block.get("json"), Mapping)]
+    reasons = [
+        str(json.get("reason") or "it says that it has not stopped")
+        for json in told
+        if json.get("stopped") is False
+    ]
+    if answer.get("status") == "error":
+        texts = [str(block["text"]) for block in blocks if "text" in block]
+        return "; ".join(texts or reasons) or "it answered with an error"
+    return "; ".join(reasons)
+
+
+def _member(thing: Any, name: str) -> Any:
+    """Return a member that is data; of a class a property is none."""
+    found = getattr(thing, name, None)
+    return None if isinstance(found, property) or callable(found) else found
+
+
+def _keys(features: Any, name: str) -> tuple[str, ...]:
+    if features is None:
+        return ()
+    if isinstance(features, str) or not isinstance(features, Iterable):
+        raise ValueError(f"{name}.{FEATURES} is {features!r}. Give a mapping of keys, or the keys")
+    given = dict(features) if isinstance(features, Mapping) else dict.fromkeys(features)
+    keys = tuple(key for key, kind in given.items() if not isinstance(kind, tuple | list))  # a shape: a picture
+    if wrong := [key for key in keys if not isinstance(key, str) or not key]:
+        raise ValueError(f"{name}.{FEATURES} has the key {wrong[0]!r}. Keys are text")
+    return keys
+
+
+def _rows(thing: Any, member: str, name: str) -> list[tuple[str, Any]]:
+    given = _member(thing, member)
+    if given is None:
+        return []
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{name}.{member} is {given!r}. Give a mapping of keys")
+    return [(str(key), value) for key, value in given.items()]
+
+
+def _limits(given: Any, where: str) -> tuple[float, float]:
+    ends = [number(end) for end in given] if isinstance(given, tuple | list) else []
+    if len(ends) == 2 and ends[0] is not None and ends[1] is not None and ends[0] < ends[1]:
+        return ends[0], ends[1]
+    raise ValueError(f"{where} is {given!r}. Give the lowest and the highest, finite")
+
+
+def _above_zero(given: Any, where: str) -> float:
+    found = number(given)
+    if found is None or found <= 0:
+        raise ValueError(f"{where} is {given!r}. Give a finite number above 0")
+    return found
+
+
+def _optional(given: Any, where: str) -> float | None:
+    return None if given is None else _above_zero(given, where)
+
+
+def _hz(given: Any, where: str) -> float:
+    hz = CONTROL_HZ if given is None else _above_zero(given, where)
+    if hz > FASTEST_HZ:
+        raise ValueError(f"{where} is {given!r}. Give at most {FASTEST_HZ:g}")
+    return hz

@@ -1,0 +1,115 @@
+"""Where a driver class stands, so that the processes of its robot can load it."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+SCRIPT = "strands_actors_script"
+"""The name under which a script is loaded by another process: what it does below ``__main__`` is
+not done."""
+
+_loading = False
+
+
+class ClassPlace(msgspec.Struct, frozen=True):
+    """A class that another process can load. ``folder``: where its module is looked for after
+    everywhere else; ``script``: its file, when the class stands in the script itself; ``digest``:
+    of its file, so that a stop drill counts for the very code that was drilled."""
+
+    module: str
+    name: str
+    folder: str
+    script: str
+    digest: str
+
+
+def place_of_class(cls: type[Any]) -> ClassPlace:
+    """Return where ``cls`` stands. Raise ``ValueError`` for one that another process cannot
+    load."""
+    name = cls.__qualname__
+    if _loading:
+        raise ValueError(
+            f"Robot: called while {name} is loaded in a process of its robot. Put the call below "
+            "`if __name__ == '__main__':`"
+        )
+    if "<locals>" in name:
+        raise ValueError(
+            f"Robot: {name} is made within a function, where its process cannot find it. Put the class at the top "
+            "of a module"
+        )
+    module = sys.modules[cls.__module__]
+    file = getattr(module, "__file__", None)
+    if file is None:
+        raise ValueError(
+            f"Robot: {name} stands in no file. Put it into a module: its robot has a process of its own"
+        )
+    path = Path(file).resolve()
+    source = path.read_bytes()
+    digest = hashlib.sha256(source).hexdigest()[:16]
+    if cls.__module__ != "__main__":
+        return ClassPlace(cls.__module__, name, str(_folder(path, cls.__module__)), "", digest)
+    if not _is_guarded(source):
+        raise ValueError(
+            f"Robot: {name} stands in {path.name}, which its process would run as a whole. Put the class into a "
+            "module of its own, or what the script does below `if __name__ == '__main__':`"
+        )
+    spec = getattr(module, "__spec__", None)
+    if spec is not None:  # python -m
+        return ClassPlace(spec.name, name, str(_folder(path, spec.name)), "", digest)
+    return ClassPlace(SCRIPT, name, str(path.parent), str(path), digest)
+
+
+def load_class(place: ClassPlace) -> type[Any]:
+    """Import the class. Raise whatever its module raises, ``AttributeError`` when it is not there
+    any more."""
+    global _loading
+    if place.folder not in sys.path:
+        sys.path.append(place.folder)
+    _loading = True
+    try:
+        module = _script(place.script) if place.script else importlib.import_module(place.module)
+    finally:
+        _loading = False
+    found: Any = module
+    for part in place.name.split("."):
+        found = getattr(found, part)
+    loaded: type[Any] = found
+    return loaded
+
+
+def _script(file: str) -> Any:
+    if SCRIPT in sys.modules:
+        return sys.modules[SCRIPT]
+    spec = importlib.util.spec_from_file_location(SCRIPT, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[SCRIPT] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def _folder(path: Path, module: str) -> Path:
+    """Return the folder from which ``module``, at ``path``, is imported by its name."""
+    folder = path.parent.parent if path.name == "__init__.py" else path.parent
+    for _ in range(module.count(".")):
+        folder = folder.parent
+    return folder
+
+
+def _is_guarded(source: bytes) -> bool:
+    """Return whether a script looks at ``__name__`` before it does something."""
+    return any(
+        isinstance(node, ast.If)
+        and isinstance(node.test, ast.Compare)
+        and any(isinstance(name, ast.Name) and name.id == "__name__" for name in ast.walk(node.test))
+        for node in ast.parse(source).body
+    )

@@ -1,0 +1,76 @@
+"""A process that does one thing with an object of its own, and ends: it stops the robot, or says
+which axes it has.
+
+It imports the class, says that it is ready, and waits for its order. Who does not want it any more
+closes the link. The kernel ends it by an alarm when a call hangs, whoever holds the interpreter's
+lock.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+from typing import Any
+
+import msgspec
+
+from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
+from .instance import Instance
+from .members import OBSERVED, Declared, declared_by, keys_of
+from .wire import stop_anew
+
+ERRAND_S = CONNECT_S + CALL_S + STOP_S + CLEANUP_S
+
+
+class Ready(msgspec.Struct, frozen=True):
+    """The class is imported, or why not."""
+
+    failure: str = ""
+
+
+class Told(msgspec.Struct, frozen=True):
+    """How the errand went. ``declared``: what was learned."""
+
+    failure: str
+    declared: Declared | None = None
+
+
+STOP, LEARN = b"s", b"l"
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of the process."""
+    instance = Instance(config := msgspec.convert(args["config"], PlainConfig))
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, 2 * LOAD_S)
+    _tell(sock, Ready(instance.load()))
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    order = sock.recv(1)
+    if not order:
+        return
+    signal.setitimer(signal.ITIMER_REAL, ERRAND_S)
+    _tell(sock, Told(stop_anew(instance)) if order == STOP else _learn(instance, config))
+
+
+def _learn(instance: Instance, config: PlainConfig) -> Told:
+    if failure := instance.make():
+        return Told(failure)
+    try:
+        declared = declared_by(instance.made, config.name)
+    except ValueError as error:
+        return Told(str(error))
+    if declared.keys:
+        return Told(instance.cleanup(), declared)
+    failure = instance.connect()
+    observed = {} if failure else instance.observe()
+    if isinstance(observed, str):
+        failure, observed = observed, {}
+    instance.stop()  # nothing was commanded: what it says here matters less than that the robot was asked
+    failure = instance.cleanup() or failure
+    keys = keys_of(observed)
+    return Told(failure, msgspec.structs.replace(declared, keys=keys, source=OBSERVED if keys else ""))
+
+
+def _tell(sock: socket.socket, what: Ready | Told) -> None:
+    message = msgspec.msgpack.encode(what)
+    sock.sendall(len(message).to_bytes(4, "little") + message)

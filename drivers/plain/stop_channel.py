@@ -1,0 +1,168 @@
+"""What stops the robot of a plain class when its wire process is gone: a process that stood ready,
+and an object made, connected and stopped there. It waits until the wire process has let go of the
+robot: two objects at one port would be worse than one that is stopped a little later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeVar
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.processes.process import ChildProcess, start
+
+from .config import LOAD_S, PlainConfig
+from .members import Declared
+from .spare import ERRAND_S, LEARN, STOP, Ready, Told
+from .wire import reports
+
+GONE_S = 1.0
+"""How long the wire process may take to end, once it was killed. What still lives then is no code
+of ours."""
+
+Message = TypeVar("Message", Ready, Told)
+
+
+class PlainStopChannel(StopChannel):
+    """``descriptors``: the end of a pipe that the wire process has the other end of
+    (``PlainWire.handover``)."""
+
+    def __init__(self, config: PlainConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+        self._alive = list(descriptors)
+        self._spare: Spare | None = None
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        spare = self._spare = Spare(self._config)
+        try:
+            await spare.ready()
+        except WireDown:
+            if self._spare is spare:
+                raise
+        task_status.started()
+        await spare.ended()
+        if self._spare is spare and not spare.ordered:  # it has not done its work, and is wanted
+            raise WireDown("the process that would stop the robot has ended")
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        await self._until_alone()
+        # Cancelled, it goes on: who is fencing the wire asks again, and is given this one's answer.
+        spare = self._spare = self._spare or Spare(self._config)
+        try:
+            failure = (await spare.run(STOP)).failure
+        except WireDown as down:
+            failure = str(down)
+        self._spare = None
+        spare.kill()
+        if failure and not self._config.has_channel:
+            failure = (
+                f"not confirmed: this driver has no stop channel, and a fresh process did not stop it ({failure})"
+            )
+        return reports(self._config, failure, written=not failure)
+
+    def close(self) -> None:
+        spare, self._spare = self._spare, None
+        if spare is not None:
+            spare.kill()
+        for fd in self._alive:
+            os.close(fd)
+        self._alive.clear()
+
+    async def _until_alone(self) -> None:
+        """Return when the wire process has ended, or its time to do so has."""
+        with trio.move_on_after(GONE_S):
+            for fd in self._alive:
+                await trio.lowlevel.wait_readable(fd)
+
+
+async def learn(config: PlainConfig) -> Declared:
+    """Return what an object of the class says of its axes. Raise ``WireDown``."""
+    spare = Spare(config)
+    try:
+        told = await spare.run(LEARN)
+    finally:
+        spare.kill()
+    if told.failure or told.declared is None:
+        raise WireDown(told.failure or "the class says nothing of its axes")
+    return told.declared
+
+
+class Spare:
+    """A process of ``spare.main``, started now, for one order. Raise ``WireDown`` when there is none."""
+
+    def __init__(self, config: PlainConfig) -> None:
+        args: dict[str, Any] = {"config": msgspec.to_builtins(config)}
+        self._name = config.name
+        try:
+            self._process: ChildProcess = start(f"{__package__}.spare:main", args)
+        except OSError as error:  # no process, or no descriptor, is to be had
+            raise WireDown(f"no process to stop the robot could be started ({error})") from None
+        self._process.socket.setblocking(False)
+        self._socket = trio.socket.from_stdlib_socket(self._process.socket)
+        self._heard = b""
+        self._ready = False
+        self.ordered = False
+        self._reading = trio.Lock()  # a stop may come while it is waited for
+
+    async def ready(self) -> None:
+        """Return when the class is imported. Raise ``WireDown``."""
+        with _within(2 * LOAD_S, f"{self._name} is not imported"):
+            async with self._reading:
+                if self._ready:
+                    return
+                if failure := (await self._message(Ready)).failure:
+                    raise WireDown(failure)
+                self._ready = True
+
+    async def run(self, order: bytes) -> Told:
+        """Return how the errand went. Raise ``WireDown`` when there is no answer."""
+        await self.ready()
+        with _within(ERRAND_S, "no answer"):
+            try:
+                if not self.ordered:
+                    self._process.socket.send(order)  # one byte, at once: nobody can cancel half of it
+                    self.ordered = True
+            except OSError as error:
+                raise WireDown(f"the process has ended ({error})") from None
+            return await self._message(Told)
+
+    async def ended(self) -> None:
+        await self._process.wait()
+
+    def kill(self) -> None:
+        """End the process, whatever it does, and have it buried."""
+        self._process.kill()
+        self._process.part()
+        self._socket.close()
+
+    async def _message(self, kind: type[Message]) -> Message:
+        size = int.from_bytes(await self._exactly(4), "little")
+        return msgspec.msgpack.decode(await self._exactly(size), type=kind)
+
+    async def _exactly(self, size: int) -> bytes:
+        while len(self._heard) < size:
+            try:
+                data = await self._socket.recv(65536)
+            except (OSError, trio.ClosedResourceError) as error:
+                raise WireDown(f"the process has ended ({error})") from None
+            if not data:
+                raise WireDown("the process ended before it was done: a call of the class hangs, or ended it")
+            self._heard += data
+        found, self._heard = self._heard[:size], self._heard[size:]
+        return found
+
+
+@contextlib.contextmanager
+def _within(longest_s: float, what: str) -> Iterator[None]:
+    """Raise ``WireDown`` when the block takes longer."""
+    try:
+        with trio.fail_after(longest_s):
+            yield
+    except trio.TooSlowError:
+        raise WireDown(f"{what} within {longest_s:g} s") from None

@@ -1,0 +1,1 @@
+"""Pollen Robotics Reachy Mini, through its daemon."""

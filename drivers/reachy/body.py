@@ -1,0 +1,167 @@
+"""The robot behind its twin's service: axes that follow their targets at the motors' speed, and moves that play."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from strands_actors.contract.axis import Axis
+from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+
+PEAK = 1.875
+"""Of a move of minimum jerk: its peak speed in averages."""
+
+_STEP_S = 0.01
+_LONGEST_S = 0.25
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is dropped."""
+
+Row = tuple[float, ...]
+
+
+class Move:
+    """From where the robot is through ``stages``: targets, each with the seconds it takes."""
+
+    def __init__(self, uuid: str, stages: Sequence[tuple[Row, float]]) -> None:
+        self.uuid = uuid
+        self._stages = list(stages)
+        self._from: Row = ()
+        self._passed_s = 0.0
+
+    def step(self, step_s: float, at: Row) -> Row | None:
+        """Return the target so much later; None: it is over."""
+        if not self._stages:
+            return None
+        target, duration_s = self._stages[0]
+        self._from = self._from or at
+        self._passed_s += step_s
+        part = min(1.0, self._passed_s / duration_s)
+        eased = part**3 * (10 - 15 * part + 6 * part**2)
+        aimed = tuple(a + (b - a) * eased for a, b in zip(self._from, target, strict=True))
+        if part == 1.0:
+            self._stages.pop(0)
+            self._from, self._passed_s = target, 0.0
+        return aimed
+
+
+class ReachyBody:
+    """A row is in axis order, in the driver's units. Motors without torque stay where they are [assumed]: the
+    head of the real robot drops."""
+
+    def __init__(self, axes: Sequence[Axis], table: Mapping[str, Any], now_s: Callable[[], float]) -> None:
+        self.axes = tuple(axis.key for axis in axes)
+        self._table = table
+        self._speeds = [axis.speed * PEAK for axis in axes]
+        self._scales = [1e-3 if axis.unit == "mm" else math.radians(1.0) for axis in axes]
+        self._now_s = now_s
+        self._seen_s = now_s()
+        self.time_s = 0.0
+        self.ended: list[str] = []  # moves that are over and not reported yet
+        self.reset()
+
+    def reset(self) -> None:
+        """At rest, as it begins: motors on."""
+        self.mode = "enabled"
+        self.here: Row = (0.0,) * len(self.axes)
+        self.target: Row = self.here
+        self.move: Move | None = None
+        self.stuck = False
+        self.hand = Hand.NONE
+
+    def set_mode(self, mode: str) -> None:
+        """As the daemon: torque comes on where the robot is."""
+        if mode == "enabled" and self.mode != "enabled":
+            self.target = self.here
+        self.mode = mode
+
+    def aim_at(self, target: Row) -> bool:
+        """Return False, as the daemon, while a move is running."""
+        self.hand = Hand.WIRE
+        if self.move is None:
+            self.target = target
+        return self.move is None
+
+    def play(self, move: Move) -> None:
+        """A second move is over at once, and nobody is told why, as with the daemon."""
+        self.hand = Hand.WIRE
+        if self.move is None:
+            self.move = move
+        else:
+            self.ended.append(move.uuid)
+
+    def end_move(self) -> str:
+        """End what is played, where it is; return its uuid, empty: nothing was."""
+        move, self.move = self.move, None
+        if self.hand is Hand.WIRE:
+            self.hand = Hand.NONE
+        return move.uuid if move is not None else ""
+
+    def pass_time(self) -> None:
+        now_s = self._now_s()
+        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        self.run(min(passed_s, _LONGEST_S))
+
+    def run(self, seconds: float) -> None:
+        while seconds > 0:
+            step_s = min(seconds, _STEP_S)
+            seconds -= step_s
+            self.time_s += step_s
+            if self.move is not None:
+                aimed = self.move.step(step_s, self.here)
+                if aimed is None:
+                    self.ended.append(self.end_move())
+                else:
+                    self.target = aimed
+            if (self.mode == "enabled" or self.hand is Hand.SIM) and not self.stuck:
+                self.here = tuple(
+                    at + max(-speed * step_s, min(speed * step_s, to - at))
+                    for at, to, speed in zip(self.here, self.target, self._speeds, strict=True)
+                )
+
+    # -- as a simulation
+
+    @cached_property
+    def spec(self) -> Any:
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+
+        return build(self._table)
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        return (self.hand,) * len(self.axes)
+
+    def felt(self) -> Felt:
+        still = (0.0,) * len(self.axes)
+        return Felt(self.time_s, self._metric(self.here), still, still, self.hands)
+
+    def pose(self) -> Sequence[float]:
+        values = dict(zip(self.axes, self._metric(self.here), strict=True))
+        values["head_yaw"] -= values["body_yaw"]  # in the model the head stands on the body
+        return [values[name] for name in _MODEL_ORDER]
+
+    def take(self, on: bool) -> None:
+        if self.hand is (Hand.NONE if on else Hand.SIM):
+            self.hand, self.target = (Hand.SIM if on else Hand.NONE), self.here
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self.hand is Hand.SIM:
+            self.target = tuple(value / scale for value, scale in zip(values, self._scales, strict=True))
+
+    def hold(self) -> None:
+        if self.hand is Hand.SIM:
+            self.target = self.here
+
+    def step(self, steps: int) -> None:
+        self.run(steps * TIMESTEP_S)
+
+    def _metric(self, row: Row) -> list[float]:
+        return [value * scale for value, scale in zip(row, self._scales, strict=True)]
+
+
+_MODEL_ORDER = (
+    "body_yaw", "head_x", "head_y", "head_z", "head_yaw", "head_pitch", "head_roll", "antenna_left",
+    "antenna_right",
+)  # fmt: skip
+"""Joints as ``model_rows`` has them."""

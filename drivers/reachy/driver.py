@@ -1,0 +1,144 @@
+"""Pollen Robotics Reachy Mini, Lite and Wireless, through the REST and WebSocket service of its daemon.
+
+Safe, but for an e-stop, is to hold: the move that is played ends, whoever began it, face tracking and
+wobbling too, and the motors keep their torque where the head is. An e-stop takes the torque away: the
+head drops. Small steps are told as targets, larger ones as moves that last: nothing jumps. Connecting
+and ``resume()`` move nothing and give no torque; ``motors(mode="enabled")`` does.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from . import verbs
+from .config import ReachyConfig
+from .gates import CONDITIONS, LOOK, all_gates, parse
+from .protocol import API_PORT, BODY, MEDIA_PORT
+from .robots import TABLES, axes_of
+
+PLACES = ("localhost", "reachy-mini.local")
+"""Where a daemon is looked for when neither ``port`` nor ``REACHY_HOST`` says where it is."""
+
+
+class ReachyOptions(DriverOptions, frozen=True):
+    api_port: Annotated[
+        int, option("port of the daemon's service, where the address names none", ge=1, le=65535)
+    ] = API_PORT
+    media_port: Annotated[int, option("port at which camera and microphone are streamed", ge=1, le=65535)] = (
+        MEDIA_PORT
+    )
+    tts_url: Annotated[
+        str | None,
+        option("http address of a service that makes a WAV file of a text, for say()"),
+    ] = None
+
+
+class Reachy(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_OPTIONAL: ClassVar[bool] = True
+    WIRE: ClassVar[str] = "strands_actors.drivers.reachy.wire:ReachyWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.reachy.stop:ReachyStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.reachy.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(ReachyOptions)
+    ROLLOUTS: ClassVar[str] = "its daemon plays moves by itself and takes no stream of a policy"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("imu", {"accel": "accelerometer_m_s2", "gyro": "gyroscope_rad_s", "orientation": "quaternion_wxyz"}),
+        Sensor("pose", {"xyz": "head_xyz_m", "rpy": "head_rpy_rad"}),
+        Sensor("battery", {"pct": "battery_pct"}),
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = verbs.SERVICES
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs.TOOL_VERBS
+
+    unit = "degrees (head_x, head_y, head_z: millimetres)"
+    timing = Timing(
+        control_hz=50.0,
+        keepalive_s=3600.0,  # never: the daemon keeps its last target, and a move must not begin twice
+        stream_ttl_s=0.3,
+        oneshot_ttl_s=None,
+        state_ttl_s=0.5,
+        call_s=0.8,
+        open_s=13.0,  # of which the daemon's status may take 10
+        safe_s=2.0,
+    )
+    fallbacks: Mapping[Reason, str] = {
+        **dict.fromkeys(Reason, str(SafeState.HOLD)),
+        Reason.ESTOP: str(SafeState.LIMP),
+    }
+    firmware_watchdog = (
+        "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "
+        "torque on; face tracking goes on"
+    )
+    bound_s = 0.2  # two round trips until a WebSocket is there; the daemon's own computer is slow [assumed]
+    conditions = CONDITIONS
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        given = {name: value for name, value in options.items() if name != "places"}
+        read = read_options(robot, ReachyOptions, given)
+        if read.tts_url is not None and not read.tts_url.startswith("http://"):
+            raise ValueError(f"{robot}: tts_url is {read.tts_url!r}. Give an address that begins with http://")
+        host, number = os.environ.get("REACHY_HOST", ""), os.environ.get("REACHY_PORT", "")
+        if number and not number.isdecimal():
+            raise ValueError(f"{robot}: REACHY_PORT is {number!r}. Give a port number")
+        hosts = (host,) if host else PLACES
+        places = [
+            f"[{one}]:{number or read.api_port}" if ":" in one else f"{one}:{number or read.api_port}"
+            for one in hosts
+        ]
+        return {**plain(read), "places": options.get("places", places)}
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        resolved = self.resolve(robot, options)
+        self.robot = TABLES.canonical(robot)
+        axes, yaw_deg = axes_of(robot), float(TABLES.table(robot)["yaw_deg"])
+        self.declare(
+            Part(PartKind.HEAD, axes[:BODY]),
+            Part(PartKind.BASE, axes[BODY : BODY + 1]),
+            Part(PartKind.HEAD, axes[BODY + 1 :], "antennas"),
+        )
+        self.config = ReachyConfig(
+            robot=self.robot,
+            port=port,
+            places=tuple(resolved["places"]),
+            axes=self.axes,
+            ids=self.ids,
+            yaw_deg=yaw_deg,
+            api_port=resolved["api_port"],
+            media_port=resolved["media_port"],
+            tts_url=resolved["tts_url"] or "",
+        )
+        self.gates = all_gates(self.table, self.timing.state_ttl_s, yaw_deg)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return parse(action, self.robot, self.table, self._index, state)
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
+        return refusal or verbs.check_arguments(service, arguments, self.config.tts_url)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """A target has a duration behind its axes."""
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        named = {str(key).removesuffix(".pos") for key in action}
+        if named & set(LOOK):
+            named |= {"head_pitch", "head_yaw"}
+        sent = {key: value for key, value in self.as_json(values).items() if key in named}
+        return {"sent": {**sent, "duration": round(values[len(self.axes)], 3)}, "robot": self.robot}
+
+    def model_units(self) -> tuple[tuple[float, float], ...]:
+        degree, millimetre = 57.29577951308232, 1e3
+        return tuple((0.0, millimetre if axis.unit == "mm" else degree) for axis in self.table)

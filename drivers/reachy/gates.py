@@ -1,0 +1,188 @@
+"""What is refused before it reaches the daemon, which itself takes any number. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from strands_actors.contract.axis import SHOWN, Axis, finite, parse_action
+from strands_actors.contract.axis_gates import past_range, show, stale
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.messages import Refused
+
+from .protocol import BODY, MODES, YAW
+
+DURATION = "duration"
+LOOK = ("look_x", "look_y", "look_z")
+"""A point to look at, in metres from where the head is at rest: to the front, to the left, up."""
+
+SHORTEST_S, LONGEST_S = 0.1, 10.0
+"""Of a move."""
+
+AT_ONCE_S = 0.03
+"""What an axis turns in so long at full speed is told as a target, without a move: a stream of small steps."""
+
+EASE = 0.5
+"""Of full speed: what a move without a duration is given [assumed]."""
+
+NEAREST_M = 0.05
+"""A point nearer than this has no direction [assumed]."""
+
+_ROUNDING = 1e-9
+
+
+def parse(
+    action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
+) -> Candidate | Refused:
+    """Return the whole target, then how long the move there takes; 0: it is told at once."""
+    wanted = dict(action)
+    given = wanted.pop(DURATION, None)
+    if any(name in wanted for name in LOOK):
+        refusal = _look(wanted)
+        if refusal is not None:
+            return refusal
+    parsed = parse_action(wanted, robot, axes, index, state.target[: len(axes)])
+    if isinstance(parsed, Refused):
+        return _with_other_keys(parsed)
+    values, named = parsed
+    if given is None:
+        full_s = max(_full_speed_s(values, axes, state.observation))
+        at_once = full_s <= AT_ONCE_S
+        return Candidate((*values, 0.0 if at_once else max(SHORTEST_S, full_s / EASE)), named)
+    duration_s = finite(given)
+    if duration_s is None:
+        shown = str(given)[:SHOWN]
+        return Refused(
+            "not_finite", f"move: {DURATION} is {shown}", "send a finite number", shown, "a finite number"
+        )
+    if not SHORTEST_S <= duration_s <= LONGEST_S:
+        limit = f"{SHORTEST_S:g}..{LONGEST_S:g} s"
+        why = f"move: {DURATION} {duration_s:g} s is past {limit}"
+        return Refused("duration", why, f"give {limit}", f"{duration_s:g}", limit)
+    return Candidate((*values, duration_s), named)
+
+
+def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
+
+
+def asleep(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse to move one axis of the head while another is to stay out of its range, as it is in the pose of sleep:
+    the daemon does not go there, and does not say so."""
+
+    def asleep(candidate: Candidate, state: GateState) -> Refused | None:
+        if not any(at < BODY for at in candidate.named):
+            return None
+        for value, axis in zip(candidate.values[:BODY], axes, strict=False):
+            if not axis.low - _ROUNDING <= value <= axis.high + _ROUNDING:
+                limit = f"{show(axis.low, axis.unit)}..{show(axis.high, axis.unit)} {axis.unit}"
+                why = f"move: {axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
+                return Refused(
+                    "asleep", why, f"call wake(), or give {axis.key}, too", show(value, axis.unit), limit
+                )
+        return None
+
+    return asleep
+
+
+def twisted(yaw_deg: float) -> GateCheck:
+    """Refuse a head that is turned too far from the body."""
+
+    def twisted(candidate: Candidate, state: GateState) -> Refused | None:
+        apart = candidate.values[YAW] - candidate.values[BODY]
+        if abs(apart) <= yaw_deg + _ROUNDING or not {YAW, BODY} & set(candidate.named):
+            return None
+        return Refused(
+            "twisted",
+            f"move: head_yaw {show(candidate.values[YAW], 'deg')} and body_yaw "
+            f"{show(candidate.values[BODY], 'deg')} are {show(abs(apart), 'deg')} deg apart",
+            f"keep them within {yaw_deg:g} deg of each other",
+            show(apart, "deg"),
+            f"-{yaw_deg:g}..{yaw_deg:g}",
+        )
+
+    return twisted
+
+
+def too_fast(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse a move that takes less time than an axis needs from where it is."""
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        duration_s = candidate.values[len(axes)]
+        if duration_s == 0.0:
+            return None  # ``parse`` saw that the step is small
+        needed = _full_speed_s(candidate.values, axes, state.observation)
+        at = max(range(len(axes)), key=lambda one: needed[one])
+        if needed[at] <= duration_s + _ROUNDING:
+            return None
+        least = math.ceil(needed[at] * 100) / 100
+        axis = axes[at]
+        step = abs(candidate.values[at] - state.observation.position[at])
+        return Refused(
+            "too_fast",
+            f"move: {axis.key} goes {show(step, axis.unit)} {axis.unit} in {duration_s:g} s",
+            f"give a duration of at least {least:g} s",
+            f"{duration_s:g}",
+            f"{least:g} s",
+        )
+
+    return too_fast
+
+
+def motors_on(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse while the motors have no torque: the daemon takes commands then, too, and says that all is well."""
+    told = observation.sensors.get("motor_mode")
+    mode = "in an unknown mode" if told is None else MODES[round(told[0])]
+    if mode == "enabled":
+        return None
+    return Refused(
+        "motors_off", f"move: the motors are {mode}", 'call motors(mode="enabled") first', mode, "enabled"
+    )
+
+
+def heeded(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse while a move of somebody else's runs: the daemon ignores targets then."""
+    if not any(observation.sensors.get("ignored", ())):
+        return None
+    why = "move: the daemon ignores targets: a move of another client is running"
+    return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")
+
+
+CONDITIONS = (Condition(motors_on), Condition(heeded))
+
+
+def direction(x: float, y: float, z: float) -> tuple[float, float]:
+    """Return the head's pitch and yaw towards a point, in degrees: pitch is positive downwards, yaw to the left."""
+    return math.degrees(math.atan2(-z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
+
+
+def _look(wanted: dict[str, object]) -> Refused | None:
+    """Replace a point to look at by the pose of the head."""
+    keys = ", ".join(LOOK)
+    point = [finite(wanted.pop(name, None)) for name in LOOK]
+    if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & wanted.keys()]:
+        why = f"move: {keys} and {both[0]} are both given"
+        return Refused("both_spellings", why, "send one of them", both[0], keys)
+    x, y, z = point
+    if x is None or y is None or z is None:
+        why, remedy = f"move: {keys} are not three finite numbers", "give all three, in metres"
+        return Refused("not_finite", why, remedy, str(point)[:SHOWN], "three finite numbers")
+    if math.hypot(x, y, z) < NEAREST_M:
+        why = f"move: the point to look at is {math.hypot(x, y, z):.3f} m away"
+        return Refused("too_near", why, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m")
+    wanted["head_pitch"], wanted["head_yaw"] = direction(x, y, z)
+    return None
+
+
+def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], seen: Observation) -> list[float]:
+    """Return how long each axis needs at full speed, from where it is; where that is not known no time."""
+    steps = [abs(value - here) / axis.speed for value, here, axis in zip(values, seen.position, axes, strict=False)]
+    return [step if math.isfinite(step) else 0.0 for step in steps]
+
+
+def _with_other_keys(refusal: Refused) -> Refused:
+    if refusal.code not in ("unknown_joint", "empty"):
+        return refusal
+    keys = f"{refusal.limit}; {DURATION} or {', '.join(LOOK)} beside them"
+    return Refused(refusal.code, refusal.reason, f"use {keys}", refusal.offered, keys)

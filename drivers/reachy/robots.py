@@ -1,0 +1,17 @@
+"""The robots of this wire, as data: ``robots.toml``."""
+
+from __future__ import annotations
+
+from strands_actors.contract.axis import Axis
+from strands_actors.drivers.common.robot_tables import RobotTables
+
+TABLES = RobotTables(__package__, "Reachy Mini")
+
+
+def axes_of(robot: str) -> tuple[Axis, ...]:
+    """Return the axes of a robot, in the order of a row. Raise ``ValueError``."""
+    rows = TABLES.table(robot)["axes"].items()
+    return tuple(
+        Axis(key=key, unit=unit, low=float(low), high=float(high), speed=float(speed), id=number)
+        for number, (key, (unit, low, high, speed)) in enumerate(rows, 1)
+    )

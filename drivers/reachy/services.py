@@ -1,0 +1,262 @@
+"""The services of a Reachy Mini: each is one question to the daemon, or a move that is waited for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import httpx
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Observation, Permit, WireDown
+from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import ReachyConfig
+from .gates import EASE, SHORTEST_S
+
+ASK_S = 4.0
+"""How long the daemon may take to answer a question."""
+
+BEGIN_S = 0.5
+"""How long it may take to begin a move."""
+
+FETCH_S = 25.0
+"""How long it may take to list the moves of a data set, which it fetches first."""
+
+SPEECH_S = 20.0
+"""How long a text may take to become speech [assumed]."""
+
+SPEECH = "strands-speech.wav"
+"""Under which name speech is handed to the robot."""
+
+BOUNDARY = "strands-actors-speech"
+
+TURN_DEG_S = 240.0
+"""Of the head, as in ``robots.toml``."""
+
+KEPT = 16
+"""Ends of moves that nobody has waited for yet."""
+
+
+class Moves:
+    """What became of moves, by uuid. ``running``: the newest of ours, as long as it is not known to have ended."""
+
+    def __init__(self) -> None:
+        self.running = ""
+        self._ended: dict[str, p.Update] = {}
+        self._news = trio.Event()
+
+    def begin(self, uuid: str) -> None:
+        if uuid not in self._ended:
+            self.running = uuid
+
+    def hear(self, update: p.Update) -> None:
+        if update.kind not in p.ENDS:
+            return
+        self._ended[update.uuid] = update
+        while len(self._ended) > KEPT:
+            self._ended.pop(next(iter(self._ended)))
+        if self.running == update.uuid:
+            self.running = ""
+        self._news.set()
+        self._news = trio.Event()
+
+    async def ended(self, uuid: str) -> p.Update:
+        while uuid not in self._ended:
+            await self._news.wait()
+        return self._ended[uuid]
+
+
+class Services:
+    """Asked one at a time. ``owed``: set when a move that was asked for has been answered; None: none was."""
+
+    def __init__(self, config: ReachyConfig, url: str, moves: Moves) -> None:
+        self._config = config
+        self._url = url
+        self._moves = moves
+        self.owed: trio.Event | None = None
+
+    async def perform(
+        self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
+    ) -> dict[str, Any] | Refused:
+        """Raise ``WireDown``, ``PermitDenied``."""
+        client = HttpClient(self._url)
+        try:
+            return await self._perform(client, service, arguments, permit, seen)
+        except MalformedFrame as malformed:
+            raise WireDown(f"{service}: {malformed}. Look at the daemon") from None
+        finally:
+            with trio.CancelScope(shield=True):
+                await client.aclose()
+
+    async def _perform(
+        self, client: HttpClient, service: str, given: Mapping[str, Any], permit: Permit, seen: Observation
+    ) -> dict[str, Any] | Refused:
+        match service:
+            case "wake":
+                return await self._move(client, service, p.WAKE_UP, b"", permit)
+            case "sleep":
+                return await self._move(client, service, p.GOTO_SLEEP, b"", permit)
+            case "express":
+                return await self._express(client, given["move"], given.get("dataset", p.DATASET), permit)
+            case "turn_to_sound":
+                return await self._turn_to_sound(client, permit, seen)
+            case "turn_to_sound_status":
+                return await self._sound(client)
+            case "list_moves":
+                names = await self._names(client, given.get("dataset", p.DATASET))
+                return names if isinstance(names, Refused) else {"moves": names}
+            case "motors":
+                mode = given.get("mode", "enabled")
+                return await self._post(client, service, f"{p.SET_MODE}{mode}", b"", permit, {"mode": mode})
+            case "say":
+                return await self._say(client, given["text"], permit)
+            case "play_sound":
+                body = msgspec.json.encode({"file": given["file"]})
+                return await self._post(client, service, p.PLAY_SOUND, body, permit, {"playing": given["file"]})
+            case "set_volume":
+                volume = int(given.get("volume", 50))
+                body = msgspec.json.encode({"volume": volume})
+                return await self._post(client, service, p.SET_VOLUME, body, permit, {"volume": volume})
+            case "track_face":
+                return await self._track(client, given, permit)
+            case "camera":
+                found = await self._get(client, p.CAMERA)
+                host = self._url.rpartition(":")[0].removeprefix("http://")
+                stream = f"ws://{host}:{self._config.media_port}"
+                return found if isinstance(found, Refused) else {**p.decode_object(found), "webrtc": stream}
+        target = {"volume": p.VOLUME, "tracking_status": p.TRACKED_FACE}[service]
+        found = await self._get(client, target)
+        return found if isinstance(found, Refused) else p.decode_object(found)
+
+    async def _move(
+        self, client: HttpClient, service: str, target: str, body: bytes, permit: Permit
+    ) -> dict[str, Any] | Refused:
+        """Begin a move, in the place of ours that runs, and wait for its end."""
+        if self._moves.running:
+            await client.post(p.STOP, p.encode_uuid(self._moves.running), ASK_S, permit)
+        answer = await self._begin(client, target, body, permit)
+        if answer.status_code != p.OK:
+            return _said_no(service, answer.status_code, answer.content)
+        uuid = p.decode_move(answer.content)
+        self._moves.begin(uuid)
+        end = await self._moves.ended(uuid)
+        if end.kind != "move_completed":
+            return Refused(
+                "move", f"{service}: {end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
+            )
+        return {"move": uuid}
+
+    async def _begin(self, client: HttpClient, target: str, body: bytes, permit: Permit) -> httpx.Response:
+        """Ask for motion. A stop does not cut this short: it has to know whether there is anything to be ended."""
+        owed = self.owed = trio.Event()
+        try:
+            with trio.CancelScope(shield=True):
+                answer = await client.post(target, body, BEGIN_S, permit)
+        finally:
+            self.owed = None
+            owed.set()
+        return answer
+
+    async def _express(
+        self, client: HttpClient, move: str, dataset: str, permit: Permit
+    ) -> dict[str, Any] | Refused:
+        """The list first: the daemon fetches the data set for it, and a move that is fetched would begin late."""
+        names = await self._names(client, dataset)
+        if isinstance(names, Refused):
+            return names
+        if move not in names:
+            there = ", ".join(names)[:200]
+            return Refused("no_move", f"express: {dataset} has no move {move}", f"it has {there}", move, there)
+        return await self._move(client, "express", f"{p.PLAY}{dataset}/{move}", b"", permit)
+
+    async def _names(self, client: HttpClient, dataset: str) -> list[str] | Refused:
+        answer = await client.get(f"{p.LIST_MOVES}{dataset}", FETCH_S)
+        if answer.status_code != p.OK:
+            return _said_no("list_moves", answer.status_code, answer.content)
+        return p.decode_names(answer.content)
+
+    async def _turn_to_sound(
+        self, client: HttpClient, permit: Permit, seen: Observation
+    ) -> dict[str, Any] | Refused:
+        heard = await self._sound(client)
+        if isinstance(heard, Refused):
+            return heard
+        row = list(seen.position)
+        left_deg = heard["left_deg"]
+        row[p.YAW] += left_deg  # the microphones turn with the head [assumed]
+        apart = row[p.YAW] - row[p.BODY]
+        limit = self._config.yaw_deg
+        if abs(apart) > limit or abs(row[p.YAW]) > 180.0:
+            why = f"turn_to_sound: the head would be {apart:.1f} deg from the body"
+            return Refused("twisted", why, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}")
+        duration_s = max(SHORTEST_S, abs(left_deg) / TURN_DEG_S / EASE)
+        moved = await self._move(client, "turn_to_sound", p.GOTO, p.encode_goto(row, duration_s), permit)
+        return moved if isinstance(moved, Refused) else {**heard, "head_yaw": row[p.YAW]}
+
+    async def _sound(self, client: HttpClient) -> dict[str, Any] | Refused:
+        body = await self._get(client, p.DIRECTION_OF_SOUND)
+        if isinstance(body, Refused):
+            return body
+        heard = p.decode_direction(body)
+        if heard is None:
+            return Refused(
+                "no_sound", "turn_to_sound: the daemon tells no direction of sound", "it needs microphones"
+            )
+        return {"left_deg": heard[0], "speech": heard[1]}
+
+    async def _track(
+        self, client: HttpClient, given: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
+        if not given.get("enabled", True):
+            return await self._post(client, "track_face", p.TRACKING_OFF, b"", permit, {"tracking": False})
+        body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
+        answer = await self._begin(client, p.TRACKING_ON, body, permit)
+        if answer.status_code != p.OK:
+            return _said_no("track_face", answer.status_code, answer.content)
+        if p.decode_object(answer.content).get("enabled") is not True:
+            return Refused("no_camera", "track_face: the daemon has no camera to track with", "connect one")
+        return {"tracking": True}
+
+    async def _say(self, client: HttpClient, text: str, permit: Permit) -> dict[str, Any] | Refused:
+        speech = HttpClient(self._config.tts_url)
+        try:
+            made = await speech.post("", msgspec.json.encode({"text": text}), SPEECH_S)
+        finally:
+            with trio.CancelScope(shield=True):
+                await speech.aclose()
+        if made.status_code != p.OK or not made.content.startswith(b"RIFF"):
+            why = f"say: tts_url answers status {made.status_code}, no WAV file"
+            return Refused("no_speech", why, 'it is asked by POST with {"text": ...} and answers with a WAV file')
+        form = (
+            f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="file"; filename="{SPEECH}"\r\n'
+            "Content-Type: audio/wav\r\n\r\n"
+        )
+        body = form.encode() + made.content + f"\r\n--{BOUNDARY}--\r\n".encode()
+        kind = f"multipart/form-data; boundary={BOUNDARY}"
+        taken = await client.post(p.UPLOAD_SOUND, body, ASK_S, permit, kind=kind)
+        if taken.status_code != p.OK:
+            return _said_no("say", taken.status_code, taken.content)
+        play = msgspec.json.encode({"file": SPEECH})
+        return await self._post(client, "say", p.PLAY_SOUND, play, permit, {"said": text})
+
+    async def _get(self, client: HttpClient, target: str) -> bytes | Refused:
+        answer = await client.get(target, ASK_S)
+        if answer.status_code == p.OK:
+            return answer.content
+        return _said_no(target, answer.status_code, answer.content)
+
+    async def _post(
+        self, client: HttpClient, service: str, target: str, body: bytes, permit: Permit, done: dict[str, Any]
+    ) -> dict[str, Any] | Refused:
+        answer = await client.post(target, body, ASK_S, permit)
+        return done if answer.status_code == p.OK else _said_no(service, answer.status_code, answer.content)
+
+
+def _said_no(what: str, status: int, body: bytes) -> Refused:
+    said = body[:120].decode("utf-8", "replace")
+    return Refused("daemon", f"{what}: the daemon answers status {status}: {said}", "look at its log", str(status))

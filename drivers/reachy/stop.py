@@ -1,0 +1,150 @@
+"""How a Reachy Mini is brought to a safe state, by the wire and by the root's stop channel alike.
+
+The first frame goes over the daemon's WebSocket, on a connection that is open or made for it: only there
+a move can be ended whoever began it. What confirms it is asked over HTTP: no move is listed any more, at
+two looks, and the motors are in the mode that was ordered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.websocket import WebSocket, open_websocket
+from strands_actors.kernel.clock import Clock
+
+from . import protocol as p
+from .config import ReachyConfig
+
+STOP_S = 1.7
+"""How long a stop is repeated: less than ``Timing.safe_s``, and than what is left of it when a link is reached."""
+
+CONNECT_S = 0.4
+"""Within which a WebSocket must be there."""
+
+ANSWER_S = 0.3
+"""How long one question waits for its answer."""
+
+AGAIN_S = 0.05
+"""Pause before what is not confirmed is done again."""
+
+
+def frames(safe_state: str) -> tuple[str, ...]:
+    """Return what brings the robot to a safe state, in the order in which it is sent."""
+    ends = (p.STOP_MOVE, p.TRACKING_STOP, p.WOBBLING_STOP)
+    return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
+
+
+def nothing_pending() -> bool:
+    """Of who cannot know of earlier commands."""
+    return False
+
+
+class Stopper:
+    """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays open."""
+
+    def __init__(self, host: str, number: int, socket: WebSocket | None = None) -> None:
+        self._where = host, number
+        self._socket = socket
+        self._own: WebSocket | None = None
+        self._port = HttpPort(host, number)
+        self.written = self.acknowledged = False
+
+    async def run(self, safe_state: str, within_s: float, pending: Callable[[], bool] = nothing_pending) -> str:
+        """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never raises. Where a
+        WebSocket is open the first frame leaves before the first wait. ``pending``: whether an earlier command has
+        not been answered, which may be carried out later."""
+        detail = "silent"
+        with trio.move_on_after(within_s):
+            while True:
+                try:
+                    await self._order(safe_state)
+                    detail = await self._look(safe_state)
+                    if not detail and pending():
+                        detail = "not confirmed: an earlier command has not been answered"
+                    if not detail:
+                        return ""
+                except MalformedFrame as malformed:
+                    detail = f"not confirmed: {malformed}"
+                except WireDown as down:
+                    detail = f"not confirmed: {down}" if self.written else str(down)
+                await trio.sleep(AGAIN_S)
+        return detail
+
+    def close(self) -> None:
+        self._port.close()
+        if self._own is not None:
+            self._own.close_in_order()  # what was sent still arrives
+
+    async def _order(self, safe_state: str) -> None:
+        if self._socket is None or not self._socket.is_open:
+            self._socket = self._own = await open_websocket(*self._where, p.SDK, within_s=CONNECT_S)
+        for frame in frames(safe_state):
+            self._socket.send(frame)
+        self.written = True
+
+    async def _look(self, safe_state: str) -> str:
+        """End the moves that are listed; return why the robot is not known to be safe."""
+        for uuid in await self._running():
+            await self._port.ask("POST", p.STOP, p.encode_uuid(uuid), within_s=ANSWER_S)
+        self.acknowledged = True
+        if left := await self._running():
+            return f"not confirmed: {len(left)} moves are running"
+        if safe_state == SafeState.LIMP:
+            answer = await self._port.ask("GET", p.MOTORS, within_s=ANSWER_S)
+            mode = p.MODES[p.decode_mode(answer.body)]
+            if mode != "disabled":
+                return f"not confirmed: the motors are {mode}"
+        return ""
+
+    async def _running(self) -> Sequence[str]:
+        answer = await self._port.ask("GET", p.RUNNING, within_s=ANSWER_S)
+        if answer.status != p.OK:
+            raise WireDown(
+                f"{self._port.name}: {p.RUNNING} is answered with status {answer.status}. Check the daemon"
+            )
+        return p.decode_running(answer.body)
+
+
+class ReachyStopChannel(StopChannel):
+    """The root's way to the robot: connections made when they are needed."""
+
+    def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await stop_everywhere(self._config, safe_state)
+
+    def close(self) -> None:
+        pass
+
+
+async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorReport, ...]:
+    """Stop the robot at each address where it may be: at most one is no daemon's. Never raises."""
+    try:
+        stoppers = [Stopper(host, number) for host, number in config.addresses()]
+    except ValueError as error:
+        return config.reports(False, False, str(error))
+    found: dict[Stopper, str] = {}
+
+    async def stop(stopper: Stopper, scope: trio.CancelScope) -> None:
+        found[stopper] = await stopper.run(safe_state, STOP_S)
+        if not found[stopper]:  # the others are given as long as a connection may take
+            scope.deadline = min(scope.deadline, trio.current_time() + CONNECT_S)
+
+    try:
+        async with trio.open_nursery() as nursery:
+            for stopper in stoppers:
+                nursery.start_soon(stop, stopper, nursery.cancel_scope)
+    finally:
+        for stopper in stoppers:
+            stopper.close()
+    reached = [stopper for stopper in stoppers if stopper.written]
+    open_ = [found.get(stopper, "not confirmed: silent") for stopper in reached or stoppers]
+    written, acknowledged = bool(reached), any(stopper.acknowledged for stopper in reached)
+    return config.reports(written, acknowledged, next((detail for detail in open_ if detail), ""))

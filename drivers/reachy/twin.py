@@ -1,0 +1,459 @@
+"""The daemon as a twin: its REST and WebSocket service with a robot behind it, where the real one is not installed.
+
+As daemon 1.13.0 it takes any number, tells "ok" with the motors off, ignores targets and further moves while one
+is played, and answers nothing to what is said on ``/ws/sdk``. It plays no sound and sees no face.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Unpack
+
+import msgspec
+import trio
+
+from strands_actors.contract.axis import finite
+from strands_actors.drivers.common.http_messages import Request
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    TcpServer,
+    WireLog,
+    known_options,
+    run_server,
+)
+from strands_actors.drivers.common.twin.http import Answer, HttpSession
+from strands_actors.drivers.common.twin.websocket import WebSocketClient, WebSocketHandler, serving_both
+
+from . import protocol as p
+from .body import Move, ReachyBody, Row
+from .robots import TABLES, axes_of
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "TCP port (default: any free one)",
+    "wireless": "whether it is a Wireless, which has an IMU (default true)",
+    "motors": "mode of the motors at first: enabled, disabled or gravity_compensation (default enabled)",
+    "media": "whether it has a camera and microphones (default true)",
+}
+
+STATE_S = 0.02
+"""Between two frames of the state."""
+
+STATUS_S = 1.0
+"""Between two frames of the daemon's status."""
+
+VERSION = "1.13.0"
+
+_BAD = 422
+_NOT_FOUND = 404
+_ERROR = 500
+_SLEEP: Row = (20.0, 0.0, 0.0, 0.0, 0.0, -20.0, 0.0, -60.0, 60.0)
+_MOVES = ("amazed1", "cheerful1", "yes1")
+_POSE = {"pitch": p.PITCH, "roll": p.ROLL, "yaw": p.YAW}
+_PLACE = {"x": p.X, "y": p.Y, "z": p.Z}
+_JSON = msgspec.json.Decoder()
+
+
+class ReachyTwin:
+    """One service for all clients."""
+
+    def __init__(
+        self,
+        robot: str,
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        wireless: bool = True,
+        motors: str = "enabled",
+        media: bool = True,
+    ) -> None:
+        """Raise ``ValueError`` for a mode that is none."""
+        if motors not in p.MODES:
+            raise ValueError(f"motors is {motors!r}. use {', '.join(p.MODES)}")
+        self.body = ReachyBody(axes_of(robot), TABLES.table(robot), now_s)
+        self.faults = Faults()
+        self.tracking = False
+        self._motors = motors
+        self._wireless = wireless
+        self._media = media
+        self._volume = 50
+        self._listeners: set[WebSocketClient] = set()  # of what becomes of moves
+        self._clients: set[WebSocketClient] = set()  # of ``/ws/sdk``
+        self._stuck: Row | None = None
+        self.body.mode = motors
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        self.body.pass_time()
+        self._stuck = self.body.here if fault is Fault.STUCK else None
+        self.body.stuck = fault is Fault.STUCK
+        self.faults.set(fault)
+        if fault is Fault.OFF:
+            self.power_cycle()
+
+    def power_cycle(self) -> None:
+        self.body.reset()
+        self.body.mode = self._motors
+        self.tracking = False
+
+    # -- REST
+
+    def answer(self, request: Request) -> Answer:
+        self.body.pass_time()
+        target = request.target.partition("?")[0]
+        try:
+            found = self._read(target) if request.method == "GET" else self._write(target, request.body)
+        except MalformedFrame as malformed:
+            return _tell({"detail": str(malformed)}, "other", _BAD)
+        self._report()
+        return found
+
+    def _read(self, target: str) -> Answer:
+        body = self.body
+        match target:
+            case p.STATUS:
+                return _tell(self._status())
+            case p.MOTORS:
+                return _tell({"mode": body.mode})
+            case p.RUNNING:
+                return _tell([{"uuid": body.move.uuid}] if body.move is not None else [])
+            case p.VOLUME:
+                return _tell({"volume": self._volume, "platform": "Twin", "device": "none"})
+            case p.TRACKED_FACE:
+                return _tell({"status": "ok", "face_target": {"detected": False, "x": None, "y": None}})
+            case p.DIRECTION_OF_SOUND:
+                return _tell({"angle": math.pi / 3, "speech_detected": True} if self._media else None)
+            case p.CAMERA:
+                return _tell({"name": "twin", "default_resolution": {"width": 1280, "height": 720, "fps": 30}})
+            case "/api/state/full":
+                return _tell(self._full())
+        if target.startswith(p.LIST_MOVES):
+            return _tell(list(_MOVES))
+        return _tell({"detail": "Not Found"}, "other", _NOT_FOUND)
+
+    def _write(self, target: str, data: bytes) -> Answer:
+        body = self.body
+        match target:
+            case p.SET_TARGET:
+                told = _object(data)
+                taken = body.aim_at(self._target(told, "target_head_pose", "target_antennas", "target_body_yaw"))
+                return _tell(
+                    {"status": "ok"} if taken else {"status": "ignored", "reason": "move_running"}, "setpoint"
+                )
+            case p.GOTO:
+                told = _object(data)
+                duration_s = _finite(told, "duration")
+                row = self._target(told, "head_pose", "antennas", "body_yaw")
+                return self._play([(row, max(0.01, duration_s))])
+            case p.WAKE_UP:
+                neutral = (0.0,) * len(body.here)
+                nod = (0.0, 20.0, *neutral[2:])
+                return self._play([(neutral, 1.0), (nod, 0.2), (neutral, 0.2)])
+            case p.GOTO_SLEEP:
+                return self._play([(_SLEEP, 2.0)])
+            case p.STOP:
+                return self._stop(_object(data).get("uuid"))
+            case p.TRACKING_ON:
+                self.tracking = self._media
+                return _tell({"status": "ok" if self._media else "unavailable", "enabled": self._media}, "setpoint")
+            case p.TRACKING_OFF:
+                self.tracking = False
+                return _tell({"status": "ok", "enabled": False}, "other")
+            case p.SET_VOLUME:
+                self._volume = round(_finite(_object(data), "volume"))
+                return _tell({"volume": self._volume, "platform": "Twin", "device": "none"}, "other")
+            case p.PLAY_SOUND | p.UPLOAD_SOUND:
+                return _tell({"status": "ok"}, "other")
+        if target.startswith(p.SET_MODE):
+            return self._set_mode(target.removeprefix(p.SET_MODE))
+        if target.startswith(p.PLAY):
+            return self._play_recorded(target.rpartition("/")[2])
+        return _tell({"detail": "Not Found"}, "other", _NOT_FOUND)
+
+    def _set_mode(self, mode: str) -> Answer:
+        if mode not in p.MODES:
+            return _tell({"detail": f"no mode {mode}"}, "other", _BAD)
+        self.body.set_mode(mode)
+        safe = mode == "disabled"
+        told = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
+        return Answer(p.OK, told, "safe" if safe else "other", "limp" if safe else None)
+
+    def _play(self, stages: Sequence[tuple[Row, float]]) -> Answer:
+        move = Move(str(uuid.uuid4()), stages)
+        self.body.play(move)
+        return _tell({"uuid": move.uuid}, "setpoint")
+
+    def _play_recorded(self, name: str) -> Answer:
+        if name not in _MOVES:
+            return _tell({"detail": f"no move {name}"}, "other", _NOT_FOUND)
+        neutral = (0.0,) * len(self.body.here)
+        nod = (15.0, *neutral[1:])
+        return self._play([(nod, 0.4), (neutral, 0.4)])
+
+    def _stop(self, wanted: object) -> Answer:
+        move = self.body.move
+        if move is None or move.uuid != wanted:
+            return Answer(_ERROR, b"Internal Server Error", "other")  # as the daemon
+        self._cancel()
+        return _tell({"message": f"Stopped move with UUID: {wanted}"}, "other")
+
+    def _cancel(self) -> None:
+        ended = self.body.end_move()
+        if ended:
+            self._notify("move_cancelled", ended)
+
+    def _target(self, told: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
+        """Return the whole target: what is not told stays."""
+        row = list(self.body.target)
+        if (given := told.get(pose)) is not None:
+            if not isinstance(given, dict):
+                raise MalformedFrame(f"{pose} is no pose")
+            for name, at in _POSE.items():
+                row[at] = math.degrees(_finite(given, name, 0.0))
+            for name, at in _PLACE.items():
+                row[at] = 1e3 * _finite(given, name, 0.0)
+        if (given := told.get(antennas)) is not None:
+            if not isinstance(given, list) or len(given) != 2:
+                raise MalformedFrame(f"{antennas} are not two numbers")
+            row[p.RIGHT], row[p.LEFT] = (math.degrees(_finite({antennas: one}, antennas)) for one in given)
+        if told.get(body_yaw) is not None:
+            row[p.BODY] = math.degrees(_finite(told, body_yaw))
+        return tuple(row)
+
+    def _status(self) -> dict[str, Any]:
+        return {
+            "type": "daemon_status",
+            "robot_name": "reachy_mini",
+            "state": "running",
+            "wireless_version": self._wireless,
+            "desktop_app_daemon": False,
+            "simulation_enabled": True,
+            "mockup_sim_enabled": False,
+            "no_media": not self._media,
+            "backend_status": {"motor_control_mode": self.body.mode, "error": None},
+            "error": None,
+            "version": VERSION,
+        }
+
+    # -- WebSockets
+
+    def choose(self, path: str) -> WebSocketHandler | None:
+        return {
+            p.SDK: self._serve_sdk,
+            p.UPDATES: self._serve_updates,
+            "/api/state/ws/full": self._serve_full,
+            "/api/move/ws/set_target": self._serve_targets,
+        }.get(path)
+
+    async def _serve_sdk(self, client: WebSocketClient) -> None:
+        self._clients.add(client)
+        try:
+            await self._hear_sdk(client)
+        finally:
+            self._clients.discard(client)
+
+    async def _hear_sdk(self, client: WebSocketClient) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._stream, client, self._sdk_frames)
+            nursery.start_soon(self._stream, client, lambda: [self._status()], STATUS_S)
+            while True:
+                t_ns, message = await client.receive()
+                if self.faults.of(None) is Fault.OFF:
+                    client.heard(t_ns, "other", message)
+                    continue
+                self.body.pass_time()
+                try:
+                    kind, safe_state = self._obey(_object(message))
+                except MalformedFrame:
+                    kind, safe_state = "other", None
+                client.heard(t_ns, kind, message, safe_state)
+                self._report()
+
+    def _obey(self, told: Mapping[str, Any]) -> tuple[str, str | None]:
+        """Do what is said on ``/ws/sdk``; return its kind and safe state, as the wire log has them."""
+        body = self.body
+        match told.get("type"):
+            case "task" if isinstance(told.get("req"), dict):
+                goto = told["req"]
+                row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
+                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))]))
+                return "setpoint", None
+            case "stop_move":
+                self._cancel()
+                return "safe", "hold"
+            case "set_motor_mode" | "set_torque":
+                mode = told.get("mode") or ("enabled" if told.get("on") else "disabled")
+                if mode in p.MODES:
+                    body.set_mode(str(mode))
+                return ("safe", "limp") if mode == "disabled" else ("other", None)
+            case "set_head_tracking":
+                self.tracking = told.get("enabled") is True and self._media
+                return "setpoint" if self.tracking else "other", None
+            case "set_full_target" | "set_target" | "set_antennas" | "set_body_yaw" | "goto_target":
+                row = self._target({**told, "head": _pose_of(told.get("head"))}, "head", "antennas", "body_yaw")
+                if told["type"] == "goto_target":
+                    body.play(Move(str(uuid.uuid4()), [(row, max(0.01, _finite(told, "duration")))]))
+                else:
+                    body.aim_at(row)
+                return "setpoint", None
+        return "other", None
+
+    async def _serve_updates(self, client: WebSocketClient) -> None:
+        self._listeners.add(client)
+        try:
+            while True:
+                await client.receive()
+        finally:
+            self._listeners.discard(client)
+
+    async def _serve_full(self, client: WebSocketClient) -> None:
+        await self._stream(client, lambda: [self._full()])
+
+    async def _serve_targets(self, client: WebSocketClient) -> None:
+        while True:
+            t_ns, message = await client.receive()
+            client.heard(t_ns, "setpoint", message)
+            try:
+                self._write(p.SET_TARGET, message.encode() if isinstance(message, str) else message)
+            except MalformedFrame as malformed:
+                client.send(_text({"status": "error", "detail": str(malformed)}))
+
+    async def _stream(
+        self, client: WebSocketClient, frames: Callable[[], list[dict[str, Any]]], period_s: float = STATE_S
+    ) -> None:
+        """Tell the state until the client is gone; not one line of the log each."""
+        while True:
+            await client.connection.frost.thawed()
+            self.body.pass_time()
+            self._report()
+            if self.faults.of(None) is not Fault.OFF:
+                for frame in frames():
+                    await self._tell_state(client, frame)
+            await trio.sleep(period_s)
+
+    async def _tell_state(self, client: WebSocketClient, frame: dict[str, Any]) -> None:
+        reply = self.faults.apply(Reply(0.0, msgspec.json.encode(frame)))
+        if reply is None:
+            return
+        if reply.delay_s or reply.late_s:
+            await trio.sleep(reply.delay_s + reply.late_s)
+        damaged = self.faults.of(None) is Fault.GARBAGE
+        client.send(reply.data if damaged else reply.data.decode())
+
+    def _report(self) -> None:
+        ended, self.body.ended = self.body.ended, []
+        for one in ended:
+            self._notify("move_completed", one)
+
+    def _notify(self, kind: str, move: str) -> None:
+        for client in list(self._listeners):
+            client.send(_text({"type": kind, "uuid": move, "details": ""}))
+        stamp = "2026-01-01T00:00:00"  # nobody reads it
+        progress = {"type": "task_progress", "uuid": move, "finished": True, "error": None, "timestamp": stamp}
+        for client in list(self._clients):
+            client.send(_text(progress))
+
+    def _seen(self) -> Row:
+        row = self._stuck or self.body.here
+        wrong = 5.0 if self.faults.of(None) is Fault.WRONG else 0.0
+        return tuple(value + wrong for value in row)
+
+    def _sdk_frames(self) -> list[dict[str, Any]]:
+        row = self._seen()
+        frames: list[dict[str, Any]] = [
+            {
+                "type": "joint_positions",
+                "head_joint_positions": [math.radians(row[p.BODY]), *(0.0,) * 6],
+                "antennas_joint_positions": [math.radians(row[p.RIGHT]), math.radians(row[p.LEFT])],
+            },
+            {"type": "head_pose", "head_pose": _matrix(row)},
+        ]
+        if self._wireless:
+            frames.append(
+                {
+                    "type": "imu_data",
+                    "accelerometer": [0.0, 0.0, 9.81],
+                    "gyroscope": [0.0, 0.0, 0.0],
+                    "quaternion": [1.0, 0.0, 0.0, 0.0],
+                    "temperature": 30.0,
+                }
+            )
+        return frames
+
+    def _full(self) -> dict[str, Any]:
+        row = self._seen()
+        pose = {name: math.radians(row[at]) for name, at in _POSE.items()}
+        return {
+            "control_mode": self.body.mode,
+            "head_pose": {**pose, **{name: row[at] / 1e3 for name, at in _PLACE.items()}},
+            "body_yaw": math.radians(row[p.BODY]),
+            "antennas_position": [math.radians(row[p.RIGHT]), math.radians(row[p.LEFT])],
+        }
+
+
+def _matrix(row: Row) -> list[list[float]]:
+    roll, pitch, yaw = (math.radians(row[at]) for at in (p.ROLL, p.PITCH, p.YAW))
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(one), math.sin(one)) for one in (roll, pitch, yaw))
+    return [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, row[p.X] / 1e3],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, row[p.Y] / 1e3],
+        [-sp, cp * sr, cp * cr, row[p.Z] / 1e3],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+
+
+def _pose_of(matrix: object) -> dict[str, float] | None:
+    """Return the pose of 16 numbers, row by row."""
+    if matrix is None:
+        return None
+    if not isinstance(matrix, list) or len(matrix) != 16:
+        raise MalformedFrame("head has not 16 numbers")
+    rows = [matrix[at : at + 4] for at in range(0, 16, 4)]
+    head = p.decode_sdk(msgspec.json.encode({"type": "head_pose", "head_pose": rows}))
+    if not isinstance(head, p.Head):
+        raise MalformedFrame("head is no pose")
+    return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*head.xyz_m, *head.rpy_rad), strict=True))
+
+
+def _tell(told: object, kind: str = "read", status: int = p.OK) -> Answer:
+    return Answer(status, msgspec.json.encode(told), kind)
+
+
+def _text(told: object) -> str:
+    return msgspec.json.encode(told).decode()
+
+
+def _object(data: str | bytes) -> dict[str, Any]:
+    try:
+        told = _JSON.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise MalformedFrame("no JSON") from None
+    if not isinstance(told, dict):
+        raise MalformedFrame("no JSON object")
+    return told
+
+
+def _finite(told: Mapping[str, Any], name: str, default: float | None = None) -> float:
+    number = finite(told.get(name, default))
+    if number is None:
+        raise MalformedFrame(f"{name} is no finite number")
+    return number
+
+
+def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: int = 0) -> TcpServer:
+    """Return the server of a twin. Raise ``OSError`` when its port cannot be had."""
+    return TcpServer(twin, {port: serving_both(lambda: HttpSession(twin), twin.choose)}, log, host)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", 0))
+    twin = ReachyTwin(robot, **given)
+    run_server(lambda log: serve_twin(twin, log, host, port), **start)

@@ -1,0 +1,181 @@
+"""What a Reachy Mini can do beyond a command: its services, what each takes, and the verbs of its tool. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from strands_actors.contract.axis import finite
+from strands_actors.contract.driver import Service
+from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from .gates import LONGEST_S, SHORTEST_S
+from .protocol import DATASET, MODES, NAME
+
+SPOKEN = 500
+"""Characters of a text to say, at most [assumed]."""
+
+_ANGLE = {"type": "number", "description": "degrees"}
+_LENGTH = {"type": "number", "description": "millimetres"}
+_METRES = {"type": "number", "description": "metres from the head: to the front, to the left, up"}
+_TEXT = {"type": "string"}
+_DURATION = {
+    "type": "number",
+    "minimum": SHORTEST_S,
+    "maximum": LONGEST_S,
+    "description": "seconds; left out: as long as it takes at half speed",
+}
+_HEAD = {
+    "head_pitch": {**_ANGLE, "description": "degrees, down positive"},
+    "head_roll": _ANGLE,
+    "head_yaw": {**_ANGLE, "description": "degrees, left positive, body included"},
+    "head_x": _LENGTH,
+    "head_y": _LENGTH,
+    "head_z": _LENGTH,
+}
+_REST = dict.fromkeys((*_HEAD, "body_yaw", "antenna_left", "antenna_right"), 0.0)
+
+SERVICES: Mapping[str, Service] = {
+    "wake": Service("wake up: the head rises and nods", 20.0, in_motion=True, moves=True),
+    "sleep": Service("go to sleep: the head sinks; torque stays on", 20.0, in_motion=True, moves=True),
+    "express": Service(
+        "play a recorded move, an emotion or a dance, to its end",
+        90.0,
+        {"move": "", "dataset": DATASET},
+        in_motion=True,
+        moves=True,
+    ),
+    "list_moves": Service("tell the recorded moves there are", 30.0, {"dataset": DATASET}, in_motion=True),
+    "motors": Service(
+        "give the motors torque where they are, take it away (the head drops), or let them float",
+        2.0,
+        {"mode": "enabled"},
+        in_motion=True,
+    ),
+    "say": Service("say a text by the speaker", 30.0, {"text": ""}, in_motion=True),
+    "play_sound": Service("play a sound file of the robot's", 5.0, {"file": ""}, in_motion=True),
+    "volume": Service("tell the speaker's volume", 5.0, in_motion=True),
+    "set_volume": Service("set the speaker's volume", 5.0, {"volume": 50}, {"volume": 100}, in_motion=True),
+    "track_face": Service(
+        "let the daemon turn the head after a face, or end that; a stop ends it, too",
+        5.0,
+        {"enabled": True, "weight": 1.0},
+        in_motion=True,
+        moves=True,
+    ),
+    "tracking_status": Service("tell the face that is seen", 5.0, in_motion=True),
+    "camera": Service("tell what the camera is and where its pictures are streamed", 5.0, in_motion=True),
+    "turn_to_sound": Service("turn the head towards what is heard now", 15.0, in_motion=True, moves=True),
+    "turn_to_sound_status": Service("tell where sound comes from", 5.0, in_motion=True),
+}
+
+TOOL_VERBS: tuple[ToolVerb, ...] = (
+    SENSORS,
+    ToolVerb("get_state", "state", "Measured positions and velocities."),
+    STATUS,
+    STOP,
+    ToolVerb("look", "action", "Turn and shift the head.", {**_HEAD, "duration": _DURATION}),
+    ToolVerb(
+        "look_at",
+        "action",
+        "Turn the head towards a point.",
+        {"look_x": _METRES, "look_y": _METRES, "look_z": _METRES, "duration": _DURATION},
+        ("look_x", "look_y", "look_z"),
+    ),
+    ToolVerb(
+        "antennas",
+        "action",
+        "Move the antennas.",
+        {"antenna_left": _ANGLE, "antenna_right": _ANGLE, "duration": _DURATION},
+    ),
+    ToolVerb(
+        "body_turn",
+        "action",
+        "Turn the body, at most 65 degrees away from the head.",
+        {"body_yaw": _ANGLE, "duration": _DURATION},
+        ("body_yaw",),
+    ),
+    ToolVerb("home", "action", "Head, body and antennas straight.", {"duration": _DURATION}, action=_REST),
+    ToolVerb("wake", "service", "Wake up; the motors must have torque."),
+    ToolVerb("sleep", "service", "Go to sleep."),
+    ToolVerb("express", "service", "Play a recorded move.", {"move": _TEXT, "dataset": _TEXT}, ("move",)),
+    ToolVerb("list_moves", "service", "The recorded moves there are.", {"dataset": _TEXT}),
+    ToolVerb(
+        "motors",
+        "service",
+        "Torque on (enabled), off (disabled: the head drops) or floating (gravity_compensation).",
+        {"mode": {"type": "string", "enum": list(MODES)}},
+        ("mode",),
+    ),
+    ToolVerb("say", "service", "Say a text.", {"text": _TEXT}, ("text",)),
+    ToolVerb("play_sound", "service", "Play a sound file.", {"file": _TEXT}, ("file",)),
+    ToolVerb("volume", "service", "The speaker's volume."),
+    ToolVerb(
+        "set_volume",
+        "service",
+        "Set the speaker's volume, 1 to 100.",
+        {"volume": {"type": "number", "minimum": 1, "maximum": 100}},
+        ("volume",),
+    ),
+    ToolVerb(
+        "track_face",
+        "service",
+        "Turn the head after a face, or end that.",
+        {"enabled": {"type": "boolean"}, "weight": {"type": "number", "minimum": 0, "maximum": 1}},
+        ("enabled",),
+    ),
+    ToolVerb("tracking_status", "service", "The face that is seen."),
+    ToolVerb("camera", "service", "What the camera is, and where its pictures are streamed."),
+    ToolVerb("turn_to_sound", "service", "Turn the head towards what is heard."),
+    ToolVerb("turn_to_sound_status", "service", "Where sound comes from."),
+)
+
+
+def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) -> Refused | None:
+    """Refuse arguments of a declared service that it would not take."""
+    given = {**SERVICES[service].arguments, **arguments}
+    match service:
+        case "express":
+            return _name(service, "move", given["move"]) or _dataset(service, given["dataset"])
+        case "list_moves":
+            return _dataset(service, given["dataset"])
+        case "motors" if given["mode"] not in MODES:
+            return _bad(service, "mode", given["mode"], ", ".join(MODES))
+        case "say" if not tts_url:
+            remedy = "give tts_url=, the http address of a service that makes a WAV file of a text"
+            return Refused(
+                "no_tts", f"{service}: there is nothing to make speech of a text", remedy, "", "tts_url="
+            )
+        case "say":
+            text = given["text"]
+            if not isinstance(text, str) or not 0 < len(text) <= SPOKEN:
+                return _bad(service, "text", text, f"1..{SPOKEN} characters")
+        case "play_sound":
+            return _name(service, "file", given["file"])
+        case "track_face":
+            weight = finite(given["weight"])
+            if not isinstance(given["enabled"], bool):
+                return _bad(service, "enabled", given["enabled"], "true or false")
+            if weight is None or not 0.0 <= weight <= 1.0:
+                return _bad(service, "weight", given["weight"], "0..1")
+    return None
+
+
+def _dataset(service: str, dataset: object) -> Refused | None:
+    """Refuse what is not one name or two, as ``owner/name``: it becomes part of a path."""
+    names = dataset.split("/") if isinstance(dataset, str) else [""]
+    if len(names) > 2:
+        return _bad(service, "dataset", dataset, "owner/name")
+    return next((refusal for name in names if (refusal := _name(service, "dataset", name))), None)
+
+
+def _name(service: str, argument: str, name: object) -> Refused | None:
+    if isinstance(name, str) and NAME.fullmatch(name):
+        return None
+    return _bad(service, argument, name, "1..128 letters, digits and . _ -, the first a letter or digit")
+
+
+def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
+    shown = str(value)[:40]
+    return Refused("bad_argument", f"{service}: {argument} is {shown!r}", f"give {limit}", shown, limit)

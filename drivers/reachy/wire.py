@@ -1,0 +1,319 @@
+"""The daemon in the wire process: state and stops on one WebSocket, what becomes of moves on
+another, commands on an HTTP connection.
+
+A command is written when the one before has been answered; one that is not answered within half a
+second ends the link. As long as an answer is owed no stop is confirmed: what was sent may still be
+carried out. The daemon ignores a target while a move runs, and a second move too, so a command ends
+the move of the one before it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import aclosing
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.websocket import WebSocket, open_websocket
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import ReachyConfig
+from .services import Moves, Services
+from .stop import STOP_S, Stopper, nothing_pending, stop_everywhere
+
+STATUS_S = 10.0
+"""Within which the daemon must tell its status."""
+
+FIRST_S = 2.0
+"""Within which the first position must come."""
+
+COMMAND_S = 0.5
+"""Within which a command must be answered, or the link counts as lost."""
+
+WAIT_S = 0.2
+"""How long a command waits for the answer to the one before."""
+
+MODE_S = 0.1
+"""Between two looks at the motors' mode, which the stream of positions does not tell."""
+
+OWED_S = 0.03
+"""How long a stop waits for the answer to a command that has just been sent: on a connection that is
+open it could overtake it. Then it goes out on a new one, which is heard after those that wait."""
+
+IGNORED_S = 0.5
+"""So long a target that was ignored keeps others from being sent."""
+
+
+class ReachyWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: ReachyConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._where = "", 0  # of the daemon that was found
+        self._sdk: WebSocket | None = None
+        self._updates: WebSocket | None = None
+        self._commands: HttpPort | None = None
+        self._nursery: trio.Nursery | None = None  # of ``serve``
+        self._moves = Moves()
+        self._services: Services | None = None
+        self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
+        self._given_up = False  # an answer has not come: this wire writes no command any more
+        self._joints: p.Joints | None = None
+        self._head: p.Head | None = None
+        self._head_ns = self._joints_ns = self._ignored_ns = 0
+        self._mode = math.nan
+        self._mode_ns = 0
+        self._sensors: dict[str, tuple[float, ...]] = {}
+        self._problem = "it has told nothing yet"
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        status = await self._find()
+        self._sdk = await open_websocket(*self._where, p.SDK, within_s=FIRST_S)
+        self._updates = await open_websocket(*self._where, p.UPDATES, within_s=FIRST_S)
+        with trio.move_on_after(FIRST_S):
+            while self._head is None or self._joints is None:
+                self._hear(await self._sdk.receive())
+        if not math.isnan(status.battery_pct):
+            self._sensors["battery_pct"] = (status.battery_pct,)
+        return {
+            "service": self._url,
+            "daemon_version": status.version,
+            "name": status.name,
+            "hardware": "Wireless" if status.wireless else "Lite",
+            "simulated": status.simulated,
+        }
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        sdk, updates = self._sdk, self._updates
+        if sdk is None or updates is None:
+            raise WireDown("serve: not connected. Open it first")
+        self._services = Services(self._config, self._url, self._moves)
+        modes = HttpClient(self._url)
+        commands = self._commands = HttpPort(*self._where)
+        try:
+            await self._see_mode(modes)
+            async with trio.open_nursery() as nursery:
+                self._nursery = nursery
+                await nursery.start(commands.serve)
+                nursery.start_soon(self._hear_all, sdk)
+                nursery.start_soon(self._follow_moves, updates)
+                task_status.started()
+                async with aclosing(self._clock.ticks(MODE_S)) as ticks:
+                    async for _ in ticks:
+                        await self._see_mode(modes)
+        finally:
+            self._nursery = None
+            with trio.CancelScope(shield=True):
+                await modes.aclose()
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Give no torque and move nothing: the robot is as it was found."""
+        permit.check()
+        return await self.read()
+
+    async def read(self) -> Observation:
+        await trio.lowlevel.checkpoint()
+        head, joints, now_ns = self._head, self._joints, self._clock.now_ns()
+        seen_ns = min(self._head_ns, self._joints_ns)
+        silent_ns = round(self._config.silent_s * NS)
+        if head is None or joints is None or now_ns - seen_ns > silent_ns:
+            raise WireDown(
+                f"read: no daemon frame for {self._config.silent_s:g} s ({self._problem}). Check the daemon"
+            )
+        if now_ns - self._mode_ns > silent_ns:
+            raise WireDown(f"read: the motors' mode is not told any more ({self._problem}). Check the daemon")
+        return Observation(
+            t_ns=seen_ns,
+            position=p.row_of(head, joints),
+            stamp_ns=(self._head_ns,) * p.BODY + (self._joints_ns,) * (len(self._config.axes) - p.BODY),
+            sensors={
+                **self._sensors,
+                "motor_mode": (self._mode,),
+                "ignored": (float(now_ns - self._ignored_ns < IGNORED_S * NS),),
+                "head_xyz_m": head.xyz_m,
+                "head_rpy_rad": head.rpy_rad,
+            },
+        )
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        nursery, port = self._nursery, self._commands
+        if nursery is None or port is None or self._given_up:
+            raise WireDown("write: not connected, or no answer. Open it anew")
+        if not await self._answered(WAIT_S):
+            raise PermitDenied("the command before has not been answered")
+        if not port.is_open:  # the daemon has closed it, as it may
+            await port.open()
+        *target, duration_s = values
+        permit.check()
+        if self._moves.running:
+            port.send("POST", p.STOP, p.encode_uuid(self._moves.running))
+        if duration_s:
+            number = port.send("POST", p.GOTO, p.encode_goto(target, duration_s))
+        else:
+            number = port.send("POST", p.SET_TARGET, p.encode_target(target))
+        self._owed = trio.Event()
+        nursery.start_soon(self._take_answer, port, number, self._owed, bool(duration_s))
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        with trio.move_on_after(OWED_S):
+            while (owed := self._pending()) is not None:
+                await owed.wait()
+        socket = self._sdk if self._pending() is None and not self._given_up else None
+        return await self._stop(safe_state, socket, lambda: self._pending() is not None)
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, on what is still open unless a command may wait there, then on new connections. No
+        answer is waited for any longer."""
+        socket = self._sdk if self._pending() is None and not self._given_up else None
+        return await self._stop(safe_state, socket, nothing_pending)
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        services = self._services
+        if services is None:
+            raise WireDown(f"{service}: not connected")
+        if not await self._answered(WAIT_S):
+            raise PermitDenied("the command before has not been answered")
+        return await services.perform(service, arguments, permit, await self.read())
+
+    def close(self) -> None:
+        for socket in (self._sdk, self._updates):
+            if socket is not None:
+                socket.close()
+        if self._commands is not None:
+            self._commands.close()
+        self._sdk = self._updates = self._commands = self._services = None
+        self._owed = self._head = self._joints = None
+
+    # -- what runs beside the calls
+
+    async def _hear_all(self, sdk: WebSocket) -> None:
+        while True:
+            self._hear(await sdk.receive())
+
+    def _hear(self, message: str | bytes) -> None:
+        try:
+            match p.decode_sdk(message):
+                case p.Joints() as joints:
+                    self._joints, self._joints_ns = joints, self._clock.now_ns()
+                case p.Head() as head:
+                    self._head, self._head_ns = head, self._clock.now_ns()
+                case p.Imu() as imu:
+                    self._sensors["accelerometer_m_s2"] = imu.accelerometer_m_s2
+                    self._sensors["gyroscope_rad_s"] = imu.gyroscope_rad_s
+                    self._sensors["quaternion_wxyz"] = imu.quaternion_wxyz
+                    self._sensors["imu_temperature_c"] = (imu.temperature_c,)
+        except MalformedFrame as malformed:
+            self._problem = str(malformed)  # ``read`` tells when it lasts
+
+    async def _follow_moves(self, updates: WebSocket) -> None:
+        while True:
+            message = await updates.receive()
+            try:
+                self._moves.hear(p.decode_update(message))
+            except MalformedFrame as malformed:
+                self._problem = str(malformed)
+
+    async def _see_mode(self, modes: HttpClient) -> None:
+        try:
+            answer = await modes.get(p.MOTORS, COMMAND_S)
+            if answer.status_code != p.OK:
+                raise MalformedFrame(f"{p.MOTORS}: status {answer.status_code}")
+            self._mode, self._mode_ns = float(p.decode_mode(answer.content)), self._clock.now_ns()
+        except (WireDown, MalformedFrame) as problem:
+            self._problem = str(problem)
+
+    async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event, is_move: bool) -> None:
+        """Raise ``WireDown`` when it does not come."""
+        answered = False
+        try:
+            with trio.move_on_after(COMMAND_S):
+                answer = await port.answer(number, math.inf)
+                answered = True
+                if answer.status != p.OK:
+                    raise WireDown(f"write: the answer is status {answer.status}. Look at the daemon")
+                try:
+                    if is_move:
+                        self._moves.begin(p.decode_move(answer.body))
+                    elif not p.decode_target_answer(answer.body):
+                        self._ignored_ns = self._clock.now_ns()
+                except MalformedFrame as malformed:
+                    raise WireDown(f"write: {malformed}. Look at the daemon") from None
+                return
+            raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the daemon")
+        finally:
+            if answered:
+                self._owed = None
+                owed.set()
+            else:
+                self._given_up = True
+
+    async def _answered(self, within_s: float) -> bool:
+        """Wait until no answer to a command is owed."""
+        with trio.move_on_after(within_s):
+            while self._owed is not None:
+                await self._owed.wait()
+        return self._owed is None
+
+    def _pending(self) -> trio.Event | None:
+        """Return what is set when a command that was sent has been answered; None: none is owed an answer."""
+        if self._services is not None and self._services.owed is not None:
+            return self._services.owed
+        return None if self._given_up else self._owed
+
+    async def _stop(
+        self, safe_state: str, socket: WebSocket | None, pending: Callable[[], bool]
+    ) -> tuple[MotorReport, ...]:
+        if not self._where[0]:
+            return await stop_everywhere(self._config, safe_state)
+        stopper = Stopper(*self._where, socket)
+        try:
+            detail = await stopper.run(safe_state, STOP_S, pending)
+        finally:
+            stopper.close()
+        return self._config.reports(stopper.written, stopper.acknowledged, detail)
+
+    # -- the daemon
+
+    @property
+    def _url(self) -> str:
+        host, number = self._where
+        return f"http://[{host}]:{number}" if ":" in host else f"http://{host}:{number}"
+
+    async def _find(self) -> p.Status:
+        """Return the status of the first daemon that answers. Raise ``WireDown``."""
+        try:
+            addresses = self._config.addresses()
+        except ValueError as error:
+            raise WireDown(str(error)) from None
+        problems: list[str] = []
+        for host, number in addresses:
+            port = HttpPort(host, number)
+            try:
+                answer = await port.ask("GET", p.STATUS, within_s=STATUS_S / len(addresses))
+                if answer.status != p.OK:
+                    raise MalformedFrame(f"status {answer.status}")
+                status = p.decode_status(answer.body)
+            except WireDown as down:
+                problems.append(str(down))
+                continue
+            except MalformedFrame as malformed:
+                problems.append(f"{port.name}: GET {p.STATUS}: {malformed}. Check what is served there")
+                continue
+            finally:
+                port.close()
+            if status.state != "running" or status.error:
+                why = f" ({status.error})" if status.error else ""
+                raise WireDown(f"{port.name}: the daemon is {status.state}{why}. Start it, or look at its log")
+            self._where = host, number
+            return status
+        raise WireDown("; ".join(problems))

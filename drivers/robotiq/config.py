@@ -1,0 +1,33 @@
+"""What the wire and the stop channel of a gripper know of it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from strands_actors.contract.driver import MotorReport
+from strands_actors.drivers.common.tcp_port import parse_address
+
+AXIS = "gripper"
+
+TCP_PORT = 502
+
+
+class RobotiqConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    unit_id: int
+    stroke_mm: float
+    activate: bool
+    """Whether arming may activate the gripper, which moves its fingers."""
+
+    def address(self) -> tuple[str, int]:
+        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address."""
+        return parse_address(self.port, TCP_PORT)
+
+    def aperture_mm(self, closed: float) -> float:
+        """Return the nominal opening: the real scale is not linear at its ends [assumed]."""
+        return self.stroke_mm * (1.0 - closed)
+
+    def report(self, written: bool, heard: bool, detail: str) -> MotorReport:
+        """Return what became of the gripper. ``detail``: why it is not known to be safe; empty when it is."""
+        return MotorReport(AXIS, self.unit_id, written, heard, not detail, detail)

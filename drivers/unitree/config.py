@@ -1,0 +1,16 @@
+"""What the wire and the stop channel of a legged robot know of it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from .robots import Model
+
+
+class UnitreeConfig(msgspec.Struct, frozen=True):
+    model: Model
+    port: str
+    """The robot's address: ``host`` or ``host:port``."""
+    interface: str = ""
+    """Our own address on its network; empty: the one that leads there."""
+    domain: int = 0

@@ -1,0 +1,65 @@
+"""The root's own way to a legged robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.kernel.clock import Clock
+
+from . import protocol as p
+from .config import UnitreeConfig
+from .gates import CONTROL_S
+from .link import FIND_S, Link
+from .safing import bring_down, reports
+
+
+class UnitreeStopChannel(StopChannel):
+    """A participant of the root's own, which the robot knows before it is needed."""
+
+    def __init__(self, config: UnitreeConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._link: Link | None = None
+        self._listens = False
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        self._link = link = Link(self._config, self._clock)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(link.participant.run)
+            link.state = await self._one_state()
+            with trio.move_on_after(FIND_S):
+                await link.participant.wait_matched(link.commands)
+            if not link.heard:
+                raise WireDown(f"{self._config.port}: the robot does not take commands of the root")
+            task_status.started()
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        link = self._link
+        if link is None:
+            return reports(self._config.model, False, "the root has not found the robot")
+        link.send(link.safe_frame(safe_state == "damp"))  # first; what confirms it is announced after it
+        if not self._listens:
+            self._listens = True
+            link.listen()
+        return await bring_down(link, safe_state)
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    async def _one_state(self) -> p.State | None:
+        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the root."""
+        scout = Link(self._config, self._clock)
+        scout.listen()
+        try:
+            with trio.move_on_after(FIND_S):
+                while scout.state is None:
+                    scout.poll()
+                    await trio.sleep(CONTROL_S)
+        finally:
+            scout.close()
+        return scout.state

@@ -1,0 +1,24 @@
+"""What the wire and the stop channel of a UR arm know of it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from strands_actors.drivers.common.tcp_port import parse_address
+
+from .protocol import RTDE_PORT
+
+
+class URConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    silent_s: float = 0.3
+    """When the controller's clock stands still for so long the link counts as lost."""
+
+    @property
+    def host(self) -> str:
+        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: those are fixed."""
+        host, port = parse_address(self.port, RTDE_PORT)
+        if port != RTDE_PORT:
+            raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its ports are fixed")
+        return host

@@ -1,0 +1,129 @@
+"""The stop that needs no SDK. The wire process stops so when ur-rtde hangs, the root when the wire process is
+gone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.kernel.clock import Clock
+
+from . import protocol as p
+from .arms import JOINTS
+from .config import URConfig
+from .plain import connected, receive, samples
+
+STOP_S = 1.2
+"""From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
+
+DASHBOARD_S = 0.25
+"""The dashboard is a program of its own on the controller, and may hang while the arm goes on."""
+
+SCRIPT_S = 0.2
+"""By then a program that was sent has replaced the one before [assumed]."""
+
+STANDING_RAD_S = 0.02
+
+
+def unsafe(why: str) -> tuple[MotorReport, ...]:
+    """Return that nothing was done to any joint."""
+    return tuple(MotorReport(joint, at, False, False, False, why) for at, joint in enumerate(JOINTS))
+
+
+class _Stop:
+    """What is known of a stop so far."""
+
+    def __init__(self, host: str) -> None:
+        self._host = host
+        self.written = False
+        self.acknowledged = False  # the dashboard said so: a script port answers nothing
+        self.ordered = False  # it had the time to take effect
+        self.playing = True
+        self.moving = set(range(len(JOINTS)))  # or not known to stand
+        self.trouble: list[str] = []
+
+    def reports(self) -> tuple[MotorReport, ...]:
+        said = ", ".join(dict.fromkeys(self.trouble))
+        reports = []
+        for at, joint in enumerate(JOINTS):
+            moves = at in self.moving
+            safe = self.written and not self.playing and not moves
+            detail = "" if safe else said or ("moves" if moves else "its program runs")
+            reports.append(MotorReport(joint, at, self.written, self.acknowledged, safe, detail))
+        return tuple(reports)
+
+    async def order(self) -> None:
+        """End what runs by the dashboard or, where that does not answer, by a script that replaces it."""
+        try:
+            with trio.fail_after(DASHBOARD_S):
+                await self._by_dashboard()
+        except (WireDown, trio.TooSlowError) as failure:
+            self.trouble.append(str(failure) or f"{self._host}:{p.DASHBOARD_PORT}: does not answer")
+            try:
+                await self._by_script()
+            except WireDown as down:
+                self.trouble.append(str(down))
+
+    async def _by_dashboard(self) -> None:
+        async with connected(self._host, p.DASHBOARD_PORT) as stream:
+            stream.write(f"{p.DASHBOARD_STOP}\n".encode())  # not after the banner: it may never come
+            self.written = True
+            said = b""
+            while p.DASHBOARD_STOPPED.encode() not in said:
+                said += await receive(stream)
+            self.acknowledged = self.ordered = True
+
+    async def _by_script(self) -> None:
+        async with connected(self._host, p.SECONDARY_PORT) as stream:
+            stream.write(p.STOP_SCRIPT)
+            self.written = True
+            await trio.sleep(SCRIPT_S)  # closed at once, what was sent might be dropped unread
+            self.ordered = True
+
+    async def watch(self) -> None:
+        """Wait for a sample that came after the order and shows what was ordered. One that repeats the
+        controller's time shows nothing."""
+        time_s = -1.0
+        try:
+            async with samples(self._host) as stream:
+                while self.playing or self.moving or not self.ordered:
+                    sample = await stream.next()
+                    time_s, before_s = sample["timestamp"], time_s
+                    if before_s in (-1.0, time_s):
+                        continue
+                    self.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
+                    self.moving = {
+                        at for at, rad_s in enumerate(sample["actual_qd"]) if abs(rad_s) >= STANDING_RAD_S
+                    }
+        except WireDown as down:
+            self.trouble.append(str(down))
+
+
+async def stop(config: URConfig) -> tuple[MotorReport, ...]:
+    """End whatever program runs, then see the arm stand. Never raises."""
+    try:
+        state = _Stop(config.host)
+    except ValueError as error:
+        return unsafe(str(error))
+    with trio.move_on_after(STOP_S):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(state.order)
+            await state.watch()
+            if state.ordered:
+                nursery.cancel_scope.cancel()
+    return state.reports()
+
+
+class URStopChannel(StopChannel):
+    """The root's way: sockets of its own, opened when they are needed."""
+
+    def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await stop(self._config)
+
+    def close(self) -> None:
+        """Nothing is kept open."""

@@ -1,0 +1,68 @@
+"""The model of an arm, made of its row."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from strands_actors.drivers.ur.arms import JOINTS, Arm
+
+HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
+"""Where a twin wakes up: upright, the elbow bent."""
+
+
+def model_table(arm: Arm) -> dict[str, Any]:
+    """Return the arm as ``drivers/common/model_rows`` takes it: the wrist_3 body is the flange of the DH chain.
+    Centres of mass: after the vendor's description, rounded."""
+    d1, a2, a3, d4, d5, d6 = arm.dh_m
+    bodies = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))
+    turns = ("0", "90,0,0", "0", "0", "90,0,0", "90,180,180")
+    centres = (
+        (0, -0.0019, -0.0256),
+        (a2 / 2, 0, 0.85 * d4),
+        (0.6 * a3, 0, 0.2 * d4),
+        (0, -0.016, -0.002),
+        (0, 0.016, -0.002),
+        (0, 0, -0.02),
+    )
+    radius, axes = arm.radius_m, arm.axes
+    shapes = (
+        f"s{radius}",
+        f"c{radius}@{a2},0,{0.85 * d4}",
+        f"c{0.8 * radius}@{a3},0,{0.2 * d4}",
+        f"s{0.8 * radius}",
+        f"s{0.8 * radius}",
+        f"y{0.7 * radius},0.02",
+    )
+    rows = [
+        " ".join(
+            (
+                body,
+                bodies[at - 1] if at else "base",
+                JOINTS[at],
+                "z",
+                _triple(places[at]),
+                turns[at],
+                f"{axes[at].low},{axes[at].high}",
+                str(arm.effort_nm[at]),
+                str(axes[at].speed),
+                str(arm.link_kg[at]),
+                _triple(centres[at]),
+                shapes[at],
+            )
+        )
+        for at, body in enumerate(bodies)
+    ]
+    return {
+        "joints": [{"key": joint} for joint in JOINTS],
+        "model_rows": "\n".join(rows),
+        "home_rad": HOME_RAD,
+        "gravity_compensated": True,  # the controller knows its arm, and brakes hold it without power
+        "armature": 0.1 * arm.effort_nm[0] / 150,  # [assumed]
+        "bandwidth": 40.0,
+    }
+
+
+def _triple(numbers: tuple[float, ...]) -> str:
+    return ",".join(str(number) for number in numbers)

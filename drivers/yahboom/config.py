@@ -1,0 +1,45 @@
+"""What the wire and the stop channel of an M3 Pro know of it."""
+
+from __future__ import annotations
+
+import os
+
+import msgspec
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.tcp_port import parse_address
+
+from .protocol import PORT
+from .robots import Servo
+
+ROSBRIDGE = "rosbridge"
+ROS2 = "ros2"
+
+DEFAULT_HOST = "127.0.0.1"
+
+DOMAIN = 30
+MAX_DOMAIN = 232
+"""``ROS_DOMAIN_ID`` of the image that the robot is shipped with."""
+
+
+def domain_of_environment() -> int:
+    """Return ``ROS_DOMAIN_ID``, else ``DOMAIN``. Raise ``WireDown`` for what is none."""
+    text = os.environ.get("ROS_DOMAIN_ID") or str(DOMAIN)
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise WireDown(f"ROS_DOMAIN_ID is {text!r}. Give 0..{MAX_DOMAIN}, or unset it for {DOMAIN}")
+    return int(text)
+
+
+class YahboomConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    transport: str
+    timeout_s: float
+    axes: tuple[str, ...]
+    ids: tuple[int, ...]
+    servos: tuple[Servo, ...]
+
+    def address(self) -> tuple[str, int]:
+        """Return host and port of rosbridge. Raise ``ValueError`` for a ``port`` that is no
+        address."""
+        return parse_address(self.port.removeprefix("ws://").removesuffix("/") or DEFAULT_HOST, PORT)

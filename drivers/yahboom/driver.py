@@ -1,0 +1,180 @@
+"""Yahboom ROSMASTER M3 Pro: a mecanum base with an arm of five servos and a gripper, over rosbridge
+or ROS 2.
+
+Safe, for whatever reason, is zero: the base stands, the arm keeps its last goal. A command lives
+300 ms, and the wheels' firmware zeroes by itself after about as long. After a late writer a new
+command may go on; after a stop only ``resume()`` lets it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.velocity_base import LIFETIME_S
+from strands_actors.kernel.messages import Refused
+
+from .config import ROS2, ROSBRIDGE, YahboomConfig
+from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
+from .messages import CMD_VEL
+from .robots import ARM_JOINTS, BASE, TABLES, base_axes, servo_axes, table_of
+
+ROS2_SILENT_S = 3.0
+"""[assumed]"""
+
+_RAD = {"type": "number", "description": "radians"}
+_TIME = {TIME: {"type": "number", "description": "milliseconds the motion may take, 1 to 30000"}}
+
+
+class YahboomOptions(DriverOptions, frozen=True):
+    timeout_s: Annotated[
+        float, option("seconds within which rosbridge must answer and odometry must come", gt=0, le=60)
+    ] = 5.0
+    joint_signs: Annotated[
+        tuple[float, ...],
+        option("1.0 or -1.0 for each of arm1 to arm5: which way it turns", min_length=5, max_length=5),
+    ] = (1.0, 1.0, 1.0, 1.0, 1.0)
+    move_time_ms: Annotated[
+        int, option("milliseconds that an arm motion takes when the action does not say", ge=1, le=30_000)
+    ] = 1500
+    transport: Annotated[
+        Literal["rosbridge", "ros2"],
+        option("how the robot's topics are reached: by rosbridge's WebSocket, or with rclpy on the robot"),
+    ] = "rosbridge"
+
+
+class Yahboom(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_OPTIONAL: ClassVar[bool] = True
+    TRANSPORTS: ClassVar[tuple[str, ...]] = (ROSBRIDGE, ROS2, "twin")
+    WIRE: ClassVar[str] = "strands_actors.drivers.yahboom.wire:YahboomWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.yahboom.stop:YahboomStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.yahboom.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(YahboomOptions)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor(
+            "odom",
+            {
+                "xy": "odometry_xy_m",
+                "yaw": "odometry_yaw_rad",
+                "linear": "odometry_linear_m_s",
+                "angular": "odometry_angular_rad_s",
+            },
+        ),
+        Sensor(
+            "imu",
+            {
+                "rpy": "rpy_rad",
+                "gyro": "gyro_rad_s",
+                "accel": "acceleration_m_s2",
+                "quaternion": "orientation_wxyz",
+            },
+        ),
+        Sensor("lidar/summary", {"nearest_scan0": "scan0_nearest_m", "nearest_scan1": "scan1_nearest_m"}),
+    )
+    ROLLOUTS: ClassVar[str] = (
+        "this robot runs no policies: it does not report where its arm is. Call send_action() as often as you like"
+    )
+    GUARDED: ClassVar[tuple[str, ...]] = BASE
+    TOPICS: ClassVar[Mapping[str, str]] = dict.fromkeys(BASE, CMD_VEL)
+
+    unit = "radians; base: m/s and rad/s"
+    timing = Timing(
+        control_hz=10.0,
+        keepalive_s=0.1,  # the firmware zeroes the base after 200 to 500 ms of silence
+        stream_ttl_s=LIFETIME_S,
+        oneshot_ttl_s=LIFETIME_S,
+        state_ttl_s=0.5,
+        safe_s=2.0,
+    )
+    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
+    firmware_watchdog = (
+        "the base is zeroed after 200 to 500 ms without a command [assumed: 0.3 s], which can be neither armed nor "
+        "read back; the arm finishes its last motion and holds it"
+    )
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        read = read_options(robot, YahboomOptions, options)
+        if any(abs(sign) != 1.0 for sign in read.joint_signs):
+            raise ValueError(f"{robot}: joint_signs is {read.joint_signs!r}. Give {ARM_JOINTS} of 1.0 or -1.0")
+        return plain(read)
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        read = read_options(robot, YahboomOptions, self.resolve(robot, options))
+        self.robot = TABLES.canonical(robot)
+        table = table_of(robot)
+        servos = self._servos = table.servos_by(read.joint_signs)
+        arm, gripper = servo_axes(servos)[:ARM_JOINTS], servo_axes(servos)[ARM_JOINTS:]
+        self.declare(
+            Part(PartKind.BASE, base_axes(table)), Part(PartKind.ARM, arm), Part(PartKind.GRIPPER, gripper)
+        )
+        self._time_ms = read.move_time_ms
+        self.config = YahboomConfig(self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos)
+        timing = type(self).timing
+        # the import of rclpy, and its first node, may keep the interpreter's lock
+        silent_s = ROS2_SILENT_S if read.transport == ROS2 else 0.0
+        open_s = read.timeout_s + timing.handover_s + silent_s + 1.0
+        self.timing = msgspec.structs.replace(timing, open_s=open_s, silent_s=silent_s)
+        self.gates = all_gates(self.table, servos, timing.state_ttl_s)
+        home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
+        vars(self)["TOOL_VERBS"] = _verbs(home)  # home, in radians, follows from this robot's joint_signs
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return parse(action, self.robot, self.table, self._index, state, self._time_ms)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Return a row by key, without what is not known: most of these robots do not report
+        their arm."""
+        return {key: value for key, value in super().as_json(values[: len(self.axes)]).items() if value == value}
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        told: dict[str, Any] = {}
+        if values[ARM_MS]:
+            arm = values[len(BASE) : len(self.axes)]
+            told["arm_deg"] = [servo.whole_degrees(rad) for servo, rad in zip(self._servos, arm, strict=True)]
+            told["time_ms"] = round(values[ARM_MS])
+        if values[DRIVES]:
+            told["twist"] = dict(zip(BASE, values, strict=False))
+        return told
+
+
+def _verbs(home: Mapping[str, float]) -> tuple[ToolVerb, ...]:
+    arm = [key for key in home if key != "gripper"]
+    speeds = {
+        "linear.x": "m/s forward",
+        "linear.y": "m/s to the left",
+        "angular.z": "rad/s to the left",
+    }
+    return (
+        READ_SENSORS,
+        STATUS,
+        ToolVerb("arm", "action", "Move the named joints of the arm.", {**dict.fromkeys(arm, _RAD), **_TIME}),
+        ToolVerb(
+            "gripper",
+            "action",
+            "Move the gripper: 0 is open, -1.54 closed.",
+            {"gripper": _RAD, **_TIME},
+            ("gripper",),
+        ),
+        ToolVerb("home", "action", "Move the arm to its home pose, the gripper open.", _TIME, action=home),
+        ToolVerb(
+            "move",
+            "action",
+            "Drive for 0.3 s, then stand. Call again to go on; zero stops at once.",
+            {key: {"type": "number", "description": says} for key, says in speeds.items()},
+            action=dict.fromkeys(BASE, 0.0),
+        ),
+        STOP,
+    )

@@ -1,0 +1,135 @@
+"""What is refused before it reaches the wire, and how an action becomes a target. Pure; nothing
+is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import SHOWN, Axis, finite
+from strands_actors.contract.axis_gates import past_range
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .robots import BASE, Servo
+
+TIME = "time_ms"
+"""Key of an action beside the axes: how long the arm may take."""
+
+MAX_TIME_MS = 30_000
+
+AXES = 9
+ARM_MS, ARM_AT, DRIVES = AXES, AXES + 1, AXES + 2
+"""Where what modifies a target stands, behind its axes: how long the arm may take (0: the action
+does not move it), which action that was (a time in seconds), and whether the base is commanded
+(1 or 0)."""
+
+_NO_TIME = "give a whole number of milliseconds, 1 to 30000"
+
+
+def parse(
+    action: Mapping[str, object],
+    robot: str,
+    axes: Sequence[Axis],
+    index: Mapping[str, int],
+    state: GateState,
+    time_ms: int,
+) -> Candidate | Refused:
+    """Return the whole target. ``time_ms``: what the arm takes when the action does not say so."""
+    wanted = {key: value for key, value in action.items() if key != TIME}
+    if not wanted and TIME in action:
+        return Refused("no_joint", f"move: {TIME} alone moves nothing", "name a joint of the arm with it", TIME)
+    on_axes = msgspec.structs.replace(state, target=state.target[:AXES])
+    candidate = parse_twist(wanted, robot, axes, index, on_axes)
+    if isinstance(candidate, Refused):
+        return candidate
+    moves_arm = any(at >= len(BASE) for at in candidate.named)
+    drives = candidate.until_ns > 0 or any(at < len(BASE) for at in candidate.named)
+    if TIME in action:
+        given = finite(action[TIME])
+        if given is None or given != int(given) or not 1 <= given <= MAX_TIME_MS:
+            shown = str(action[TIME])[:SHOWN]
+            return Refused("bad_time", f"move: {TIME} is {shown}", _NO_TIME, shown, f"1..{MAX_TIME_MS}")
+        if not moves_arm:
+            return Refused("no_joint", f"move: {TIME} is of the arm", "name a joint of the arm with it", TIME)
+        time_ms = int(given)
+    arm = (float(time_ms), state.now_ns / NS) if moves_arm else (0.0, 0.0)
+    return msgspec.structs.replace(candidate, values=(*candidate.values, *arm, 1.0 if drives else 0.0))
+
+
+def all_gates(axes: Sequence[Axis], servos: Sequence[Servo], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return silent(state_ttl_s), whole_arm(servos), servo_range(servos), past_range(axes)
+
+
+def silent(ttl_s: float) -> GateCheck:
+    """Refuse to command a robot whose odometry does not come."""
+    limit = f"{ttl_s * 1e3:.0f} ms"
+
+    def silent(candidate: Candidate, state: GateState) -> Refused | None:
+        age_ns = state.now_ns - state.observation.t_ns
+        if age_ns <= ttl_s * NS:
+            return None
+        age = f"{age_ns / 1e6:.0f} ms"
+        return Refused(
+            "stale",
+            f"move: no odometry for {age}",
+            "check the base and rosbridge: it is back by itself",
+            age,
+            limit,
+        )
+
+    return silent
+
+
+def whole_arm(servos: Sequence[Servo]) -> GateCheck:
+    """Refuse to move some servos of an arm whose others are nobody knows where: they are all
+    told at once, and what is not named would jump."""
+    keys = ", ".join(servo.key for servo in servos)
+
+    def whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
+        if not candidate.values[ARM_MS]:
+            return None
+        arm = candidate.values[len(BASE) : AXES]
+        unknown = ", ".join(servo.key for servo, value in zip(servos, arm, strict=True) if not math.isfinite(value))
+        if not unknown:
+            return None
+        return Refused(
+            "unknown_pose",
+            f"move: where {unknown} are is not known, and all servos are told at once",
+            f"name all of {keys}, or use the verb home: after that each can be named alone",
+            unknown,
+            keys,
+        )
+
+    return whole_arm
+
+
+def servo_range(servos: Sequence[Servo]) -> GateCheck:
+    """Refuse an arm goal with a servo out of its range."""
+
+    def servo_range(candidate: Candidate, state: GateState) -> Refused | None:
+        if not candidate.values[ARM_MS]:
+            return None
+        for at, servo in enumerate(servos, len(BASE)):
+            value = candidate.values[at]
+            degrees = servo.degrees(value) if at in candidate.named else float(servo.whole_degrees(value))
+            low, high = servo.limits_rad
+            if servo.low_deg - 1e-6 <= degrees <= servo.high_deg + 1e-6:
+                continue
+            hint = "; radians are expected" if abs(value) > math.pi else ""
+            return Refused(
+                "past_travel",
+                f"move: {servo.key} {value:.4g} rad is {degrees:.0f} deg of its servo, past "
+                f"{servo.low_deg}..{servo.high_deg}{hint}",
+                f"stay within {math.ceil(low * 1e4) / 1e4:.4f}..{math.floor(high * 1e4) / 1e4:.4f} rad",
+                f"{value:.4g}",
+                f"{math.ceil(low * 1e4) / 1e4:.4f}..{math.floor(high * 1e4) / 1e4:.4f}",
+            )
+        return None
+
+    return servo_range

@@ -1,0 +1,86 @@
+"""What the wire and the stop channel need of ROS: to publish at once, and the newest of each topic.
+
+``rosbridge.RosbridgeLink`` is that over a WebSocket, ``ros2.Ros2Link`` with rclpy on the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import aclosing
+from typing import Any, Protocol
+
+from strands_actors.drivers.common.reporting_base import Report, ReportingBase
+from strands_actors.kernel.clock import Clock
+
+from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist, stands
+
+
+class News:
+    """The newest of each topic, and when it came (0: never)."""
+
+    def __init__(self) -> None:
+        self.odometry: Odometry | None = None
+        self.odometry_ns = 0
+        self.imu: Imu | None = None
+        self.joints: dict[str, float] = {}
+        self.joints_ns = 0
+        self.nearest_m: dict[str, float] = {}  # by scan
+        self.malformed = 0
+        self.taken = 0  # messages
+
+    def take(self, topic: str, message: Message, now_ns: int) -> None:
+        self.taken += 1
+        match topic, message:
+            case (_, Odometry()) if topic == ODOMETRY:
+                self.odometry, self.odometry_ns = message, now_ns
+            case (_, Imu()) if topic == IMU:
+                self.imu = message
+            case (_, dict()) if topic == JOINT_STATES:
+                self.joints, self.joints_ns = message, now_ns
+            case _, float():
+                self.nearest_m[topic] = message
+
+
+class RosLink(ReportingBase, Protocol):
+    """One way to the robot's topics. Everything but ``close`` raises ``WireDown``."""
+
+    news: News
+
+    async def open(self) -> dict[str, Any]:
+        """Connect, check topics and types, listen, wait for the first odometry. Return facts for
+        ``status``."""
+        ...
+
+    async def hear(self) -> None:
+        """Keep ``news`` new, until cancelled."""
+        ...
+
+    @property
+    def owes(self) -> bool:
+        """Whether so many commands have not been taken yet that another would be carried out late."""
+        ...
+
+    def drive(self, twist: Twist) -> None:
+        """Publish a twist now."""
+        ...
+
+    def move_arm(self, goal: ArmGoal) -> None:
+        """Publish a goal of the arm now."""
+        ...
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        ...
+
+
+def report_of(told: Odometry) -> Report:
+    """Return what odometry says of the base as a whole."""
+    return Report(told.stamp_ns, stands(told.speed), ", ".join(f"{value:.3g}" for value in told.speed))
+
+
+async def look_until(clock: Clock, every_s: float, is_so: Callable[[], bool]) -> None:
+    """Return once it is so. The caller sets the deadline."""
+    async with aclosing(clock.ticks(every_s)) as ticks:
+        async for _ in ticks:
+            if is_so():
+                return

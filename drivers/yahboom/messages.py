@@ -1,0 +1,266 @@
+"""The ROS messages of an M3 Pro, as plain structs and in the JSON of rosbridge. Pure.
+
+A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``): to ROS they are the
+same, and the log of the wire tells a stop from a setpoint of zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+
+from strands_actors.contract.axis import finite
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+CMD_VEL = "/cmd_vel"
+ARM = "/arm6_joints"
+ODOMETRY = "/odom_raw"
+IMU = "/imu/data_raw"
+JOINT_STATES = "/joint_states"
+SCANS = ("/scan0", "/scan1")
+
+COMMANDED: Mapping[str, str] = {CMD_VEL: "geometry_msgs/Twist", ARM: "arm_msgs/ArmJoints"}
+"""Topics that a robot of this wire must listen to, and their types."""
+
+REPORTED: Mapping[str, str] = {ODOMETRY: "nav_msgs/Odometry"}
+"""Topics that it must report on: without them nobody could know whether it stands."""
+
+OPTIONAL: Mapping[str, str] = {
+    IMU: "sensor_msgs/Imu",
+    JOINT_STATES: "sensor_msgs/JointState",
+    **dict.fromkeys(SCANS, "sensor_msgs/LaserScan"),
+}
+"""Topics that are heard where they are."""
+
+SERVOS = 6
+INT16 = 32767
+
+
+class Twist(NamedTuple):
+    """Speeds of the base: m/s and rad/s."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+REST = Twist(0.0, 0.0, 0.0)
+
+
+class _Vector(msgspec.Struct, frozen=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class Quaternion(msgspec.Struct, frozen=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+class _Stamp(msgspec.Struct, frozen=True):
+    sec: int
+    nanosec: int
+
+
+class _Header(msgspec.Struct, frozen=True):
+    stamp: _Stamp
+    frame_id: str = ""
+
+
+class _Pose(msgspec.Struct, frozen=True):
+    position: _Vector
+    orientation: Quaternion
+
+
+class _PoseOfOdometry(msgspec.Struct, frozen=True):
+    pose: _Pose
+
+
+class _Speeds(msgspec.Struct, frozen=True):
+    linear: _Vector
+    angular: _Vector
+
+
+class _TwistOfOdometry(msgspec.Struct, frozen=True):
+    twist: _Speeds
+
+
+class _Odometry(msgspec.Struct, frozen=True):
+    header: _Header
+    pose: _PoseOfOdometry
+    twist: _TwistOfOdometry
+
+
+class _Imu(msgspec.Struct, frozen=True):
+    orientation: Quaternion
+    angular_velocity: _Vector
+    linear_acceleration: _Vector
+
+
+class _JointState(msgspec.Struct, frozen=True):
+    name: list[str]
+    position: list[float]
+
+
+class _Scan(msgspec.Struct, frozen=True):
+    range_min: float
+    range_max: float
+    ranges: list[float | None]
+
+
+class Odometry(NamedTuple):
+    """Where the base is, and how fast, by its wheels."""
+
+    stamp_ns: int  # the robot's clock
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed: Twist
+
+
+class Imu(NamedTuple):
+    """What the inertial unit measures."""
+
+    orientation_wxyz: tuple[float, float, float, float]
+    gyro_rad_s: tuple[float, float, float]
+    acceleration_m_s2: tuple[float, float, float]
+
+
+class ArmGoal(NamedTuple):
+    """Where the six servos are to be, and how long that is to take."""
+
+    degrees: tuple[int, ...]
+    time_ms: int
+
+
+Message = Odometry | Imu | dict[str, float] | float
+"""What a topic tells: odometry, inertial unit, joints by name in radians, or the nearest thing
+of a scan in metres."""
+
+Struct = TypeVar("Struct")
+
+
+def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
+    """Return a ``geometry_msgs/Twist``. ``stop``: zero in whole numbers, whatever the twist."""
+    if stop:
+        return {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
+    x, y, yaw = (float(value) for value in twist)
+    return {"linear": {"x": x, "y": y, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": yaw}}
+
+
+def arm_message(goal: ArmGoal) -> dict[str, int]:
+    """Return an ``arm_msgs/ArmJoints``. Raise ``ValueError`` for what is not six servos, or no
+    16-bit number."""
+    if len(goal.degrees) != SERVOS or not all(0 <= value <= INT16 for value in (*goal.degrees, goal.time_ms)):
+        raise ValueError(f"an arm goal of {goal.degrees} degrees in {goal.time_ms} ms")
+    return {**{f"joint{at}": value for at, value in enumerate(goal.degrees, 1)}, "time": goal.time_ms}
+
+
+def read_twist(message: Mapping[str, Any]) -> tuple[Twist, bool]:
+    """Return a ``geometry_msgs/Twist`` and whether it is written as a stop. What is missing is
+    0, as in ROS. Raise ``MalformedFrame``."""
+    parts = [message.get(name, {}) for name in ("linear", "angular")]
+    if not all(isinstance(part, Mapping) for part in parts):
+        raise MalformedFrame("a Twist whose linear or angular is no vector")
+    raw = [part.get(axis, 0) for part in parts for axis in "xyz"]
+    numbers = [finite(value) for value in raw]
+    known = [number for number in numbers if number is not None]
+    if len(known) != len(numbers):
+        raise MalformedFrame("a Twist with what is no finite number")
+    return Twist(known[0], known[1], known[5]), all(type(value) is int and value == 0 for value in raw)
+
+
+def read_arm(message: Mapping[str, Any]) -> ArmGoal:
+    """Return an ``arm_msgs/ArmJoints``. Raise ``MalformedFrame``."""
+    values = [message.get(name) for name in (*(f"joint{at}" for at in range(1, SERVOS + 1)), "time")]
+    if not all(type(value) is int and -INT16 - 1 <= value <= INT16 for value in values):
+        raise MalformedFrame("an ArmJoints without six joints and a time, each an int16")
+    return ArmGoal(tuple(int(value) for value in values[:SERVOS] if value is not None), int(values[-1] or 0))
+
+
+def read_report(topic: str, message: bytes | msgspec.Raw) -> Message:
+    """Return what a topic of ``REPORTED`` or ``OPTIONAL`` tells. Raise ``MalformedFrame``."""
+    if topic == ODOMETRY:
+        return _odometry(_struct(_Odometry, message))
+    if topic == IMU:
+        return _imu(_struct(_Imu, message))
+    if topic == JOINT_STATES:
+        told = _struct(_JointState, message)
+        return dict(zip(told.name, told.position, strict=False))
+    return nearest_m(_struct(_Scan, message))
+
+
+def nearest_m(scan: Any) -> float:
+    """Return how far the nearest thing of a ``sensor_msgs/LaserScan`` is, in metres; NaN:
+    nothing is in range."""
+    within = [
+        value
+        for value in scan.ranges
+        if value is not None and math.isfinite(value) and scan.range_min <= value <= scan.range_max
+    ]
+    return min(within, default=math.nan)
+
+
+def yaw_of(quaternion: Any) -> float:
+    """Return the heading of an orientation."""
+    q = quaternion
+    return math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+
+
+def quaternion_of(yaw_rad: float) -> dict[str, float]:
+    """Return the ``geometry_msgs/Quaternion`` of a heading."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
+
+
+def _odometry(told: Any) -> Odometry:
+    """Of a ``nav_msgs/Odometry``: ours, or rclpy's."""
+    stamp, pose, speeds = told.header.stamp, told.pose.pose, told.twist.twist
+    return Odometry(
+        stamp.sec * 10**9 + stamp.nanosec,
+        pose.position.x,
+        pose.position.y,
+        yaw_of(pose.orientation),
+        Twist(speeds.linear.x, speeds.linear.y, speeds.angular.z),
+    )
+
+
+def _imu(told: Any) -> Imu:
+    """Of a ``sensor_msgs/Imu``: ours, or rclpy's."""
+    turned, gyro, pushed = told.orientation, told.angular_velocity, told.linear_acceleration
+    return Imu((turned.w, turned.x, turned.y, turned.z), (gyro.x, gyro.y, gyro.z), (pushed.x, pushed.y, pushed.z))
+
+
+def read_object(topic: str, told: Any) -> Message:
+    """As ``read_report``, of a message object of rclpy's."""
+    if topic == ODOMETRY:
+        return _odometry(told)
+    if topic == IMU:
+        return _imu(told)
+    if topic == JOINT_STATES:
+        return dict(zip(told.name, told.position, strict=False))
+    return nearest_m(told)
+
+
+def plain_type(name: str) -> str:
+    """Return a type as ROS 1 and rosbridge's clients spell it: ``geometry_msgs/msg/Twist`` is
+    ``geometry_msgs/Twist``."""
+    return name.replace("/msg/", "/")
+
+
+def stands(speed: Twist, still: Sequence[float] = (0.01, 0.01, 0.02)) -> bool:
+    """Return whether a base with this odometry stands. ``still``: m/s, m/s, rad/s that pass for
+    zero [assumed]."""
+    return all(abs(value) <= most for value, most in zip(speed, still, strict=True))
+
+
+def _struct(kind: type[Struct], message: bytes | msgspec.Raw) -> Struct:
+    try:
+        return msgspec.json.decode(message, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise MalformedFrame(f"{kind.__name__.strip('_')}: {error}") from None

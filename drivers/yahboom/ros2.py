@@ -1,0 +1,205 @@
+"""The robot's topics with rclpy, which is on the robot: for a program that runs there.
+
+rclpy lives in the wire process alone, which the root may end. Nobody has seen this run on a robot:
+it is written against the calls below, and tried with a stand-in for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import ProcessSpent, WireDown
+from strands_actors.drivers.common.reporting_base import Report
+from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
+from strands_actors.kernel.clock import Clock
+
+from . import messages as m
+from .config import YahboomConfig, domain_of_environment
+from .links import News, look_until, report_of
+
+INSTALL = (
+    "transport='ros2' is for a program on the robot: source /opt/ros/$ROS_DISTRO/setup.bash and the robot's own "
+    "workspace, in the shell that starts it. From elsewhere use transport='rosbridge'"
+)
+NODE = "strands_actors"
+QUEUE = 10
+"""Of the publishers: rclpy's usual depth."""
+
+SPIN_S = 0.01
+"""How often what has come is taken in."""
+
+AT_ONCE = 32
+"""Messages that are taken in then, at most."""
+
+ACK_S = 0.3
+"""How long one wait for acknowledgements lasts: it cannot be cancelled."""
+
+ACK_MARGIN_S = 0.1
+"""So much longer than asked a wait for acknowledgements may take before this process is spent."""
+
+Load = Callable[[str, str], Any]
+
+
+class Ros2Link:
+    """``load``: imports a module, or raises ``WireDown`` with what installs it."""
+
+    def __init__(self, config: YahboomConfig, clock: Clock, load: Load = load_sdk) -> None:
+        self.news = News()
+        self._config = config
+        self._clock = clock
+        self._load = load
+        self._calls = SdkCalls("rclpy", (Exception,))
+        self._rclpy: Any = None
+        self._context: Any = None
+        self._node: Any = None
+        self._executor: Any = None
+        self._publishers: dict[str, Any] = {}
+        self._spinning = False
+
+    @property
+    def is_open(self) -> bool:
+        return self._node is not None
+
+    async def open(self) -> dict[str, Any]:
+        await self.connect()
+        with trio.move_on_after(self._config.timeout_s):
+            await look_until(self._clock, SPIN_S, self._is_there)
+            return {"ros2": f"domain {domain_of_environment()}", "topics": sorted(self._topics())}
+        why = self._missing()
+        self.close()
+        raise WireDown(f"ros2: {why} within {self._config.timeout_s:g} s. Start the robot's own nodes")
+
+    async def connect(self) -> None:
+        if self._node is None:
+            self._open()
+        await trio.lowlevel.checkpoint()
+
+    async def hear(self) -> None:
+        self._spinning = True
+        try:
+            await look_until(self._clock, SPIN_S, self._spun)
+        finally:
+            self._spinning = False
+
+    def zero(self) -> None:
+        self.drive(m.REST)
+
+    @property
+    def owes(self) -> bool:
+        return False  # rclpy keeps the newest few, and tells nobody which were taken
+
+    def drive(self, twist: m.Twist) -> None:
+        message = self._type(m.CMD_VEL)()
+        message.linear.x, message.linear.y, message.angular.z = (float(value) for value in twist)
+        self._publish(m.CMD_VEL, message)
+
+    def move_arm(self, goal: m.ArmGoal) -> None:
+        message = self._type(m.ARM)()
+        for name, value in m.arm_message(goal).items():
+            setattr(message, name, value)
+        self._publish(m.ARM, message)
+
+    async def taken(self, within_s: float) -> None:
+        """Return when every reliable subscriber has acknowledged what was published."""
+        within_s = min(within_s, ACK_S)
+        duration = self._load("rclpy.duration", INSTALL).Duration(seconds=within_s)
+        wait = self._publisher(m.CMD_VEL).wait_for_all_acked
+        try:
+            taken = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
+        except ProcessSpent as spent:
+            raise WireDown(str(spent)) from None  # a stop goes on with what it can still do
+        if not taken:
+            raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
+
+    async def next_report(self, within_s: float) -> Report:
+        before = self.news.odometry
+        with trio.move_on_after(within_s):
+            await look_until(self._clock, SPIN_S, lambda: self._spun() or self.news.odometry is not before)
+        told = self.news.odometry
+        if told is not None and told is not before:
+            return report_of(told)
+        raise WireDown(f"ros2: no odometry within {within_s * 1e3:.0f} ms. Check the base")
+
+    def close(self) -> None:
+        if self._node is None:
+            return
+        node, context, self._node = self._node, self._context, None
+        self._executor.shutdown(timeout_sec=0)
+        node.destroy_node()
+        self._rclpy.shutdown(context=context)
+        self._publishers = {}
+
+    def _open(self) -> None:
+        rclpy = self._rclpy = self._load("rclpy", INSTALL)
+        no_signals = self._load("rclpy.signals", INSTALL).SignalHandlerOptions.NO
+        quality = self._load("rclpy.qos", INSTALL).qos_profile_sensor_data
+        executors = self._load("rclpy.executors", INSTALL)
+        kinds = {topic: self._type(topic) for topic in (*m.COMMANDED, *m.REPORTED, *m.OPTIONAL)}
+        domain = domain_of_environment()
+        try:
+            context = self._context = rclpy.Context()
+            rclpy.init(context=context, domain_id=domain, signal_handler_options=no_signals)
+            node = rclpy.create_node(NODE, context=context)
+            self._publishers = {topic: node.create_publisher(kinds[topic], topic, QUEUE) for topic in m.COMMANDED}
+            for topic in (*m.REPORTED, *m.OPTIONAL):
+                node.create_subscription(kinds[topic], topic, self._taking(topic), quality)
+            self._executor = executors.SingleThreadedExecutor(context=context)
+            self._executor.add_node(node)
+        except Exception as error:  # rclpy's own, of many kinds
+            raise WireDown(f"ros2: {type(error).__name__}: {error}. Check the ROS 2 of this robot") from None
+        self._node = node
+
+    def _taking(self, topic: str) -> Callable[[Any], None]:
+        return lambda told: self.news.take(topic, m.read_object(topic, told), self._clock.now_ns())
+
+    def _is_there(self) -> bool:
+        self._spin()
+        return not self._missing()
+
+    def _spun(self) -> bool:
+        """Take in what has come; False, since there is always more."""
+        self._spin()
+        return False
+
+    def _spin(self) -> None:
+        before = -1
+        for _ in range(AT_ONCE):
+            if self._node is None or self.news.taken == before:
+                return
+            before = self.news.taken
+            self._executor.spin_once(timeout_sec=0)
+
+    def _topics(self) -> dict[str, str]:
+        """Return topic -> type of those that this driver knows."""
+        found = {
+            name: [m.plain_type(kind) for kind in kinds] for name, kinds in self._node.get_topic_names_and_types()
+        }
+        known = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}
+        return {topic: kind for topic, kind in known.items() if kind in found.get(topic, ())}
+
+    def _missing(self) -> str:
+        """Return what is not there yet; empty: nothing."""
+        for topic in m.COMMANDED:
+            if not self._node.count_subscribers(topic):
+                return f"nobody listens to {topic}"
+        return "no odometry" if self.news.odometry is None else ""
+
+    def _publisher(self, topic: str) -> Any:
+        if self._node is None:
+            raise WireDown("ros2: not connected. Reconnect")
+        return self._publishers[topic]
+
+    def _publish(self, topic: str, message: Any) -> None:
+        publisher = self._publisher(topic)
+        try:
+            publisher.publish(message)
+        except Exception as error:  # rclpy's own, of many kinds
+            raise WireDown(f"ros2: {topic}: {error}. Check the ROS 2 of this robot") from None
+
+    def _type(self, topic: str) -> Any:
+        """Return the class of a topic's messages. Raise ``WireDown``."""
+        package, name = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}[topic].split("/")
+        return getattr(self._load(f"{package}.msg", INSTALL), name)

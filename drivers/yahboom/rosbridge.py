@@ -1,0 +1,274 @@
+"""The robot's topics over rosbridge: one WebSocket, on which nothing overtakes anything.
+
+Nothing is kept to be sent later: what cannot leave now is an error, and a new connection begins
+with nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.reporting_base import Report
+from strands_actors.drivers.common.websocket import open_websocket
+from strands_actors.kernel.clock import Clock
+
+from . import messages as m
+from . import protocol as p
+from .config import YahboomConfig
+from .links import News, report_of
+
+CONNECT_S = 0.4
+"""Within which a connection for a stop is made, or tried again."""
+
+JOINTS_S = 0.5
+"""How long a joint topic that is listed may be silent: some robots list one that nobody
+publishes on."""
+
+WATCH_MS = 50.0
+"""How often who only stops the base hears of it, at most."""
+
+MOST_OWED = 4
+"""Commands that may be on their way: at 10 Hz, to a bridge that answers after 300 ms."""
+
+DIGITS = 19
+"""Of a call's number, fewer than so many: what is longer is not ours."""
+
+SCAN_MS = 200.0
+"""A scan is 20 kB: it is asked for five times a second."""
+
+IMU_MS = 50.0
+
+
+class Socket(Protocol):
+    """What is needed of a WebSocket; ``common.websocket.WebSocket`` is one."""
+
+    name: str
+
+    @property
+    def is_open(self) -> bool: ...
+    def send(self, message: str) -> None: ...
+    async def receive(self) -> str | bytes: ...
+    def close(self) -> None: ...
+
+
+class OpenSocket(Protocol):
+    def __call__(self, host: str, port: int, /, *, within_s: float) -> Awaitable[Socket]: ...
+
+
+class RosbridgeLink:
+    def __init__(self, config: YahboomConfig, clock: Clock, open_socket: OpenSocket = open_websocket) -> None:
+        self.news = News()
+        self._config = config
+        self._clock = clock
+        self._open_socket = open_socket
+        self._socket: Socket | None = None
+        self._numbers = 0  # of calls
+        self._responses: dict[int, p.ServiceResponse] = {}
+        self._asked: set[int] = set()  # calls whose answer somebody waits for
+        self._owed: list[int] = []  # calls behind commands, not answered yet
+        self._objection = ""  # the bridge's last error
+        self._connecting = trio.Lock()
+        self._reads = False  # whoever reads does it for all
+        self._heard = trio.Event()
+
+    @property
+    def is_open(self) -> bool:
+        return self._socket is not None and self._socket.is_open
+
+    async def open(self) -> dict[str, Any]:
+        name, missing = "rosbridge", "no answer"
+        with trio.move_on_after(self._config.timeout_s):
+            self.close()
+            await self._connect(self._config.timeout_s)
+            name = self._name
+            facts = await self._shake_hands()
+            missing = "no odometry"
+            await self._until(lambda: self.news.odometry is not None)
+            if m.JOINT_STATES in facts["topics"]:
+                with trio.move_on_after(JOINTS_S):
+                    await self._until(lambda: self.news.joints_ns != 0)
+            return facts
+        self.close()
+        raise WireDown(
+            f"{name}: {missing} within {self._config.timeout_s:g} s. Check that rosbridge and the base run"
+        )
+
+    async def connect(self) -> None:
+        async with self._connecting:
+            if not self.is_open:
+                await self._connect(CONNECT_S)
+                self._listen((m.ODOMETRY,), WATCH_MS)
+
+    async def hear(self) -> None:
+        while True:
+            await self._hear()
+
+    def zero(self) -> None:
+        self._send(p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True)))
+
+    @property
+    def owes(self) -> bool:
+        return len(self._owed) >= MOST_OWED
+
+    def drive(self, twist: m.Twist) -> None:
+        self._command(p.publish(m.CMD_VEL, m.twist_message(twist)))
+
+    def move_arm(self, goal: m.ArmGoal) -> None:
+        self._command(p.publish(m.ARM, m.arm_message(goal)))
+
+    async def taken(self, within_s: float) -> None:
+        """The bridge takes operations one after the other: it answers a call once it has taken
+        what came before."""
+        with trio.move_on_after(within_s):
+            await self._call(p.TIME_SERVICE)
+            return
+        raise WireDown(f"{self._name}: no answer within {within_s * 1e3:.0f} ms. Check rosbridge and its network")
+
+    async def next_report(self, within_s: float) -> Report:
+        before = self.news.odometry
+        with trio.move_on_after(within_s):
+            await self._until(lambda: self.news.odometry is not before)
+        told = self.news.odometry
+        if told is None or told is before:
+            raise WireDown(f"{self._name}: no odometry within {within_s * 1e3:.0f} ms. Check the base")
+        return report_of(told)
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+        self._wake()
+
+    # -- the handshake
+
+    @property
+    def _name(self) -> str:
+        return "rosbridge" if self._socket is None else self._socket.name
+
+    async def _connect(self, within_s: float) -> None:
+        try:
+            host, port = self._config.address()
+        except ValueError as error:
+            raise WireDown(str(error)) from None
+        self._socket = await self._open_socket(host, port, within_s=within_s)
+        self._objection = ""
+        self._asked.clear()
+        self._owed.clear()
+        self._responses.clear()
+        self._advertise()
+
+    async def _shake_hands(self) -> dict[str, Any]:
+        """Check topics and types, and listen. Raise ``WireDown``."""
+        values = await self._call(p.TOPICS_SERVICE)
+        types = _types(values)
+        for topic, wanted in {**m.COMMANDED, **m.REPORTED}.items():
+            found = types.get(topic)
+            if found is None:
+                raise WireDown(f"{self._name}: there is no topic {topic}. Start the robot's own nodes")
+            if found != wanted:
+                raise WireDown(f"{self._name}: {topic} is a {found}, not a {wanted}. Is this an M3 Pro?")
+        heard = tuple(topic for topic, wanted in m.OPTIONAL.items() if types.get(topic) == wanted)
+        self._listen((m.ODOMETRY, *heard))
+        await self._call(p.TIME_SERVICE)  # an objection comes before the answer
+        if self._objection:
+            raise WireDown(f"{self._name}: rosbridge objects: {self._objection}")
+        return {"rosbridge": f"ws://{self._name}", "topics": sorted((*m.COMMANDED, *m.REPORTED, *heard))}
+
+    def _advertise(self) -> None:
+        for topic, kind in m.COMMANDED.items():
+            self._send(p.encode(p.Advertise(topic, kind)))
+
+    def _listen(self, topics: tuple[str, ...], at_least_ms: float = 0.0) -> None:
+        for topic in topics:
+            rate = SCAN_MS if topic in m.SCANS else IMU_MS if topic == m.IMU else at_least_ms
+            self._send(p.encode(p.Subscribe(topic, {**m.REPORTED, **m.OPTIONAL}[topic], rate)))
+
+    # -- what is sent and heard
+
+    def _send(self, text: str) -> None:
+        if self._socket is None:
+            raise WireDown("rosbridge: not connected. Reconnect")
+        self._socket.send(text)
+
+    def _command(self, text: str) -> None:
+        """Send a command, and a call behind it, whose answer says that it was taken."""
+        self._send(text)
+        number = self._next_number()
+        self._owed.append(number)
+        self._send(p.encode(p.CallService(p.TIME_SERVICE, id=str(number))))
+
+    def _next_number(self) -> int:
+        self._numbers += 1
+        return self._numbers
+
+    async def _call(self, service: str) -> Any:
+        """Return what a service answers. Raise ``WireDown`` when it says no."""
+        number = self._next_number()
+        self._asked.add(number)
+        try:
+            self._send(p.encode(p.CallService(service, id=str(number))))
+            await self._until(lambda: number in self._responses)
+            answer = self._responses[number]
+        finally:
+            self._asked.discard(number)
+            self._responses.pop(number, None)
+        if not answer.result:
+            raise WireDown(f"{self._name}: {service} says no ({answer.values}). Check that rosapi runs")
+        return answer.values
+
+    async def _until(self, is_so: Callable[[], bool]) -> None:
+        while not is_so():
+            await self._hear()
+
+    async def _hear(self) -> None:
+        """Take in what comes next, or wait until somebody else did."""
+        if self._reads:
+            await self._heard.wait()
+            return
+        socket = self._socket
+        if socket is None:
+            raise WireDown("rosbridge: not connected. Reconnect")
+        self._reads = True
+        try:
+            self._take(await socket.receive())
+        finally:
+            self._reads = False
+            self._wake()
+
+    def _take(self, message: str | bytes) -> None:
+        try:
+            match p.decode_told(message):
+                case p.Publish(topic, content) if topic in m.REPORTED or topic in m.OPTIONAL:
+                    self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
+                case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:
+                    number = int(text)
+                    self._owed = [owed for owed in self._owed if owed > number]  # what came before was taken
+                    if number in self._asked:
+                        self._responses[number] = answer
+                case p.Status(level, text) if level == p.ERROR_LEVEL:
+                    self._objection = text
+        except MalformedFrame:
+            self.news.malformed += 1  # who says nothing else is silent, which ``read`` tells
+
+    def _wake(self) -> None:
+        heard, self._heard = self._heard, trio.Event()
+        heard.set()
+
+
+def _types(values: Any) -> dict[str, str]:
+    """Return topic -> type of an answer of ``/rosapi/topics``. Empty for what is none."""
+    if not isinstance(values, dict):
+        return {}
+    topics, types = values.get("topics"), values.get("types")
+    if not isinstance(topics, list) or not isinstance(types, list):
+        return {}
+    return {
+        topic: m.plain_type(kind)
+        for topic, kind in zip(topics, types, strict=False)
+        if isinstance(topic, str) and isinstance(kind, str)
+    }

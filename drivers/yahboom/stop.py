@@ -1,0 +1,91 @@
+"""How an M3 Pro is stopped: zero, again and again, until its own odometry says that it stands.
+
+The arm is left where it was last told to be: its servos keep that by themselves, cannot be told to
+stop, and the robot does not report where they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
+from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.kernel.clock import Clock
+
+from .config import ROS2, YahboomConfig
+
+STOP_S = 1.7
+"""How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a
+link is reached."""
+
+
+class StopLink(ReportingBase, Protocol):
+    """A way to the base that is kept open for a stop."""
+
+    async def hear(self) -> None:
+        """Keep what it reports new, until cancelled."""
+        ...
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        ...
+
+
+def reports_of(
+    outcome: Outcome, config: YahboomConfig, arm_rad: Sequence[float] = (), arm_detail: str = ""
+) -> tuple[MotorReport, ...]:
+    """Return one report an axis. ``arm_rad``: the arm's last goal, which it keeps; empty: not known
+    here."""
+    base = len(config.axes) - len(config.servos)
+    held: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
+    targets = ((0.0, "") if at < base else (held[at - base], arm_detail) for at in range(len(config.axes)))
+    return tuple(
+        MotorReport(
+            axis,
+            number,
+            outcome.written,
+            outcome.acknowledged,
+            not outcome.detail,
+            outcome.detail or detail,
+            target,
+        )
+        for axis, number, (target, detail) in zip(config.axes, config.ids, targets, strict=True)
+    )
+
+
+class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
+    """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS, since
+    rclpy must not be in the root."""
+
+    def new_link(self) -> StopLink:
+        return stop_link(self.config, self.clock)
+
+    async def connect(self) -> StopLink:
+        link = self.new_link()
+        try:
+            await link.connect()
+        except BaseException:
+            link.close()
+            raise
+        return link
+
+    async def keep_up(self, session: StopLink) -> None:
+        await session.hear()
+
+    async def make_safe_by(self, session: StopLink | None, safe_state: str) -> tuple[MotorReport, ...]:
+        self.session = session or self.new_link()
+        return reports_of(await stop_until_it_stands(self.session, STOP_S), self.config)
+
+
+def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
+    """Return a way to the robot that the root may load."""
+    if config.transport == ROS2:
+        from .dds import DdsLink
+
+        return DdsLink(config, clock)
+    from .rosbridge import RosbridgeLink
+
+    return RosbridgeLink(config, clock)

@@ -1,0 +1,138 @@
+"""An M3 Pro as a twin: rosbridge with its topics, a base whose firmware zeroes it, and an arm
+that follows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, Unpack
+
+from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin.websocket import serving_websocket
+from strands_actors.drivers.yahboom.messages import REST, Twist
+from strands_actors.drivers.yahboom.robots import ARM_JOINTS, BASE, TABLES, table_of
+
+from .bridge import Graph, Session, serving
+from .mechanism import Mechanism
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "TCP port (default: any free one)",
+    "watchdog_s": "seconds without a command after which the base's firmware zeroes it; 0: never (default 0.3)",
+    "joints": "whether /joint_states is published, as the robot itself does not (default true)",
+}
+
+
+class M3ProTwin:
+    """One robot for all clients of its rosbridge."""
+
+    def __init__(
+        self,
+        robot: str,
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        watchdog_s: float | None = None,
+        joints: bool = True,
+    ) -> None:
+        table = table_of(robot)
+        servos = table.servos_by((1.0,) * ARM_JOINTS)
+        self.mechanism = Mechanism(table, table.watchdog_s if watchdog_s is None else float(watchdog_s), now_s)
+        self.faults = Faults()
+        self.graph = Graph(table, self.mechanism, self.faults, servos, joints=joints)
+        self.body = M3ProBody(self.mechanism, robot)
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        self.mechanism.pass_time()
+        self.graph.freeze_readings(fault is Fault.STUCK)
+        self.mechanism.stuck = fault is Fault.STUCK
+        self.faults.set(fault)
+        if fault is Fault.OFF:
+            self.mechanism.reset()
+
+    def power_cycle(self) -> None:
+        self.mechanism.reset()
+
+
+class M3ProBody:
+    """The robot as a simulation: what the wire drives follows the wire."""
+
+    def __init__(self, mechanism: Mechanism, robot: str) -> None:
+        table = table_of(robot)
+        self._mechanism = mechanism
+        self._robot = robot
+        self._servos = table.servos
+        self.axes = (*BASE, *(servo.key for servo in table.servos))
+        self.pass_time = mechanism.pass_time
+
+    @cached_property
+    def spec(self) -> Any:
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+
+        return build(TABLES.table(self._robot))
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        mechanism = self._mechanism
+        return (mechanism.base_hand,) * len(BASE) + (mechanism.arm_hand,) * len(self._servos)
+
+    def felt(self) -> Felt:
+        mechanism = self._mechanism
+        still = (0.0,) * len(self.axes)
+        return Felt(mechanism.time_s, (*mechanism.runs, *self._arm_rad()), still, still, self.hands)
+
+    def pose(self) -> Sequence[float]:
+        mechanism = self._mechanism
+        return [mechanism.x_m, mechanism.y_m, mechanism.yaw_rad, *self._arm_rad()]
+
+    def take(self, on: bool) -> None:
+        mechanism, free, taken = self._mechanism, Hand.NONE, Hand.SIM
+        if mechanism.base_hand is (free if on else taken):
+            mechanism.drive(REST, taken if on else free)
+        if mechanism.arm_hand is (free if on else taken):
+            mechanism.hold_arm()
+            mechanism.arm_hand = taken if on else free
+
+    def aim(self, values: Sequence[float]) -> None:
+        mechanism = self._mechanism
+        if mechanism.base_hand is Hand.SIM:
+            mechanism.drive(Twist(*values[: len(BASE)]), Hand.SIM)
+        if mechanism.arm_hand is Hand.SIM:
+            degrees = [servo.degrees(value) for servo, value in zip(self._servos, values[len(BASE) :], strict=True)]
+            mechanism.aim_arm(degrees, 0.0, Hand.SIM)
+
+    def hold(self) -> None:
+        mechanism = self._mechanism
+        if mechanism.base_hand is Hand.SIM:
+            mechanism.drive(REST, Hand.SIM)
+        if mechanism.arm_hand is Hand.SIM:
+            mechanism.hold_arm()
+
+    def step(self, steps: int) -> None:
+        self._mechanism.run(steps * TIMESTEP_S)
+
+    def reset(self) -> None:
+        self._mechanism.reset()
+
+    def _arm_rad(self) -> tuple[float, ...]:
+        degrees = zip(self._servos, self._mechanism.degrees, strict=True)
+        return tuple(servo.radians(value) for servo, value in degrees)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", 0))
+    twin = M3ProTwin(robot, **given)
+
+    def build(wire_log: WireLog) -> TcpServer:
+        serve = serving(twin.graph)
+        return TcpServer(twin, {port: serving_websocket(lambda path: serve)}, wire_log, host)
+
+    run_server(build, **start)
+
+
+__all__ = ["Graph", "M3ProTwin", "Mechanism", "Session", "main"]

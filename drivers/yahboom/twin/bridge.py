@@ -1,0 +1,259 @@
+"""rosbridge as the twin serves it: one session for each client, and what it publishes to those
+who subscribed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.twin import Fault, Faults, Reply
+from strands_actors.drivers.common.twin.websocket import WebSocketClient
+from strands_actors.drivers.yahboom import messages as m
+from strands_actors.drivers.yahboom import protocol as p
+from strands_actors.drivers.yahboom.robots import M3Pro, Servo
+
+from .mechanism import Mechanism
+
+WRONG_M_S = 0.5
+"""By so much a robot whose readings are wrong is quicker than it is."""
+
+SCAN_M = 2.0
+"""How far everything is from this robot."""
+
+SCAN_HZ = 7.0
+
+_json = msgspec.json.Encoder()
+
+
+class Graph:
+    """What every client sees: topics with their types, services, and the robot behind."""
+
+    def __init__(
+        self, table: M3Pro, mechanism: Mechanism, faults: Faults, servos: tuple[Servo, ...], *, joints: bool
+    ) -> None:
+        self.mechanism = mechanism
+        self.faults = faults
+        self.table = table
+        self._servos = servos
+        self._stuck: m.Odometry | None = None
+        optional = {topic: kind for topic, kind in m.OPTIONAL.items() if joints or topic != m.JOINT_STATES}
+        self.types: Mapping[str, str] = {**m.COMMANDED, **m.REPORTED, **optional}
+        hz = table.odometry_hz
+        self.hz: Mapping[str, float] = {m.ODOMETRY: hz, m.IMU: hz, m.JOINT_STATES: hz} | dict.fromkeys(
+            m.SCANS, SCAN_HZ
+        )
+
+    def freeze_readings(self, on: bool) -> None:
+        """Report what is reported now, until told otherwise."""
+        self._stuck = self.mechanism.odometry() if on else None
+
+    def message(self, topic: str) -> dict[str, Any]:
+        """Return what is published on a topic now."""
+        self.mechanism.pass_time()
+        told = self._stuck or self.mechanism.odometry()
+        if self.faults.of(None) is Fault.WRONG:
+            told = told._replace(speed=told.speed._replace(x=told.speed.x + WRONG_M_S))
+        sec, nanosec = divmod(told.stamp_ns, 10**9)
+        head = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "odom"}
+        match topic:
+            case m.ODOMETRY:
+                return _odometry(head, told)
+            case m.IMU:
+                return {
+                    "header": head,
+                    "orientation": m.quaternion_of(told.yaw_rad),
+                    "angular_velocity": {"x": 0.0, "y": 0.0, "z": told.speed.yaw},
+                    "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.81},
+                }
+            case m.JOINT_STATES:
+                degrees = zip(self._servos, self.mechanism.degrees, strict=True)
+                return {
+                    "header": head,
+                    "name": [servo.key for servo in self._servos],
+                    "position": [servo.radians(value) for servo, value in degrees],
+                    "velocity": [],
+                    "effort": [],
+                }
+        return {
+            "header": head,
+            "angle_min": -math.pi,
+            "angle_max": math.pi,
+            "angle_increment": math.pi / 18,
+            "range_min": 0.1,
+            "range_max": 12.0,
+            "ranges": [None, *[SCAN_M] * 35],  # null: infinite, which JSON cannot say
+            "intensities": [],
+        }
+
+    def call(self, asked: p.CallService) -> str:
+        """Return the answer to a call."""
+        arguments = asked.args if isinstance(asked.args, dict) else {}
+        match "/" + asked.service.removeprefix("/"):  # npm's roslib leaves it out, and ROS resolves it
+            case p.TOPICS_SERVICE:
+                types = [kind.replace("/", "/msg/") for kind in self.types.values()]
+                return p.response(asked, {"topics": list(self.types), "types": types})
+            case p.TYPE_SERVICE:
+                return p.response(
+                    asked, {"type": self.types.get(str(arguments.get("topic")), "").replace("/", "/msg/")}
+                )
+            case p.TIME_SERVICE:
+                sec, nanosec = divmod(time.time_ns(), 10**9)
+                return p.response(asked, {"time": {"sec": sec, "nanosec": nanosec}})
+        return p.response(asked, f"Service {asked.service} does not exist", result=False)
+
+
+def _odometry(head: Mapping[str, Any], told: m.Odometry) -> dict[str, Any]:
+    pose = {"position": {"x": told.x_m, "y": told.y_m, "z": 0.0}, "orientation": m.quaternion_of(told.yaw_rad)}
+    speeds = {
+        "linear": {"x": told.speed.x, "y": told.speed.y, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": told.speed.yaw},
+    }
+    return {
+        "header": head,
+        "child_frame_id": "base_footprint",
+        "pose": {"pose": pose, "covariance": [0.0] * 36},
+        "twist": {"twist": speeds, "covariance": [0.0] * 36},
+    }
+
+
+class Session:
+    """One client. Its operations are taken in their order."""
+
+    def __init__(self, graph: Graph, say: Callable[[str], None]) -> None:
+        """``say``: sends the client an operation."""
+        self._graph = graph
+        self._say = say
+        self._period_s: dict[str, float] = {}  # of what it has subscribed to
+        self._due_s: dict[str, float] = {}
+
+    def take(self, text: str | bytes) -> tuple[str, str | None]:
+        """Do what a client asks; return kind and safe state for the log of the wire."""
+        try:
+            return self._do(p.decode_asked(text))
+        except MalformedFrame as malformed:
+            self._object(str(malformed), None)
+            return "other", None
+
+    def publish(self, now_s: float) -> None:
+        """Publish what is due."""
+        for topic, period_s in self._period_s.items():
+            if now_s >= self._due_s[topic]:
+                self._due_s[topic] = max(self._due_s[topic] + period_s, now_s - period_s)
+                self._say(p.publish(topic, self._graph.message(topic)))
+
+    def _do(self, asked: p.Asked) -> tuple[str, str | None]:
+        match asked:
+            case p.Publish(topic, message):
+                return self._command(topic, p.decode_message(message), asked.id)
+            case p.CallService():
+                self._say(self._graph.call(asked))
+                return "read", None
+            case p.Subscribe(topic):
+                if self._agrees(topic, asked.type, asked.id) and topic in self._graph.hz:
+                    self._period_s[topic] = max(1 / self._graph.hz[topic], asked.throttle_rate / 1e3)
+                    self._due_s.setdefault(topic, 0.0)
+                return "read", None
+            case p.Unsubscribe(topic):
+                self._period_s.pop(topic, None)
+                self._due_s.pop(topic, None)
+                return "read", None
+            case p.Advertise(topic, kind):
+                self._agrees(topic, kind, asked.id)
+        return "other", None
+
+    def _command(self, topic: str, message: dict[str, Any], number: str | None) -> tuple[str, str | None]:
+        mechanism = self._graph.mechanism
+        try:
+            if topic == m.CMD_VEL:
+                twist, is_stop = m.read_twist(message)
+                mechanism.drive(twist, Hand.WIRE if any(twist) else Hand.NONE)
+                return ("safe", "zero") if is_stop else ("setpoint", None)
+            if topic == m.ARM:
+                mechanism.move_arm(m.read_arm(message), Hand.WIRE)
+                return "setpoint", None
+        except MalformedFrame as malformed:
+            self._object(f"publish: {malformed}", number)
+            return "other", None
+        if topic not in self._graph.types:
+            self._object(f"publish: Cannot infer topic type for topic {topic} as it is not yet advertised", number)
+        return "other", None
+
+    def _agrees(self, topic: str, kind: str | None, number: str | None) -> bool:
+        """Whether a topic has this type, or none yet."""
+        known = self._graph.types.get(topic)
+        if known is None or kind is None or m.plain_type(kind) == known:
+            return True
+        told = f"Tried to register topic {topic} with type {kind} but it is already established with type {known}"
+        self._object(told, number)
+        return False
+
+    def _object(self, text: str, number: str | None) -> None:
+        self._say(p.encode(p.Status(p.ERROR_LEVEL, text, number)))
+
+
+_TICK_S = 0.005
+
+
+class _Outbox:
+    """What a client is told, with the robot's faults: late, damaged, or not at all."""
+
+    def __init__(self, client: WebSocketClient, faults: Faults) -> None:
+        self._client = client
+        self._faults = faults
+        self._late: list[tuple[float, bytes]] = []
+
+    def say(self, text: str) -> None:
+        if self._faults.of(None) is Fault.OFF:
+            return
+        reply = self._faults.apply(Reply(0.0, text.encode()))
+        if reply is None:
+            return
+        if reply.delay_s or reply.late_s or self._late:
+            self._late.append((trio.current_time() + reply.delay_s + reply.late_s, reply.data))
+        else:
+            self._send(reply.data)
+
+    def flush(self) -> None:
+        """Send what is due."""
+        while self._late and self._late[0][0] <= trio.current_time():
+            self._send(self._late.pop(0)[1])
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._client.send(data.decode())
+        except UnicodeDecodeError:  # damaged: no text any more
+            self._client.send(data)
+
+
+def serving(graph: Graph) -> Callable[[WebSocketClient], Any]:
+    """Return what serves one client."""
+
+    async def serve(client: WebSocketClient) -> None:
+        outbox = _Outbox(client, graph.faults)
+        session = Session(graph, outbox.say)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(_publish, client, session, outbox)
+            while True:
+                t_ns, message = await client.receive()
+                if graph.faults.of(None) is Fault.OFF:
+                    client.heard(t_ns, "other", message)
+                    continue
+                kind, safe_state = session.take(message)
+                client.heard(t_ns, kind, message, safe_state)
+
+    return serve
+
+
+async def _publish(client: WebSocketClient, session: Session, outbox: _Outbox) -> None:
+    while True:
+        await client.connection.frost.thawed()
+        session.publish(trio.current_time())
+        outbox.flush()
+        await trio.sleep(_TICK_S)

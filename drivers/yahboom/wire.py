@@ -1,0 +1,169 @@
+"""The robot's topics in the wire process: commands, odometry and stops on one connection, where
+nothing overtakes anything. So a command that waits in a frozen bridge is always followed by the
+zero of the stop behind it; and no more than a few ever wait.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.reporting_base import stop_until_it_stands
+from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.kernel.clock import NS, Clock
+
+from .config import ROS2, YahboomConfig
+from .gates import ARM_AT, ARM_MS, DRIVES
+from .links import RosLink
+from .messages import SCANS, ArmGoal, Twist
+from .robots import BASE
+from .stop import STOP_S, StopLink, reports_of, stop_link
+
+SILENT_S = 0.6
+"""Without odometry for so long the link counts as lost."""
+
+QUIET_S = 0.2
+"""No command is written to a robot whose odometry has been silent for so long: it would be carried
+out late."""
+
+OLD_S = 0.3
+"""How long a stop is tried on the connection that counts as lost, before it goes out on a new
+one."""
+
+NAN = math.nan
+
+
+class YahboomWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        config: YahboomConfig,
+        clock: Clock,
+        link: RosLink | None = None,
+        anew: StopLink | None = None,
+    ) -> None:
+        self._config = config
+        self._clock = clock
+        self._link = link or link_of(config, clock)
+        self._anew: StopLink | None = anew  # for a stop, where the link is lost
+        self._arm_rad: tuple[float, ...] = ()  # where the arm was last told to be
+        self._arm_at_s = 0.0  # which command that was
+        self._arm_until_ns = 0  # when it is there
+
+    async def open(self) -> dict[str, Any]:
+        facts = await self._link.open()
+        told = "reported" if self._link.news.joints_ns else "not reported: the first action of the arm names all"
+        return {**facts, "transport": self._config.transport, "joints": told}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        await self._link.hear()
+
+    async def arm(self, permit: Permit) -> Observation:
+        permit.check()
+        self._link.zero()
+        return await self.read()
+
+    @property
+    def prompt(self) -> bool:
+        return True
+
+    async def read(self) -> Observation:
+        news, now_ns = self._link.news, self._clock.now_ns()
+        told = news.odometry
+        silent_s = (now_ns - news.odometry_ns) / NS
+        if told is None or silent_s > SILENT_S:
+            why = "never" if told is None else f"for {silent_s:.1f} s not"
+            raise WireDown(
+                f"read: odometry has {why} come ({news.malformed} malformed messages). Check the base and rosbridge"
+            )
+        joints = news.joints if now_ns - news.joints_ns <= SILENT_S * NS else {}
+        arm = tuple(joints.get(servo.key, NAN) for servo in self._config.servos)
+        stamps = tuple(0 if math.isnan(value) else news.joints_ns for value in arm)
+        return Observation(
+            t_ns=news.odometry_ns,
+            position=(*told.speed, *arm),
+            stamp_ns=((news.odometry_ns,) * len(BASE)) + stamps,
+            sensors=self._sensors(),
+        )
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        axes = len(self._config.axes)
+        arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
+        silent_s = (self._clock.now_ns() - self._link.news.odometry_ns) / NS
+        if silent_s > QUIET_S or self._link.owes:
+            raise PermitDenied(f"the robot takes nothing now (odometry {silent_s * 1e3:.0f} ms ago)")
+        permit.check()
+        if values[DRIVES]:
+            self._link.drive(Twist(*values[: len(BASE)]))
+        if values[ARM_MS] and arm_at_s != self._arm_at_s:  # once: each repetition would begin the motion anew
+            self._link.move_arm(self._goal(arm_rad, values[ARM_MS]))
+            self._arm_rad, self._arm_at_s = arm_rad, arm_at_s
+            self._arm_until_ns = self._clock.now_ns() + round(values[ARM_MS] * 1e6)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return self._reports(await stop_until_it_stands(self._link, STOP_S))
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
+        has told."""
+        if self._link.is_open:
+            outcome = await stop_until_it_stands(self._link, OLD_S)
+            if not outcome.detail:
+                return self._reports(outcome)
+        self._anew = self._anew or stop_link(self._config, self._clock)
+        return self._reports(await stop_until_it_stands(self._anew, STOP_S))
+
+    def close(self) -> None:
+        for link in (self._link, self._anew):
+            if link is not None:
+                link.close()
+
+    def _goal(self, arm_rad: Sequence[float], time_ms: float) -> ArmGoal:
+        degrees = tuple(servo.whole_degrees(rad) for servo, rad in zip(self._config.servos, arm_rad, strict=True))
+        return ArmGoal(degrees, round(time_ms))
+
+    def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
+        left_s = (self._arm_until_ns - self._clock.now_ns()) / NS
+        detail = f"goes on to its last goal for {left_s:.1f} s: these servos cannot be told to stop"
+        return reports_of(outcome, self._config, self._arm_rad, detail if left_s > 0 else "")
+
+    def _sensors(self) -> dict[str, tuple[float, ...]]:
+        news = self._link.news
+        sensors: dict[str, tuple[float, ...]] = {}
+        if news.odometry is not None:
+            _, x_m, y_m, yaw_rad, speed = news.odometry
+            sensors |= {
+                "odometry_xy_m": (x_m, y_m),
+                "odometry_yaw_rad": (yaw_rad,),
+                "odometry_linear_m_s": speed[:2],
+                "odometry_angular_rad_s": speed[2:],
+            }
+        if news.imu is not None:
+            sensors |= {
+                "orientation_wxyz": news.imu.orientation_wxyz,
+                "rpy_rad": roll_pitch_yaw(news.imu.orientation_wxyz),
+                "gyro_rad_s": news.imu.gyro_rad_s,
+                "acceleration_m_s2": news.imu.acceleration_m_s2,
+            }
+        for scan in SCANS:
+            if scan in news.nearest_m:
+                sensors[f"{scan.removeprefix('/')}_nearest_m"] = (news.nearest_m[scan],)
+        return sensors
+
+
+def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
+    """Return the wire's way to the robot, not yet open."""
+    if config.transport == ROS2:
+        from .ros2 import Ros2Link  # loads rclpy when it is opened
+
+        return Ros2Link(config, clock)
+    from .rosbridge import RosbridgeLink
+
+    return RosbridgeLink(config, clock)

@@ -1,0 +1,78 @@
+"""One trial of a pair: break two processes of a moving robot, one shortly after the other, and read the wire."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+from pathlib import Path
+from time import monotonic_ns
+
+import trio
+
+from strands_actors.contract.driver import Driver
+
+from .bench import Bench, Caller, NotMoving
+from .cells import SETTLE_S, Expected, Outcome, persevere, read, require_motion, told, until_safe
+from .faults import SIGNALS, Faults
+from .pairs import APART_S, Members, Pair, expected_safe_states, pair_bound_s
+
+
+def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
+    """As ``cells.run_cell``. Which of the two comes first, and how much later the other one does, is drawn."""
+    apart_s = random.uniform(0.0, APART_S)
+
+    def trial(caller: Caller) -> Outcome:
+        return trio.run(_break_pair, bench, caller, pair, apart_s, settle_s)
+
+    drop = Members.CALLER in pair.members or not pair.members
+    return persevere(bench, _motion(pair, bench.driver), trial, drop)
+
+
+def _motion(pair: Pair, driver: Driver) -> str:
+    """Whoever of the two can write does."""
+    if driver.TASKS:
+        return "rollout"
+    if driver.ROLLOUTS:
+        return "loop"
+    return "loop" if Members.CALLER in pair.members and Members.POLICY not in pair.members else "task"
+
+
+async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, settle_s: float) -> Outcome:
+    orders = _orders(pair, caller)
+    queue = bench.queue(caller)
+    began_ns = broken_ns = monotonic_ns()
+    for number, (pid, order) in enumerate(orders):
+        if number and pair.members:
+            await trio.sleep(apart_s)
+        broken_ns = monotonic_ns()
+        try:
+            os.kill(pid, order)
+        except ProcessLookupError:
+            if not number:
+                raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
+            # the first fault has ended it: a trial all the same
+    await until_safe(bench.log, began_ns, queue)
+    stood_ms = queue.stood_ms()
+    await trio.sleep(settle_s + pair_bound_s(bench.driver, pair))
+    for member, fault in pair.faults:
+        if fault is Faults.FREEZE and member is not Members.CALLER:
+            # A frozen process that is let go again must not write: it was fenced, or has no way to.
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(caller.pid(member), signal.SIGCONT)
+    await trio.sleep(settle_s)
+    require_motion(bench.log, began_ns)
+    bound_ms = pair_bound_s(bench.driver, pair) * 1e3
+    expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
+    return told(read(bench.log, expected, began_ns, broken_ns, 0.0, stood_ms), bench.log, began_ns)
+
+
+def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
+    """Whom to send which signal, in turn."""
+    if not pair.members:
+        own = [pid for role, pid in caller.pids().items() if role != "twin"]
+        return [(pid, signal.SIGTERM) for pid in own if "python" in Path(f"/proc/{pid}/comm").read_text()]
+    orders = [(caller.pid(member), SIGNALS[fault]) for member, fault in pair.faults]
+    random.shuffle(orders)
+    return orders

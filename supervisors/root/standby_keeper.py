@@ -1,0 +1,208 @@
+"""Keeps a standby process alive, with a way to the hardware, and says when there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Timing
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.health.failure_detector import FailureDetector
+from strands_actors.kernel.health.heartbeat import Heartbeat
+from strands_actors.kernel.health.processor import suspected
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.processes.child import report_failure
+from strands_actors.kernel.processes.fork import ForkedAhead
+from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.processes.spawner import Spawner
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.messages import Guard, Guarding, LetGo, LetGone, WatchOver
+from strands_actors.supervisors.standby.process import Standby
+from strands_actors.supervisors.standby.watch import look_s, silent_s
+
+ENTRY = "strands_actors.supervisors.standby.process:main"
+START_S = 5.0
+"""From its start to its first heartbeat, on a busy machine."""
+SILENT_S = 0.3
+"""A standby that has not beaten for so long is frozen; nothing that moves depends on it."""
+LET_GO_S = 0.3
+"""For a standby to close its stop channel, before the next wire opens the port: it is ended then."""
+MARGIN_S = 0.3
+"""Of ``Timing.handover_s``: what is left of it when a standby that does not answer is given up."""
+AGAIN_S = (0.0, 0.1, 0.5, 1.0)
+"""Pauses before each further start of one that ends at once; the last one goes on."""
+LONG_S = 5.0
+"""One that lived for so long has not ended at once."""
+ASK_AGAIN_S = 0.005
+
+
+class StandbyKeeper:
+    """``args``: the standby's. ``on_lost(why)``: there is none from now on. ``on_begun``: one has begun, and needs
+    to be given a stop channel."""
+
+    def __init__(
+        self,
+        node: Node,
+        robot: str,
+        args: dict[str, Any],
+        page: int,
+        heartbeat: Heartbeat,
+        timing: Timing,
+        ahead: ForkedAhead,
+        spawner: Spawner,
+    ) -> None:
+        self._node = node
+        self._robot = robot
+        self._args = args
+        self._page = page
+        self._heartbeat = heartbeat
+        self._timing = timing
+        self._ahead: ForkedAhead | None = ahead
+        self._spawner = spawner
+        self._ref: Ref = node.ref(addresses.of(robot).standby, Standby)
+        self._wire: ChildProcess | None = None
+        self._own_pidfd = os.pidfd_open(os.getpid()) if hasattr(os, "pidfd_open") else None
+        self._watching = False
+        self.process: ChildProcess | None = None
+        self.starts = 0
+        self._leaving = False
+        self.on_lost: Callable[[str], None] = lambda _: None
+        self.on_begun: Callable[[], None] = lambda: None
+
+    async def keep(self) -> None:
+        """Until ``end``: a standby, and another when it has ended."""
+        failures = 0
+        while not self._leaving:
+            began_s = trio.current_time()
+            try:
+                process = await self._start()
+            except OSError as error:
+                why = f"no standby can be started: {error}"
+            else:
+                why = await self._attend(process)
+            failures = 1 if trio.current_time() > began_s + LONG_S else failures + 1
+            self.on_lost(why)
+            await trio.sleep(AGAIN_S[min(failures - 1, len(AGAIN_S) - 1)])
+
+    async def _start(self) -> ChildProcess:
+        ahead, self._ahead = self._ahead, None
+        process = None if ahead is None else ahead.start(ENTRY, self._args)
+        if process is None:
+            process = await self._spawner.start(ENTRY, self._args, session=True)
+        self.starts += 1
+        self.process = process
+        return process
+
+    async def _attend(self, process: ChildProcess) -> str:
+        """Return when it has ended, with how."""
+        self._heartbeat.forget()
+        self._watching = False
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._carry, process)
+            nursery.start_soon(self._begin)
+            nursery.start_soon(self._listen, process)
+            code = await process.wait()
+            nursery.cancel_scope.cancel()
+        self.process = None
+        return f"the standby process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+
+    async def _carry(self, process: ChildProcess) -> None:
+        try:
+            await process.link(self._node, channels.of_standby(self._robot)).run()
+        except Exception as error:
+            report_failure("the link to the standby process", error)
+        process.kill()  # nobody could hear it
+
+    async def _listen(self, process: ChildProcess) -> None:
+        """End it when it is silent."""
+        look = look_s(self._timing)
+        clock: Clock = self._node.clock
+        began_ns = clock.now_ns()
+        detector = FailureDetector(max(SILENT_S, silent_s(self._timing)), look, partial(suspected, process.pid))
+        while True:
+            await trio.sleep(look)
+            now_ns = clock.now_ns()
+            detector.heard(self._heartbeat.heard_ns)
+            late = not detector.heard_ns and now_ns - began_ns > START_S * 1e9
+            if late or detector.tick(now_ns):
+                process.kill()
+                return
+
+    # -- what it watches
+
+    def wire_started(self, process: ChildProcess) -> None:
+        self._wire = process
+        if self._watching:
+            with self._told() as message:
+                self._ref.tell(message)
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[WatchOver]:
+        """Whom to watch, now."""
+        wire = self._wire if self._wire is not None and self._wire.alive else None
+        pidfds: list[int] = []
+        with contextlib.suppress(OSError):  # none is free: then it goes by the numbers of the processes
+            if self._own_pidfd is not None:
+                pidfds.append(os.dup(self._own_pidfd))
+                pidfds += () if wire is None else wire.pidfds()
+        try:
+            yield WatchOver(os.getpid(), 0 if wire is None else wire.pid, (self._page, *pidfds))
+        finally:
+            for fd in pidfds:
+                os.close(fd)
+
+    async def _begin(self) -> None:
+        """Tell it whom to watch, as soon as it can be told."""
+        told: ChildProcess | None = None
+        answer: Message | None = None
+        while not isinstance(answer, Guarding) or told is not self._wire:
+            told = self._wire
+            try:
+                with self._told() as message:
+                    answer = await self._ref.ask(message, START_S)
+            except (AskTimeout, Unreachable):
+                await trio.sleep(ASK_AGAIN_S)
+        self._watching = True
+        self.on_begun()
+
+    # -- its stop channel
+
+    async def guard(self, descriptors: Sequence[int]) -> Refused | None:
+        """Give it a way to the hardware; None when it could use that at once. Waits for one that begins."""
+        refusal = Refused("no_standby", "there is no standby process", "wait until another has been started")
+        with trio.move_on_after(self._timing.handover_s - MARGIN_S):
+            while True:
+                if self._watching:
+                    try:
+                        answer = await self._ref.ask(Guard(tuple(descriptors)), self._timing.handover_s)
+                    except (AskTimeout, Unreachable):
+                        pass  # it has ended, and another is started
+                    else:
+                        return answer if isinstance(answer, Refused) else None
+                await trio.sleep(ASK_AGAIN_S)
+        return refusal
+
+    async def let_go(self) -> None:
+        """Return when it has closed its stop channel, or has been ended."""
+        process = self.process
+        if process is None:
+            return
+        try:
+            if isinstance(await self._ref.ask(LetGo(), LET_GO_S), LetGone):
+                return
+        except (AskTimeout, Unreachable):
+            pass
+        await process.fence()
+
+    async def end(self) -> None:
+        """The tree ends: the robot is safe, or has been given up."""
+        self._leaving = True
+        if self.process is not None:
+            await self.process.fence()

@@ -1,0 +1,179 @@
+"""The twin: what a client of others sees, and what its firmware does by itself."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from strands_actors.drivers.crazyflie import protocol as p
+from strands_actors.drivers.crazyflie.protocol import Bit
+from strands_actors.drivers.crazyflie.robots import TABLES
+from strands_actors.drivers.crazyflie.twin.firmware import Firmware
+from strands_actors.testing import Twin
+
+CLIENT = Path(__file__).with_name("crtp_client.py")
+
+
+class Bench:
+    """A firmware in a time of its own."""
+
+    def __init__(self, **options: bool) -> None:
+        self.now_s = 0.0
+        self.notes: list[str] = []
+        self.firmware = Firmware(TABLES.table("crazyflie"), lambda: self.now_s, note=self.notes.append, **options)
+
+    def run(self, seconds: float, packet: bytes = b"") -> None:
+        """Let time pass, 20 packets a second."""
+        for _ in range(round(seconds / 0.05)):
+            if packet:
+                self.firmware.hear(packet)
+            self.now_s += 0.05
+            self.firmware.pass_time()
+
+    def fly(self, height_m: float = 0.5) -> None:
+        self.firmware.hear(p.ARM)
+        self.run(2.5, p.hover(0.0, 0.0, 0.0, height_m))
+        assert self.height_m == pytest.approx(height_m, abs=0.02)
+
+    @property
+    def height_m(self) -> float:
+        return self.firmware.body.xyz_m[2]
+
+    @property
+    def tilt_deg(self) -> float:
+        return math.degrees(self.firmware.body.tilt_rad)
+
+
+def test_a_client_of_others_scans_reads_its_tables_flies_it_and_lands_it(tmp_path: Path) -> None:
+    with Twin("crazyflie", tmp_path) as twin:
+        host, _, port = twin.port.rpartition(":")
+        done = subprocess.run(
+            [sys.executable, "-I", str(CLIENT), host, port], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        kinds = {entry.kind for entry in twin.log.entries() if entry.sender == "host"}
+    seen = json.loads(done.stdout)
+    assert seen["answers_a_scan"] == "ff"
+    assert (seen["name"], seen["protocol"]) == ("Bitcraze Crazyflie", 12)
+    assert {variable for variable, _ in (*p.FLIGHT.variables, *p.PLACE.variables)} <= set(seen["log"])
+    assert "commander.enHighLevel" in seen["parameters"]
+    assert (seen["read"], seen["written"]) == (2, 1)
+    assert seen["block"] == [0, 0]
+    assert not Bit(seen["before"]) & (Bit.ARMED | Bit.FLYING)
+    assert seen["armed"] == [0x81, 1, 1]
+    height, yaw, volts = seen["up"]
+    assert height == pytest.approx(0.5, abs=0.05) and 60 < yaw < 110 and volts == 4.0
+    assert seen["rows"] > 50, "50 rows a second"
+    assert Bit(seen["flying"]).airborne
+    assert seen["land"][:1] == [8] and seen["land"][-1] == 0
+    assert abs(seen["down"][0]) < 0.02
+    assert Bit.TRAJECTORY_FINISHED in Bit(seen["landed"])
+    assert {"poll", "read", "arm", "setpoint", "yield", "safe"} <= kinds
+
+
+def test_it_does_not_move_before_it_is_armed() -> None:
+    bench = Bench()
+    bench.run(1.0, p.hover(0.0, 0.0, 0.0, 0.5))
+    assert abs(bench.height_m) < 0.01 and not bench.firmware.bits.airborne
+
+
+def test_it_moves_as_it_is_told_in_its_own_frame_and_in_the_worlds() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.run(1.0, p.hover(0.0, 0.0, math.pi / 2, 0.5))
+    assert math.degrees(bench.firmware.body.rpy_rad[2]) == pytest.approx(90, abs=15)
+    bench.run(1.0, p.hover(0.4, 0.0, 0.0, 0.5))
+    assert bench.firmware.body.velocity_m_s[1] == pytest.approx(0.4, abs=0.1), "ahead is to the left of the world"
+    bench.run(1.0, p.velocity(0.4, 0.0, 0.2, 0.0))
+    vx, vy, vz = bench.firmware.body.velocity_m_s
+    assert (vx, vy, vz) == (pytest.approx(0.4, abs=0.1), pytest.approx(0.0, abs=0.1), pytest.approx(0.2, abs=0.05))
+
+
+def test_saf_013_without_setpoints_it_levels_out_after_half_a_second_and_cuts_after_two() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.run(0.5, p.hover(0.8, 0.0, 0.0, 0.5))
+    bench.run(0.45)
+    assert bench.notes == []
+    bench.run(0.15)
+    assert bench.notes == ["watchdog: level"]
+    bench.run(0.5)
+    assert bench.tilt_deg < 1.0 and bench.height_m > 0.4
+    bench.run(1.0)
+    assert bench.notes[-1] == "watchdog: motors off"
+    bench.run(1.0)
+    assert abs(bench.height_m) < 0.02
+
+
+def test_what_only_asks_does_not_feed_the_watchdog() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.run(2.2, p.NULL)
+    assert bench.notes == ["watchdog: level", "watchdog: motors off"]
+
+
+def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.firmware.hear(p.YIELD)
+    bench.firmware.hear(p.land(2.0))
+    bench.run(1.0)
+    assert 0.1 < bench.height_m < 0.4 and Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits
+    bench.run(1.5)
+    assert abs(bench.height_m) < 0.02 and bench.tilt_deg < 5.0
+    assert not bench.firmware.motors_on and Bit.TRAJECTORY_FINISHED in bench.firmware.bits
+
+
+def test_a_landing_waits_while_the_last_setpoint_has_it() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.firmware.hear(p.land(2.0))
+    assert Bit.HIGH_LEVEL_ACTIVE not in bench.firmware.bits, "it was not told to yield"
+    bench.firmware.hear(p.YIELD)
+    assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits
+
+
+def test_an_emergency_stop_drops_it_and_only_a_new_boot_unlocks_it() -> None:
+    bench = Bench()
+    bench.fly()
+    assert bench.firmware.hear(p.EMERGENCY_STOP).safe_state == "off"
+    bench.run(1.0)
+    assert abs(bench.height_m) < 0.02
+    bench.firmware.hear(p.ARM)
+    bench.run(1.0, p.hover(0.0, 0.0, 0.0, 0.5))
+    assert abs(bench.height_m) < 0.02 and Bit.LOCKED in bench.firmware.bits
+    bench.firmware.boot()
+    bench.fly()
+
+
+def test_it_notices_that_it_lies_on_its_back() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.firmware.body.tip_over()
+    bench.run(1.0)
+    assert bench.firmware.bits & Bit.TUMBLED and Bit.CRASHED in bench.firmware.bits
+    assert bench.firmware.hear(p.ARM).replies[0][2:] == bytes((0, 1)), "nobody arms it so"
+    assert not bench.firmware.motors_on
+
+
+@pytest.mark.parametrize(
+    "packet", [b"", bytes(40), b"\x7c\x0a\0", b"\x7c", b"\x9c", b"\x8c\x08", b"\x5c\x02", b"\x2d\xff\xff"]
+)
+def test_a_malformed_packet_is_logged_as_such_and_not_obeyed(packet: bytes) -> None:
+    bench = Bench()
+    assert bench.firmware.hear(packet).kind == "garbled"
+    assert not bench.firmware.motors_on
+
+
+def test_a_log_block_that_cannot_be_is_refused() -> None:
+    firmware = Bench().firmware
+    assert firmware.hear(p.encode(5, 1, b"\6\1" + b"\7\xff\xff")).replies[0][-1] == 2
+    assert firmware.hear(p.encode(5, 1, b"\6\1" + 7 * b"\7\3\0")).replies[0][-1] == 7
+    assert firmware.hear(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == 0
+    assert firmware.hear(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == p.EXISTS
+    assert firmware.hear(p.encode(5, 1, b"\3\2\5")).replies[0][-1] == 2

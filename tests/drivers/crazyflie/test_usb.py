@@ -1,0 +1,139 @@
+"""A radio and a USB port, with a stand-in for pyusb and the twin behind it. Nobody has seen this on hardware."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import json_of, state, until
+
+STANDIN = str(Path(__file__).with_name("standin"))
+RADIO = "radio://0/80/2M/E7E7E7E7E7"
+SLACK_S = 1.0
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("crazyflie", tmp_path) as process:
+        yield process
+
+
+@pytest.fixture
+def events(tmp_path: Path, twin: Twin, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What the stand-in notes; the processes of the tree find it where pyusb would be."""
+    path = tmp_path / "usb"
+    path.touch()
+    config = {"twin": twin.port, "events": str(path), "devices": ["radio", "usb"]}
+    monkeypatch.setenv("CRAZYFLIE_STANDIN", json.dumps(config))
+    monkeypatch.syspath_prepend(STANDIN)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
+    return path
+
+
+def noted(events: Path) -> list[tuple[str, object]]:
+    return [(what, value) for what, value in map(json.loads, events.read_text().splitlines())]
+
+
+def fly(robot: RealRobot) -> None:
+    until(lambda: robot.connect_eagerly() is None, "it is connected")
+    json_of(robot.takeoff(height=0.4, duration=1.0))
+    for _ in range(10):
+        json_of(robot.send_action({"vx": 0.2, "z": 0.4}))
+        time.sleep(0.05)
+
+
+def pid(robot: RealRobot, role: str) -> int:
+    tree = robot.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+@pytest.mark.parametrize("port", [RADIO, "usb://0"])
+def test_it_flies_and_lands_over_usb(events: Path, twin: Twin, run_dir: Path, port: str) -> None:
+    with Robot("crazyflie", mode="real", port=port) as robot:
+        fly(robot)
+        assert ("claimed", pid(robot, "wire")) in noted(events), "the wire process alone has it"
+        began_ns = time.monotonic_ns()
+        stopped = json_of(robot.stop())
+        assert (stopped["safe_state"], stopped["path"]) == ("land", "wire")
+        safe = until(lambda: twin.log.first_safe(began_ns), "a safe frame")
+        assert (safe.t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+        twin.log.no_setpoint_after_safe(began_ns)
+    settings = dict(noted(events))
+    if port == RADIO:
+        assert (settings["channel"], settings["rate"], settings["address"]) == (80, 2, "e7e7e7e7e7")
+    else:
+        assert settings["request 1"] == 1
+
+
+def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the_radio(
+    events: Path, twin: Twin, run_dir: Path
+) -> None:
+    with Robot("crazyflie", mode="real", port=RADIO) as robot:
+        fly(robot)
+        root = pid(robot, "root")
+        began_ns = time.monotonic_ns()
+        os.kill(pid(robot, "wire"), signal.SIGKILL)
+
+        def landing() -> bool:
+            return any(one.safe_state == "land" for one in twin.log.host("safe", began_ns))
+
+        until(landing, "a landing")
+        assert not twin.log.host("setpoint", began_ns + 100_000_000)
+        until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+        claimed = [value for what, value in noted(events) if what == "claimed"]
+        assert len(set(claimed)) >= 3 and root not in claimed, "wire, stop process, the next wire"
+
+
+def test_an_unplugged_dongle_is_noticed(events: Path, twin: Twin, run_dir: Path) -> None:
+    with Robot("crazyflie", mode="real", port=RADIO) as robot:
+        fly(robot)
+        gone = Path(f"{events}.unplugged")
+        gone.touch()
+        until(lambda: state(robot) in ("lost", None), "it is noticed")
+        gone.unlink()
+        until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+
+
+def test_without_pyusb_the_line_that_installs_it_is_named(run_dir: Path) -> None:
+    hidden = "import sys; sys.modules['usb'] = sys.modules['usb.core'] = None\n"
+    script = hidden + (
+        "import trio\n"
+        "from strands_actors.contract.driver import WireDown\n"
+        "from strands_actors.drivers.crazyflie.config import parse_port\n"
+        "from strands_actors.drivers.crazyflie.usb_links import open_usb_link\n"
+        "try:\n"
+        f"    trio.run(open_usb_link, parse_port({RADIO!r}))\n"
+        "except WireDown as down:\n"
+        "    print(down)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "pip install 'strands-actors[crazyflie]'" in done.stdout
+
+
+def test_neither_the_root_nor_a_udp_drone_loads_pyusb() -> None:
+    script = (
+        "from strands_actors.drivers.crazyflie.driver import Crazyflie\n"
+        "from strands_actors.kernel.clock import MonotonicClock\n"
+        f"driver = Crazyflie('crazyflie', {RADIO!r}, {{}})\n"
+        "driver.preload(); driver.preload_wire()\n"
+        "driver.stop_channel((), MonotonicClock())\n"
+        "import sys\nprint(*sys.modules)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "strands_actors.drivers.crazyflie.stop_channel" in loaded
+    assert [name for name in ("usb", "numpy", "mujoco") if name in loaded] == []

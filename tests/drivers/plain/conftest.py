@@ -1,0 +1,62 @@
+"""A small arm on a pseudo-terminal, and robots on it by a class of the user's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot, drivers
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers import list_native_drivers, register_native_driver, register_robot
+
+from .rig import SmallArm
+
+NewRobot = Callable[..., RealRobot]
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test registers is forgotten after it."""
+    list_native_drivers()
+    for name in ("_registered", "_aliases", "_robots"):
+        monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
+    register_robot("small_arm")
+
+
+@pytest.fixture
+def small_arm(tmp_path: Path) -> Iterator[SmallArm]:
+    with SmallArm(tmp_path / "port") as arm:
+        yield arm
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    """The file that says what the class shall do wrong."""
+    return tmp_path / "wrong"
+
+
+@pytest.fixture
+def new_robot(registry: None, small_arm: SmallArm, wrong: Path) -> Iterator[NewRobot]:
+    """Make a robot of a class, and connect it."""
+    made: list[RealRobot] = []
+
+    def new(cls: type[Any], **keywords: Any) -> RealRobot:
+        register_native_driver("small_arm", cls, overwrite=True)
+        robot = Robot("small_arm", mode="real", port=small_arm.port, wrong=str(wrong), **keywords)
+        made.append(robot)
+        assert robot.connect_eagerly() is None
+        return robot
+
+    yield new
+    small_arm.answers = True
+    wrong.unlink(missing_ok=True)
+    for robot in made:
+        robot.cleanup()
+
+
+@pytest.fixture
+def small_port(small_arm: SmallArm) -> str:
+    return small_arm.port

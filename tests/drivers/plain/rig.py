@@ -1,0 +1,70 @@
+"""A small serial robot on a pseudo-terminal, with a log of what it was told, and when."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+import tty
+from pathlib import Path
+from typing import Any, NamedTuple
+
+
+class Line(NamedTuple):
+    t_ns: int
+    text: str
+
+
+class SmallArm:
+    """Two joints. It moves as it was last told, whatever becomes of who told it. ``port``: a path
+    of its own, which ends with it: the next terminal may have the same number."""
+
+    def __init__(self, port: Path) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        port.symlink_to(os.ttyname(self._slave))
+        self.port = str(port)
+        self.log: list[Line] = []
+        self.answers = True
+        self._joints = {"pan.pos": 1.5, "lift.pos": -2.5}
+        self._over = False
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def __enter__(self) -> SmallArm:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.unlink(self.port)
+        self._over = True
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def said(self, word: str, since_ns: int = 0) -> list[Line]:
+        return [line for line in list(self.log) if line.text.split()[0] == word and line.t_ns >= since_ns]
+
+    def _serve(self) -> None:
+        heard = b""
+        while not self._over:
+            if not select.select([self._master], [], [], 0.05)[0]:
+                continue
+            *lines, heard = (heard + os.read(self._master, 4096)).split(b"\n")
+            for line in lines:
+                self._take(line.decode())
+
+    def _take(self, text: str) -> None:
+        self.log.append(Line(time.monotonic_ns(), text))
+        word, *rest = text.split()
+        if word == "goal":
+            self._joints |= {key: float(value) for key, value in (pair.split("=") for pair in rest)}
+        answer = " ".join(str(value) for value in self._joints.values()) if word == "read" else "ok"
+        if self.answers:
+            os.write(self._master, answer.encode() + b"\n")
+
+
+def pid_of(robot: Any, role: str) -> int:
+    """Return the process of a robot that has a role."""
+    (pid,) = (process["pid"] for process in robot.tree()["processes"] if process["role"] == role)
+    return int(pid)

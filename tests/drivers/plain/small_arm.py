@@ -1,0 +1,139 @@
+"""A driver class as the drivers page describes one: plain members, a serial port, nothing of this
+package.
+
+Its robot is ``SmallArm`` of ``rig``. What the class shall do wrong stands in a file, which it reads
+before each call.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import serial
+
+
+class SmallArmDriver:
+    PORT_KIND = "serial"
+    tool_name = ""
+    tool_type = "robot"
+    tool_spec: dict[str, Any] = {}  # noqa: RUF012
+
+    def __init__(
+        self,
+        tool_name: str,
+        port: str = "",
+        cameras: Any = None,
+        data_config: Any = None,
+        wrong: str = "",
+        **more: Any,
+    ) -> None:
+        self.tool_name, self.data_config, self.more = tool_name, data_config, more
+        self._port, self._wrong = port, Path(wrong) if wrong else None
+        self._serial: serial.Serial | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        return self._serial is not None
+
+    def connect_eagerly(self) -> str | None:
+        self._misbehave("connect")
+        if self._serial is None:
+            try:
+                self._serial = serial.Serial(self._port, timeout=0.2, exclusive=True)
+            except OSError as error:
+                return f"{self._port} cannot be opened ({error})"
+        return None
+
+    def get_observation(self) -> dict[str, Any]:
+        self._misbehave("read")
+        words = self._ask("read").split()
+        return {
+            "pan.pos": float(words[0]),
+            "lift.pos": float(words[1]),
+            "pan.vel": 0.0,
+            "on": True,
+            "name": self.tool_name,
+        }
+
+    def send_action(self, action: dict[str, Any], robot_name: str | None = None) -> dict[str, Any]:
+        self._misbehave("send")
+        if action.get("lift.pos", 0.0) > 80.0:
+            return {"status": "error", "content": [{"text": "lift does not go that far"}]}
+        self._ask("goal " + " ".join(f"{key}={value}" for key, value in sorted(action.items())))
+        return {"status": "success", "content": [{"json": {"sent": action}}]}
+
+    async def stop(self) -> dict[str, Any]:
+        if self._wrong_now() == "stop is not done":
+            return {"status": "error", "content": [{"json": {"stopped": False, "reason": "a thread hangs"}}]}
+        self._misbehave("stop")
+        self._ask("stop")
+        return {"status": "success", "content": [{"json": {"stopped": True}}]}
+
+    async def get_status(self) -> dict[str, Any]:
+        return {}
+
+    def cleanup(self) -> None:
+        if self._serial is not None:
+            self._ask("bye")
+            self._serial.close()
+            self._serial = None
+
+    def get_task_status(self) -> dict[str, Any]:
+        return {}
+
+    def run_policy(
+        self, policy: Any, instruction: str = "", duration: float = 30.0, n_steps: int | None = None
+    ) -> Any:
+        return {}
+
+    def stop_task(self) -> dict[str, Any]:
+        return {}
+
+    async def stream(self, tool_use: Any, invocation_state: Any, **more: Any) -> Any:
+        yield {}
+
+    def _ask(self, line: str) -> str:
+        assert self._serial is not None, "not connected"
+        self._serial.write(line.encode() + b"\n")
+        answer = self._serial.readline().decode()
+        if not answer:
+            raise TimeoutError("the arm does not answer")
+        return answer
+
+    def _wrong_now(self) -> str:
+        return self._wrong.read_text() if self._wrong is not None and self._wrong.exists() else ""
+
+    def _misbehave(self, call: str) -> None:
+        what = self._wrong_now()
+        if what == f"{call} hangs":
+            time.sleep(60.0)
+        elif what == f"{call} raises":
+            raise RuntimeError("the bus is upset")
+        elif what == f"{call} dies":
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+class DeclaredArmDriver(SmallArmDriver):
+    """Says which axes it has, and how far they go."""
+
+    action_features = {"pan.pos": float, "lift.pos": float, "top": (480, 640, 3)}  # noqa: RUF012
+    action_limits = {"pan": (-90.0, 90.0)}  # noqa: RUF012
+    action_speeds = {"pan.pos": 60.0}  # noqa: RUF012
+    action_units = "degrees"
+
+    @staticmethod
+    def stop_channel(port: str) -> None:
+        with serial.Serial(port, timeout=0.2) as line:
+            line.write(b"halt\n")
+            line.readline()
+
+
+class SilentArmDriver(SmallArmDriver):
+    """Says nothing of its axes in any way."""
+
+    def get_observation(self) -> dict[str, Any]:
+        return {"on": True}

@@ -1,0 +1,79 @@
+"""What a class says of its axes, and what its answers mean."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy
+import pytest
+
+from strands_actors.drivers.plain.members import declared_by, failure_of, keys_of, number
+
+
+class Says:
+    def __init__(self, **members: Any) -> None:
+        self.__dict__.update(members)
+
+
+def test_axes_are_those_of_the_features_without_pictures() -> None:
+    features = {"pan.pos": float, "x.vel": float, "front": (480, 640, 3)}
+    assert declared_by(Says(action_features=features), "Arm").keys == ("pan.pos", "x.vel")
+    assert declared_by(Says(action_features=["a", "b"]), "Arm").keys == ("a", "b")
+
+
+def test_a_property_of_a_class_is_asked_of_an_object() -> None:
+    class Lazy:
+        @property
+        def action_features(self) -> dict[str, type]:
+            return {"pan": float}
+
+    assert declared_by(Lazy, "Lazy").keys == ()
+    assert declared_by(Lazy(), "Lazy").keys == ("pan",)
+
+
+@pytest.mark.parametrize(
+    ("members", "text"),
+    [
+        ({"action_features": "pan"}, "Arm.action_features is 'pan'. Give a mapping of keys, or the keys"),
+        ({"action_features": {1: float}}, "Arm.action_features has the key 1. Keys are text"),
+        ({"action_limits": 5}, "Arm.action_limits is 5. Give a mapping of keys"),
+        ({"action_limits": {"pan": (1.0, -1.0)}}, r"Arm.action_limits\['pan'\] is \(1.0, -1.0\)"),
+        ({"action_limits": {"pan": (-math.inf, 1.0)}}, "Give the lowest and the highest, finite"),
+        ({"action_speeds": {"pan": 0.0}}, "Give a finite number above 0"),
+        ({"action_lifetime_s": True}, "Arm.action_lifetime_s is True"),
+        ({"control_hz": 1000}, "Arm.control_hz is 1000. Give at most 250"),
+    ],
+)
+def test_saf_014_what_is_declared_wrongly_is_refused(members: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        declared_by(Says(**members), "Arm")
+
+
+def test_of_an_observation_positions_are_axes_else_every_number() -> None:
+    assert keys_of({"a.pos": 1.0, "a.vel": 2.0, "temperature": 40}) == ("a.pos",)
+    assert keys_of({"x": 1, "y": numpy.float32(2.0), "on": True, "name": "arm", "picture": [1]}) == ("x", "y")
+    assert keys_of({"x": math.nan}) == ()
+
+
+def test_numbers_of_any_library_are_numbers() -> None:
+    assert (number(numpy.int64(3)), number(numpy.float32(0.5)), number(numpy.bool_(True))) == (3.0, 0.5, None)
+
+
+@pytest.mark.parametrize(
+    ("answer", "failure"),
+    [
+        (None, ""),
+        (True, ""),
+        (False, "it answered False"),
+        ("done", ""),
+        ({"status": "success", "content": [{"json": {"stopped": True}}]}, ""),
+        ({"status": "success", "content": [{"json": {"stopped": False, "reason": "busy"}}]}, "busy"),
+        ({"status": "error", "content": [{"text": "move: no. yes"}]}, "move: no. yes"),
+        ({"status": "error", "content": [{"json": {"stopped": False, "reason": "hangs"}}]}, "hangs"),
+        ({"status": "error"}, "it answered with an error"),
+        ({"status": "error", "content": 7}, "it answered with an error"),
+    ],
+)
+def test_an_answer_is_a_success_unless_it_says_otherwise(answer: Any, failure: str) -> None:
+    assert failure_of(answer) == failure

@@ -1,0 +1,28 @@
+"""Reachy keeps what every driver must, its kill cells on the twin included; and its simulation moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.drivers.reachy.driver import Reachy
+from strands_actors.testing import conformance
+from tests.answers import json_of, until, why
+
+
+@pytest.mark.parametrize("check", conformance(Reachy), ids=str)
+def test_reachy_conforms(check: object) -> None:
+    assert callable(check)
+    check()
+
+
+def test_a_simulated_reachy_moves_what_it_is_told(run_dir: Path) -> None:
+    with Robot("reachy_mini") as sim:
+        json_of(sim.send_action({"head_yaw": 30.0, "antenna_left": -45.0, "head_z": 10.0}))
+        until(lambda: abs(sim.get_observation()["antenna_left"] + 45.0) < 0.1, "it is there")
+        seen = sim.get_observation()
+        assert (seen["head_yaw"], seen["head_z"]) == pytest.approx((30.0, 10.0), abs=0.1)
+        assert "finite" in why(sim.send_action({"head_yaw": float("nan")}))
+        json_of(sim.stop())

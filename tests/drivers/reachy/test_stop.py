@@ -1,0 +1,225 @@
+"""How Reachy is brought to a safe state, wherever it may be: on twins in this process, judged by their robots."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from itertools import count
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
+from strands_actors.drivers.reachy import protocol as p
+from strands_actors.drivers.reachy.body import Move
+from strands_actors.drivers.reachy.config import ReachyConfig
+from strands_actors.drivers.reachy.driver import Reachy
+from strands_actors.drivers.reachy.stop import ReachyStopChannel, frames
+from strands_actors.drivers.reachy.twin import ReachyTwin, serve_twin
+from strands_actors.drivers.reachy.wire import ReachyWire
+from strands_actors.kernel.clock import MonotonicClock
+
+FAR = (0.0,) * 7 + (120.0, 120.0)
+NOWHERE = "127.0.0.1:9"
+NUMBERS = count()
+
+
+@asynccontextmanager
+async def daemon() -> AsyncIterator[tuple[ReachyTwin, TcpServer]]:
+    """A twin that plays a long move."""
+    twin = ReachyTwin("reachy_mini")
+    server = serve_twin(twin, WireLog(None))
+    async with trio.open_nursery() as nursery:
+        server.plug()
+        nursery.start_soon(server.serve)
+        twin.body.play(Move(f"b9cbfc2f-79b0-4181-bce4-{next(NUMBERS):012}", [(FAR, 9.0)]))
+        with trio.fail_after(20):
+            yield twin, server
+        nursery.cancel_scope.cancel()
+    server.close()
+
+
+def config(*places: str) -> ReachyConfig:
+    driver = Reachy("reachy_mini", "", {})
+    return msgspec.structs.replace(driver.config, places=places)
+
+
+def channel(*places: str) -> ReachyStopChannel:
+    return ReachyStopChannel(config(*places), (), MonotonicClock())
+
+
+class Free:
+    """A permit. ``checks``: how often it was asked before it is denied."""
+
+    def __init__(self, checks: int = 1000) -> None:
+        self.left = checks
+
+    def check(self) -> None:
+        if self.left <= 0:
+            raise PermitDenied("denied")
+        self.left -= 1
+
+
+@pytest.mark.parametrize("safe_state", ["hold", "limp"])
+def test_saf_005_the_channel_finds_the_daemon_that_was_searched_for(safe_state: str) -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.tracking = True
+            reports = await channel(NOWHERE, server.address).make_safe(safe_state)
+            assert len(reports) == 9 and all(one.written and one.acknowledged and one.safe for one in reports)
+            assert twin.body.move is None and not twin.tracking
+            assert twin.body.mode == ("disabled" if safe_state == "limp" else "enabled")
+
+    trio.run(main)
+
+
+def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named() -> None:
+    async def main() -> None:
+        async with daemon() as (one, first), daemon() as (two, second):
+            reports = await channel(first.address, second.address).make_safe("hold")
+            assert all(report.safe for report in reports)
+            assert one.body.move is None and two.body.move is None
+            two.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
+            second.freeze(3.0)
+            reports = await channel(first.address, second.address).make_safe("hold")
+            assert all(report.safe for report in reports), "what takes no connection may be no daemon"
+
+    trio.run(main)
+
+
+def test_saf_005_nothing_there_and_an_address_that_is_none() -> None:
+    async def main() -> None:
+        for place, why in ((NOWHERE, "cannot connect"), ("http://a/b", "It speaks no https")):
+            reports = await channel(place).make_safe("hold")
+            assert not any(one.written or one.safe for one in reports) and why in reports[0].detail
+
+    trio.run(main)
+
+
+def test_saf_005_torque_that_stays_on_is_no_limp_robot() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.set_mode = lambda mode: None  # type: ignore[method-assign]
+            reports = await channel(server.address).make_safe("limp")
+            assert all(one.written and not one.safe for one in reports)
+            assert reports[0].detail == "not confirmed: the motors are enabled"
+
+    trio.run(main)
+
+
+def test_an_estop_takes_torque_first() -> None:
+    assert frames("limp")[0] == p.MOTORS_OFF and frames("hold")[0] == p.STOP_MOVE
+    assert set(frames("limp")) == {*frames("hold"), p.MOTORS_OFF}
+
+
+# -- the wire
+
+
+@asynccontextmanager
+async def wired(*places: str) -> AsyncIterator[ReachyWire]:
+    wire = ReachyWire(config(*places), MonotonicClock())
+    await wire.open()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(wire.serve)
+        yield wire
+        nursery.cancel_scope.cancel()
+    wire.close()
+
+
+def test_the_first_daemon_that_answers_is_it() -> None:
+    async def main() -> None:
+        async with daemon() as (_, server):
+            wire = ReachyWire(config(NOWHERE, server.address), MonotonicClock())
+            facts = await wire.open()
+            assert facts["service"] == f"http://{server.address}" and facts["hardware"] == "Wireless"
+            wire.close()
+            with pytest.raises(WireDown, match=r"127\.0\.0\.1:9: cannot connect"):
+                await ReachyWire(config(NOWHERE), MonotonicClock()).open()
+
+    trio.run(main)
+
+
+@pytest.mark.parametrize(
+    ("status", "says"),
+    [
+        ({"state": "stopped"}, "the daemon is stopped. Start it"),
+        ({"state": "running", "error": "no motor answers"}, r"the daemon is running \(no motor answers\)"),
+        ({"state": 3}, "no state"),
+    ],
+)
+def test_a_daemon_that_does_not_run_is_named(status: dict[str, object], says: str) -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin._status = lambda: status  # type: ignore[method-assign]
+            with pytest.raises(WireDown, match=says):
+                await ReachyWire(config(server.address), MonotonicClock()).open()
+
+    trio.run(main)
+
+
+@pytest.mark.parametrize("duration_s", [0.0, 2.0])
+def test_saf_001_a_denied_setpoint_is_not_written(duration_s: float) -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            async with wired(server.address) as wire:
+                with pytest.raises(PermitDenied):
+                    await wire.write((*FAR, duration_s), Free(0))
+                with pytest.raises(PermitDenied):
+                    await wire.perform("wake", {}, Free(0))
+                await trio.sleep(0.1)
+                assert twin.body.move is None and twin.body.target == (0.0,) * 9
+                await wire.write((*FAR, duration_s), Free())
+                await trio.sleep(0.1)
+                assert twin.body.target != (0.0,) * 9
+
+    trio.run(main)
+
+
+def test_saf_010_a_command_waits_for_the_answer_to_the_one_before() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            async with wired(server.address) as wire:
+                server.freeze(0.3)
+                await wire.write((*FAR, 0.0), Free())
+                with pytest.raises(PermitDenied, match="has not been answered"):
+                    await wire.write((*FAR, 0.0), Free())
+
+    trio.run(main)
+
+
+def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemon() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            wire = ReachyWire(config(server.address), MonotonicClock())
+            await wire.open()
+            async with trio.open_nursery() as nursery:
+                await nursery.start(wire.serve)
+                server.freeze(0.25)
+                await wire.write((*FAR, 9.0), Free())
+                reports = await wire.make_safe("hold")
+                assert all(one.safe for one in reports), reports[0].detail
+                assert twin.body.move is None and twin.body.ended == []
+                here = twin.body.here
+                await trio.sleep(0.3)
+                assert twin.body.here == pytest.approx(here, abs=0.5)
+                nursery.cancel_scope.cancel()
+            wire.close()
+
+    trio.run(main)
+
+
+def test_saf_012_frames_that_are_no_state_do_not_count() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server), wired(server.address) as wire:
+            await wire.read()
+            twin.set_fault(Fault.GARBAGE)
+            await trio.sleep(1.3)
+            with pytest.raises(WireDown, match=r"no daemon frame for 1 s \(no JSON"):
+                await wire.read()
+
+    trio.run(main)

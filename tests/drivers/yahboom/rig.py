@@ -1,0 +1,170 @@
+"""For the wire in virtual time: the twin's rosbridge behind WebSockets in memory."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import trio
+
+from strands_actors.contract.driver import Candidate, GateState, Observation, WireDown
+from strands_actors.drivers.yahboom.config import YahboomConfig
+from strands_actors.drivers.yahboom.driver import Yahboom
+from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
+from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
+from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
+from strands_actors.drivers.yahboom.wire import YahboomWire
+from strands_actors.kernel.clock import Clock, VirtualClock
+from strands_actors.kernel.messages import Refused
+
+NOW_NS = 10**12
+KNOWN = (0.0,) * 9
+
+
+class Taken(NamedTuple):
+    """One operation that the bridge took."""
+
+    t_s: float
+    kind: str
+    text: str
+    connection: int
+
+
+class World:
+    """One robot behind its rosbridge. ``options``: of its twin, and ``driver`` of the driver."""
+
+    def __init__(self, driver: dict[str, Any] | None = None, **options: Any) -> None:
+        self.twin = M3ProTwin("yahboom_m3pro", trio.current_time, **options)
+        self.taken: list[Taken] = []
+        self.sockets: list[MemorySocket] = []
+        self.frozen = False  # the bridge takes nothing, and says nothing, for now
+        self.gone = False
+        self.mute: set[str] = set()  # topics that are silent
+        self.answer_s = 0.0  # how late everything is heard that the bridge says
+        self.loses = False  # every second answer to a call is lost
+        self.denies = False  # rosapi is gone: its services are refused
+        self.driver = Yahboom("yahboom_m3pro", "192.0.2.1", driver or {})
+
+    def link(self) -> RosbridgeLink:
+        return RosbridgeLink(self.driver.config, VirtualClock(), self.open_socket)
+
+    def wire(self) -> YahboomWire:
+        return YahboomWire(self.driver.config, VirtualClock(), self.link(), self.link())
+
+    def stop_channel(self) -> YahboomStopChannel:
+        return ChannelTo(self.link, self.driver.config, VirtualClock())
+
+    async def open_socket(self, host: str, port: int, /, *, within_s: float) -> MemorySocket:
+        assert (host, port) == ("192.0.2.1", 9090)
+        await trio.sleep(0.001)
+        if self.gone:
+            raise WireDown("192.0.2.1:9090: cannot connect")
+        self.sockets.append(MemorySocket(self, len(self.sockets)))
+        return self.sockets[-1]
+
+    def thaw(self) -> None:
+        """Let the bridge take what has waited, each connection's in its order."""
+        self.frozen = False
+        for socket in self.sockets:
+            socket.take_waiting()
+
+    def kinds(self, *kinds: str) -> list[str]:
+        return [one.kind for one in self.taken if one.kind in (kinds or ("setpoint", "safe"))]
+
+
+class ChannelTo(YahboomStopChannel):
+    """A stop channel on links of the test's."""
+
+    def __init__(self, new_link: Callable[[], StopLink], config: YahboomConfig, clock: Clock) -> None:
+        super().__init__(config, (), clock)
+        self._new_link = new_link
+
+    def new_link(self) -> StopLink:
+        return self._new_link()
+
+
+class MemorySocket:
+    def __init__(self, world: World, number: int) -> None:
+        self.name = "192.0.2.1:9090"
+        self._world = world
+        self._number = number
+        self._session = Session(world.twin.graph, self._say)
+        self._waiting: list[str] = []
+        self._told: deque[tuple[float, str]] = deque()
+        self._lost = False
+        self.is_open = True
+
+    def send(self, message: str) -> None:
+        self._check()
+        self._waiting.append(message)
+        if not self._world.frozen:
+            self.take_waiting()
+
+    def take_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for text in waiting:
+            kind, _ = self._session.take(text)
+            self._world.taken.append(Taken(trio.current_time(), kind, text, self._number))
+
+    async def receive(self) -> str | bytes:
+        while True:
+            await trio.sleep(0.001)
+            self._check()
+            if not self._world.frozen:
+                self._session.publish(trio.current_time())
+                if self._told and self._told[0][0] <= trio.current_time():
+                    return self._told.popleft()[1]
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def _say(self, text: str) -> None:
+        if not any(f'"publish","topic":"{topic}"' in text for topic in self._world.mute):
+            if self._world.loses and '"service_response"' in text:
+                self._lost = not self._lost
+                if self._lost:
+                    return
+            if self._world.denies:
+                text = text.replace('"result":true', '"result":false')
+            self._told.append((trio.current_time() + self._world.answer_s, text))
+
+    def _check(self) -> None:
+        if self._world.gone:
+            self.is_open = False
+        if not self.is_open:
+            raise WireDown("192.0.2.1:9090: the WebSocket is closed")
+
+
+def driver(**options: Any) -> Yahboom:
+    return Yahboom("yahboom_m3pro", "192.0.2.1", Yahboom.resolve("yahboom_m3pro", options))
+
+
+def state(
+    target: tuple[float, ...] = KNOWN, live_until_ns: int = 0, age_ns: int = 0, now_ns: int = NOW_NS
+) -> GateState:
+    seen = Observation(now_ns - age_ns, KNOWN, (now_ns - age_ns,) * 9)
+    return GateState(now_ns, seen, target, now_ns, False, 0.0, live_until_ns)
+
+
+def answer(action: dict[str, Any], at: GateState | None = None, **options: Any) -> Candidate | Refused:
+    """Return what the driver makes of an action: as the gate asks."""
+    robot, at = driver(**options), at or state()
+    candidate = robot.parse(action, at)
+    if isinstance(candidate, Candidate):
+        for gate in robot.gates:
+            if (refusal := gate(candidate, at)) is not None:
+                return refusal
+    return candidate
+
+
+def accepted(action: dict[str, Any], at: GateState | None = None, **options: Any) -> Candidate:
+    found = answer(action, at, **options)
+    assert isinstance(found, Candidate), found
+    return found
+
+
+def refused(action: dict[str, Any], at: GateState | None = None, **options: Any) -> Refused:
+    found = answer(action, at, **options)
+    assert isinstance(found, Refused), found
+    return found

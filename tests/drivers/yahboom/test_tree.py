@@ -1,0 +1,309 @@
+"""A real robot on the twin: stops, lifetimes, the arm, the operator, a hung bridge. Safety is
+read in the twin's log."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.yahboom import messages as m
+from strands_actors.kernel.processes.guard import ALLOW, ALLOW_TOPICS
+from strands_actors.surfaces.mesh import estop
+from strands_actors.testing import Twin
+from strands_actors.testing.wirelog import Entry
+from tests.answers import json_of, state, status, until, why
+
+SLACK_S = 0.4
+"""For a machine that runs other tests meanwhile."""
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("yahboom_m3pro", tmp_path) as process:
+        yield process
+
+
+@pytest.fixture
+def m3(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    robot = Robot("yahboom_m3pro", mode="real", port=f"ws://{twin.port}")
+    try:
+        until(lambda: robot.connect_eagerly() is None, "it is connected")
+        yield robot
+    finally:
+        robot.cleanup()
+
+
+def message(entry: Entry) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(entry.data)["msg"]
+    return found
+
+
+def of(entries: list[Entry], topic: str) -> list[dict[str, Any]]:
+    return [message(entry) for entry in entries if json.loads(entry.data)["topic"] == topic]
+
+
+def pid(robot: RealRobot, role: str) -> int:
+    tree = robot.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+def drive(robot: RealRobot, twin: Twin, **speeds: float) -> int:
+    """Send a twist and see it on the wire; when."""
+    began_ns = time.monotonic_ns()
+    if state(robot) not in ("armed", "holding"):
+        until(lambda: robot.resume()["status"] == "success", "it is armed")
+    json_of(robot.send_action({"linear.x": 0.0, **{key.replace("_", "."): value for key, value in speeds.items()}}))
+    until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
+    return began_ns
+
+
+def first_safe(twin: Twin, since_ns: int) -> Entry:
+    return until(lambda: twin.log.first_safe(since_ns), "a safe frame")
+
+
+def test_saf_001_a_twist_is_repeated_for_its_lifetime_and_ends_in_zero(m3: RealRobot, twin: Twin) -> None:
+    began_ns = drive(m3, twin, linear_x=0.5, angular_z=-1.0)
+    zero = first_safe(twin, began_ns)
+    assert 0.25 < (zero.t_ns - began_ns) / 1e9 < 0.35 + SLACK_S
+    sent = of(twin.log.host("setpoint", began_ns), m.CMD_VEL)
+    assert 2 <= len(sent) <= 4, "10 Hz while it lives"
+    assert all(one == m.twist_message(m.Twist(0.5, 0.0, -1.0)) for one in sent)
+    time.sleep(0.4)
+    twin.log.no_setpoint_after_safe(began_ns)
+    assert state(m3) == "holding"
+    drive(m3, twin, linear_x=0.1)  # a late writer may go on
+
+
+def test_saf_001_the_arm_keeps_the_twist_and_does_not_prolong_it(m3: RealRobot, twin: Twin) -> None:
+    began_ns = drive(m3, twin, linear_x=0.5)
+    for arm in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
+        time.sleep(0.05)
+        m3.send_action({"arm1": arm})
+    time.sleep(0.5)
+    sent = twin.log.host("setpoint", began_ns)
+    moving = [one for one in sent if json.loads(one.data)["topic"] == m.CMD_VEL and message(one)["linear"]["x"]]
+    assert (moving[-1].t_ns - began_ns) / 1e9 <= 0.3 + 0.1
+    arm_goals = [one for one in sent if json.loads(one.data)["topic"] == m.ARM]
+    assert any(one.t_ns < moving[-1].t_ns for one in arm_goals), "the arm moved while it drove"
+
+
+def test_an_arm_goal_goes_out_once_in_whole_degrees_and_the_others_stay(m3: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    told = json_of(m3.send_action({"arm1.pos": 0.5, "time_ms": 400}))
+    assert told == {"arm_deg": [119, 120, 0, 0, 90, 180], "time_ms": 400}
+    until(lambda: m3.get_observation()["arm1"] == pytest.approx(0.506, abs=0.01), "it is there")
+    time.sleep(0.3)
+    goals = of(twin.log.host("setpoint", began_ns), m.ARM)
+    assert goals == [m.arm_message(m.ArmGoal((119, 120, 0, 0, 90, 180), 400))]
+    assert of(twin.log.host("setpoint", began_ns), m.CMD_VEL) == [], "and nothing is told the base"
+
+
+def test_saf_005_a_stop_is_repeated_until_odometry_shows_that_it_stands(m3: RealRobot, twin: Twin) -> None:
+    drive(m3, twin, linear_x=1.0)
+    time.sleep(0.2)
+    began_ns = time.monotonic_ns()
+    stopped = json_of(m3.stop())
+    assert stopped["safe_state"] == "zero" and len(stopped["motors"]) == 9
+    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    zeros = twin.log.host("safe", began_ns)
+    assert len(zeros) >= 3
+    assert all(message(one) == m.twist_message(m.REST, stop=True) for one in zeros)
+    twin.log.no_setpoint_after_safe(began_ns)
+    assert "call resume() first" in why(m3.send_action({"linear.x": 0.1}))
+    json_of(m3.resume())
+    assert twin.log.host("setpoint", began_ns) == [], "a resume moves nothing"
+
+
+def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: RealRobot, twin: Twin) -> None:
+    drive(m3, twin, linear_x=0.5)
+    twin.fault("wrong")
+    until(lambda: m3.get_observation()["linear.x"] > 0.7, "it reports too much")
+    began_ns = time.monotonic_ns()
+    assert "not confirmed: it reports speed" in why(m3.stop())
+    assert len(twin.log.host("safe", began_ns)) > 5, "and zero is repeated"
+    twin.fault("ok")
+    until(lambda: state(m3) == "disarmed", "it is confirmed when it can be")
+
+
+def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
+    """The bridge is stopped, a command is handed to its socket, the caller stops, the bridge
+    goes on."""
+    drive(m3, twin, linear_x=0.3)
+    twin.pause()
+    m3.send_action({"linear.x": 0.9})
+    time.sleep(0.05)
+    assert "not confirmed" in why(m3.stop())
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: twin.log.host("safe", back_ns), "a zero")
+    until(lambda: state(m3) == "disarmed", "it is back, disarmed, and confirmed")
+    time.sleep(0.3)
+    frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
+    assert frames[-1].kind == "safe", "whatever it carried out late"
+    late = [one for one in frames if one.kind == "setpoint"]
+    for one in late:
+        after = next(frame for frame in frames if frame.t_ns >= one.t_ns and frame.kind == "safe")
+        assert (after.t_ns - one.t_ns) / 1e9 < 0.3 + SLACK_S
+    until(lambda: m3.get_observation().get("linear.x") == 0.0, "it stands")
+
+
+def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_nothing_after(
+    m3: RealRobot, twin: Twin
+) -> None:
+    """Its writer goes on all the while, at 100 Hz: what waits is bounded, and the link counts as lost."""
+    drive(m3, twin, linear_x=0.3)
+    twin.pause()
+    until_s = time.monotonic() + 1.0
+    while time.monotonic() < until_s:
+        m3.send_action({"linear.x": 0.9})
+        time.sleep(0.01)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    until_s = time.monotonic() + 0.5
+    while time.monotonic() < until_s:
+        m3.send_action({"linear.x": 0.9})
+        time.sleep(0.01)
+    until(lambda: state(m3) == "disarmed", "it is back, disarmed")
+    assert len(twin.log.host("setpoint", back_ns)) <= 8, "of a hundred that were sent"
+    twin.log.no_setpoint_after_safe(back_ns)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_roots_own_connection_stops_the_base(m3: RealRobot, twin: Twin, number: signal.Signals) -> None:
+    drive(m3, twin, linear_x=0.5)
+    began_ns = time.monotonic_ns()
+    os.kill(pid(m3, "wire"), number)
+    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(began_ns)
+    until(lambda: state(m3) == "disarmed", "a new wire, disarmed")
+
+
+def test_saf_020_a_cable_that_is_back_carries_zero_before_any_question(m3: RealRobot, twin: Twin) -> None:
+    drive(m3, twin, linear_x=0.5)
+    twin.unplug()
+    until(lambda: state(m3) in ("lost", "down", None), "it is noticed")
+    back_ns = time.monotonic_ns()
+    twin.plug()
+    zero = first_safe(twin, back_ns)
+    before = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.t_ns < zero.t_ns]
+    assert not any(b"rosapi" in one.data or one.kind == "setpoint" for one in before)
+    until(lambda: state(m3) == "disarmed", "it is back, disarmed")
+    twin.log.no_setpoint_after_safe(back_ns)
+
+
+@pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
+def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot, twin: Twin, fault: str) -> None:
+    drive(m3, twin, linear_x=0.5)
+    twin.fault(fault)
+    time.sleep(0.1)
+    began_ns = time.monotonic_ns()
+    m3.stop()
+    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    twin.log.no_setpoint_after_safe(began_ns)
+    twin.fault("ok")
+    until(lambda: state(m3) == "disarmed", "confirmed at last")
+
+
+@pytest.mark.parametrize("transport", ["rosbridge", "ros2"])
+def test_saf_003_the_root_loads_neither_the_wire_nor_rclpy(transport: str) -> None:
+    script = (
+        "from strands_actors.drivers.yahboom.driver import Yahboom\n"
+        "from strands_actors.kernel.clock import MonotonicClock\n"
+        f"driver = Yahboom('yahboom_m3pro', '', {{'transport': '{transport}'}})\n"
+        "driver.preload()\n"
+        "driver.stop_channel((), MonotonicClock())\n"
+        "import sys\nprint(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "strands_actors.drivers.yahboom.stop" in loaded
+    unwanted = (
+        "strands_actors.drivers.yahboom.wire",
+        "strands_actors.drivers.yahboom.ros2",
+        "rclpy",
+        "httpx",
+        "numpy",
+    )
+    assert [name for name in unwanted if name in loaded] == []
+
+
+def test_saf_014_refusals_write_nothing(m3: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    for action, text in (
+        ({"linear.x": 1.5}, "is past 1.0000"),
+        ({"arm2": 110}, "radians are expected"),
+        ({"arm1": 0.1, "time_ms": 40_000}, "1 to 30000"),
+        ({"linear_x": 0.1}, "is not a joint"),
+        ({}, "names no joint"),
+    ):
+        assert text in why(m3.send_action(action))
+    assert twin.log.host("setpoint", began_ns) == []
+
+
+def test_a_policy_is_refused_and_told_why(m3: RealRobot) -> None:
+    assert "does not report where its arm is" in why(m3.run_policy(lambda seen: {"linear.x": 0.1}, duration=1.0))
+
+
+def test_sensors(m3: RealRobot) -> None:
+    until(lambda: "rpy_rad" in status(m3)["sensors"] and "scan1_nearest_m" in status(m3)["sensors"], "all of them")
+    sensors = status(m3)["sensors"]
+    assert sensors["scan0_nearest_m"] == [2.0]
+    assert sensors["odometry_linear_m_s"] == [0.0, 0.0]
+    assert sensors["acceleration_m_s2"] == [0.0, 0.0, 9.81]
+
+
+# -- who may drive
+
+
+def asked(robot: RealRobot, given: dict[str, Any]) -> dict[str, Any]:
+    """What an agent is answered."""
+    return asyncio.run(robot.use_tool(given, "an agent"))
+
+
+def test_an_agent_is_asked_for_a_twist_and_never_for_a_zero(
+    m3: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in (ALLOW, ALLOW_TOPICS):
+        monkeypatch.delenv(variable, raising=False)
+    began_ns = time.monotonic_ns()
+    refusal = why(asked(m3, {"action": "move", "linear.x": 0.2}))
+    assert "linear.x needs an operator's approval: there is nobody to ask" in refusal
+    assert twin.log.host("setpoint", began_ns) == []
+    json_of(asked(m3, {"action": "move"}))
+    json_of(asked(m3, {"action": "move", "linear.x": 0, "angular.z": 0.0}))
+    json_of(asked(m3, {"action": "arm", "arm1": 0.1}))
+    monkeypatch.setenv(ALLOW_TOPICS, "/cmd_vel")
+    assert json_of(asked(m3, {"action": "move", "linear.x": 0.2}))["twist"]["linear.x"] == 0.2
+    json_of(asked(m3, {"action": "stop"}))
+
+
+def test_saf_007_one_estop_stops_it_beside_an_arm(m3: RealRobot, twin: Twin, tmp_path: Path) -> None:
+    (tmp_path / "arm").mkdir()
+    with Twin("so101", tmp_path / "arm") as other, Robot("so101", mode="real", port=other.port) as arm:
+        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
+        drive(m3, twin, linear_x=0.3)
+        began_ns = time.monotonic_ns()
+        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
+        assert {robot: outcome.safe_state for robot, outcome in outcomes.items()} == {
+            "yahboom_m3pro": "zero",
+            "so101": "limp",
+        }
+        first_safe(other, began_ns)
+        zero = first_safe(twin, began_ns)
+        assert "e-stopped by a button" in why(m3.send_action({"linear.x": 0.1}))
+        assert twin.log.host("setpoint", zero.t_ns) == []

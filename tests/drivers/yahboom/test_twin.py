@@ -1,0 +1,185 @@
+"""The twin as others see it: roslibpy, unmodified; and the robot behind it."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.yahboom import messages as m
+from strands_actors.drivers.yahboom import protocol as p
+from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
+from strands_actors.testing import Twin
+
+
+def test_roslibpy_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None:
+    with Twin("yahboom_m3pro", tmp_path) as twin:
+        host, _, port = twin.port.rpartition(":")
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.drivers.yahboom.roslibpy_client", host, port],
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        kinds = [
+            one.kind for one in twin.log.entries() if one.sender == "host" and one.kind in ("setpoint", "safe")
+        ]
+    assert {"/cmd_vel", "/arm6_joints", "/odom_raw", "/scan1"} <= set(seen["topics"])
+    assert seen["type"] == "geometry_msgs/msg/Twist"
+    assert seen["time"]["time"]["sec"] > 0
+    assert "does not exist" in str(seen["refused"])
+    assert seen["odometry"] > 30 and 1 <= seen["scans"] <= 8
+    assert seen["moved"] == pytest.approx(0.4)
+    assert 0.2 < seen["at"] < 0.8
+    assert (seen["stood"], seen["zeroed"]) == (0.0, 0.0)
+    assert kinds == ["setpoint"] * 11 + ["safe"] + ["setpoint"] * 2
+
+
+# -- the robot itself
+
+
+class Clock:
+    """Seconds that pass when a test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def robot(**options: Any) -> tuple[M3ProTwin, Clock]:
+    clock = Clock()
+    return M3ProTwin("yahboom_m3pro", clock, **options), clock
+
+
+def run(twin: M3ProTwin, clock: Clock, seconds: float) -> m.Odometry:
+    for _ in range(round(seconds / 0.01)):
+        clock.now_s += 0.01
+        twin.mechanism.pass_time()
+    return twin.mechanism.odometry()
+
+
+def test_its_firmware_zeroes_the_base_after_300_ms() -> None:
+    twin, clock = robot()
+    twin.mechanism.drive(m.Twist(0.5, 0.0, 0.0), Hand.WIRE)
+    assert run(twin, clock, 0.28).speed.x == 0.5
+    assert run(twin, clock, 0.3).speed == m.REST
+    never, clock = robot(watchdog_s=0)
+    never.mechanism.drive(m.Twist(0.5, 0.0, 0.0), Hand.WIRE)
+    assert run(never, clock, 10.0).speed.x == 0.5
+
+
+def test_a_pause_is_dropped_and_not_driven() -> None:
+    twin, clock = robot(watchdog_s=0)
+    twin.mechanism.drive(m.Twist(1.0, 0.0, 0.0), Hand.WIRE)
+    run(twin, clock, 0.5)
+    before = twin.mechanism.odometry().x_m
+    clock.now_s += 8.0
+    twin.mechanism.pass_time()
+    assert twin.mechanism.odometry().x_m - before < 0.3
+
+
+def test_it_drives_sideways_and_turns_and_no_faster_than_it_can() -> None:
+    twin, clock = robot(watchdog_s=0)
+    twin.mechanism.drive(m.Twist(0.0, 0.5, 0.0), Hand.WIRE)
+    assert run(twin, clock, 1.0).y_m == pytest.approx(0.47, abs=0.02)
+    twin.mechanism.drive(m.Twist(1e300, -1e300, 1e300), Hand.WIRE)
+    told = run(twin, clock, 1.0)
+    assert told.speed == m.Twist(1.0, -1.0, 5.0)
+    assert math.isfinite(told.x_m)
+
+
+def test_servos_take_the_time_they_are_given_and_stay_within_their_range() -> None:
+    twin, clock = robot()
+    twin.mechanism.move_arm(m.ArmGoal((180, 120, 0, 0, 90, 0), 1000), Hand.WIRE)
+    run(twin, clock, 0.5)
+    assert twin.mechanism.degrees[0] == pytest.approx(135.0, abs=2.0)
+    run(twin, clock, 0.6)
+    assert twin.mechanism.degrees == pytest.approx([180.0, 120.0, 0.0, 0.0, 90.0, 30.0])
+
+
+def said(twin: M3ProTwin, *texts: str) -> list[p.Told]:
+    told: list[str] = []
+    session = Session(twin.graph, told.append)
+    for text in texts:
+        session.take(text)
+    return [p.decode_told(text) for text in told]
+
+
+def test_a_wrong_type_is_objected_to() -> None:
+    twin, _ = robot()
+    for operation in (p.Advertise("/cmd_vel", "std_msgs/String"), p.Subscribe("/odom_raw", "std_msgs/String")):
+        (told,) = said(twin, p.encode(operation))
+        assert isinstance(told, p.Status) and "already established with type" in told.msg
+    for kind in ("geometry_msgs/Twist", "geometry_msgs/msg/Twist"):
+        assert said(twin, p.encode(p.Advertise("/cmd_vel", kind))) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":"fast"}}}',
+     '{"op":"publish","topic":"/arm6_joints","msg":{"joint1":90}}',
+     '{"op":"publish","topic":"/nowhere","msg":{}}'],
+)  # fmt: skip
+def test_a_message_that_cannot_be_taken_is_objected_to_and_moves_nothing(text: str) -> None:
+    twin, _ = robot()
+    before = (twin.mechanism.told, list(twin.mechanism.degrees))
+    (told,) = said(twin, text)
+    assert isinstance(told, p.Status) and told.level == "error"
+    assert before == (twin.mechanism.told, twin.mechanism.degrees)
+
+
+def test_what_is_left_out_of_a_twist_is_zero_as_in_ros() -> None:
+    twin, _ = robot()
+    assert said(twin, '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}') == []
+    assert twin.mechanism.told == m.Twist(0.5, 0.0, 0.0)
+
+
+def test_subscriptions_are_throttled_and_ended() -> None:
+    twin, _ = robot()
+    told: list[str] = []
+    session = Session(twin.graph, told.append)
+    session.take(p.encode(p.Subscribe("/odom_raw", throttle_rate=500)))
+    for at in range(100):
+        session.publish(1.0 + at * 0.02)
+    assert 4 <= len(told) <= 6
+    session.take(p.encode(p.Unsubscribe("/odom_raw")))
+    session.publish(100.0)
+    assert len(told) <= 6
+
+
+@pytest.mark.parametrize("service", ["/rosapi/topics", "rosapi/topics"])
+def test_a_service_is_found_with_or_without_its_slash(service: str) -> None:
+    (told,) = said(robot()[0], p.encode(p.CallService(service, id="1")))
+    assert isinstance(told, p.ServiceResponse) and told.result and "/cmd_vel" in told.values["topics"]
+
+
+def test_without_joint_states_there_is_no_such_topic() -> None:
+    twin, _ = robot(joints=False)
+    (told,) = said(twin, p.encode(p.CallService(p.TOPICS_SERVICE, id="1")))
+    assert isinstance(told, p.ServiceResponse) and "/joint_states" not in told.values["topics"]
+
+
+def test_a_stuck_robot_reports_what_it_had_and_stands_and_a_wrong_one_is_quicker_than_it_is() -> None:
+    twin, clock = robot()
+    twin.mechanism.drive(m.Twist(0.5, 0.0, 0.0), Hand.WIRE)
+    run(twin, clock, 0.2)
+    twin.set_fault(Fault.STUCK)
+    run(twin, clock, 0.2)
+    assert twin.graph.message(m.ODOMETRY)["twist"]["twist"]["linear"]["x"] == 0.5
+    assert twin.mechanism.runs == m.REST
+    twin.set_fault(Fault.WRONG)
+    assert twin.graph.message(m.ODOMETRY)["twist"]["twist"]["linear"]["x"] == 0.5
+    twin.set_fault(Fault.OFF)
+    assert twin.mechanism.degrees == [90.0, 120.0, 0.0, 0.0, 90.0, 180.0]

@@ -1,0 +1,250 @@
+"""SAF-016: root and wire break within a moment, and the standby makes the robot safe. Real processes, real wires.
+
+One robot on a serial port, whose descriptor the standby has; one on a network, where it connects anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors.caller.robot import RealRobot
+from strands_actors.supervisors.standby.report import LOCK, REPORT, StandbyReport, holder, read
+from strands_actors.testing import Twin
+from tests.answers import status, until, why
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+MOVES = {"so101": "shoulder_pan", "robotiq_2f85": "grip"}
+SAFE = {"so101": "limp", "robotiq_2f85": "hold"}
+KILL, FREEZE = signal.SIGKILL, signal.SIGSTOP
+PAIRS = [(KILL, KILL), (KILL, FREEZE), (FREEZE, KILL), (FREEZE, FREEZE)]
+SETTLE_S = 0.5
+
+
+@pytest.fixture
+def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Twin, dict[str, int]]]]:
+    """An armed robot with a command that stands, and its processes. All of them are ended afterwards."""
+    known: list[int] = []
+
+    def start(kind: str) -> tuple[RealRobot, Twin, dict[str, int]]:
+        arm, twin = strands_robot(kind)
+        seen: dict[str, float] = arm.get_observation()
+        joint, here = next(iter(seen.items()))
+        assert arm.send_action({joint: here + 0.05})["status"] == "success"
+        found = pids(arm)
+        known.extend(found[role] for role in ("root", "wire", "standby"))
+        return arm, twin, found
+
+    yield start
+    for pid in known:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, KILL)
+
+
+def pids(arm: RealRobot) -> dict[str, int]:
+    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}
+
+
+def alive(pid: int) -> bool:
+    """Not gone, nor waiting to be buried."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
+    except OSError:
+        return False
+
+
+def report_of(strands_run_dir: Path, robot: str) -> StandbyReport:
+    """Its last one."""
+    path = strands_run_dir / f"{robot}{REPORT}"
+    return until(lambda: found if (found := read(path)) is not None and found.over else None, "it reports")
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: "-".join(number.name for number in pair))
+@pytest.mark.parametrize("kind", MOVES)
+def test_saf_016_root_and_wire_break_and_the_standby_makes_safe(
+    moving: Callable[[str], Any], strands_run_dir: Path, kind: str, pair: tuple[signal.Signals, signal.Signals]
+) -> None:
+    _, twin, found = moving(kind)
+    broken_ns = time.monotonic_ns()
+    os.kill(found["root"], pair[0])
+    os.kill(found["wire"], pair[1])
+    safe = until(lambda: twin.log.first_safe(broken_ns), "a safe frame")
+    assert safe.safe_state == SAFE[kind]
+    report = report_of(strands_run_dir, kind)
+    assert report.confirmed and report.pid == found["standby"], report
+    until(lambda: not alive(found["standby"]), "it ends")
+    for role in ("root", "wire"):
+        assert not alive(found[role]), f"{role} was fenced, or had ended"
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(found[role], signal.SIGCONT)
+    time.sleep(SETTLE_S)  # what must not happen has no event to wait for
+    twin.log.no_setpoint_after_safe(broken_ns)
+    assert holder(strands_run_dir / f"{kind}{LOCK}") is None
+
+
+def test_saf_016_a_wire_that_dies_before_it_has_made_safe_leaves_the_standby(
+    moving: Callable[[str], Any], strands_run_dir: Path
+) -> None:
+    """Its root is gone and one servo is mute, so that the wire goes on trying. Until then the standby waits."""
+    _, twin, found = moving("so101")
+    twin.fault("garbage:5")
+    time.sleep(0.1)
+    killed_ns = time.monotonic_ns()
+    os.kill(found["root"], KILL)
+    until(lambda: twin.log.first_safe(killed_ns), "the wire makes safe")
+    time.sleep(2.5)
+    assert alive(found["wire"]) and alive(found["standby"])
+    assert not (strands_run_dir / f"so101{REPORT}").exists()
+    second_ns = time.monotonic_ns()
+    os.kill(found["wire"], KILL)
+    until(lambda: twin.log.first_safe(second_ns), "the standby makes safe")
+    until(lambda: (strands_run_dir / f"so101{REPORT}").exists(), "it says so")
+    twin.fault("ok")
+    assert report_of(strands_run_dir, "so101").confirmed
+    twin.log.no_setpoint_after_safe(killed_ns)
+
+
+def test_saf_016_a_wire_that_makes_safe_by_itself_needs_no_standby(
+    moving: Callable[[str], Any], strands_run_dir: Path
+) -> None:
+    _, twin, found = moving("so101")
+    killed_ns = time.monotonic_ns()
+    os.kill(found["root"], KILL)
+    until(lambda: not alive(found["wire"]), "the wire ends")
+    until(lambda: not alive(found["standby"]), "the standby ends")
+    assert not (strands_run_dir / f"so101{REPORT}").exists()
+    last = [entry for entry in twin.log.entries(killed_ns) if entry.sender == "host"][-1]
+    time.sleep(SETTLE_S)
+    twin.log.silent_after(last.t_ns + 1)
+    twin.log.no_setpoint_after_safe(killed_ns)
+
+
+def test_saf_016_a_tree_that_ends_leaves_no_standby_and_no_report(
+    strands_robot: Start, strands_run_dir: Path
+) -> None:
+    arm, twin = strands_robot("so101")
+    standby = pids(arm)["standby"]
+    assert arm.cleanup()["status"] == "success"
+    assert not alive(standby)
+    ended_ns = time.monotonic_ns()
+    time.sleep(SETTLE_S)
+    twin.log.silent_after(ended_ns)
+    assert not (strands_run_dir / f"so101{REPORT}").exists()
+
+
+@pytest.mark.parametrize("kind", MOVES)
+@pytest.mark.parametrize("how", [KILL, FREEZE], ids=lambda how: how.name)
+def test_saf_016_a_standby_that_is_gone_is_replaced_and_motion_goes_on(
+    moving: Callable[[str], Any], kind: str, how: signal.Signals
+) -> None:
+    arm, twin, before = moving(kind)
+    began_ns = time.monotonic_ns()
+    os.kill(before["standby"], how)
+    now = until(
+        lambda: seen if (seen := pids(arm)).get("standby", 0) not in (0, before["standby"]) else None, "another"
+    )
+    until(lambda: status(arm)["standby"] == "ready", "it is ready")
+    assert {role: now[role] for role in ("root", "wire")} == {role: before[role] for role in ("root", "wire")}
+    assert twin.log.first_safe(began_ns) is None, "what moves goes on"
+    broken_ns = time.monotonic_ns()
+    os.kill(now["root"], KILL)
+    os.kill(now["wire"], KILL)
+    safe = until(lambda: twin.log.first_safe(broken_ns), "the new one makes safe")
+    assert safe.safe_state == SAFE[kind]
+    twin.log.no_setpoint_after_safe(broken_ns)
+
+
+def test_saf_016_without_a_standby_nothing_is_armed(moving: Callable[[str], Any]) -> None:
+    """The spawner, which starts another, is frozen: for a second there is none."""
+    arm, twin, found = moving("so101")
+    assert arm.stop()["status"] == "success"
+    children = Path(f"/proc/{found['root']}/task/{found['root']}/children").read_text().split()
+    (spawner,) = {int(pid) for pid in children} - set(found.values())
+    os.kill(spawner, FREEZE)
+    os.kill(found["standby"], KILL)
+    until(lambda: status(arm)["standby"] != "ready", "it is missed")
+    asked_ns = time.monotonic_ns()
+    refused = why(arm.resume())
+    assert "without a standby" in refused and "try again" in refused
+    assert twin.log.host("enable", asked_ns) == []
+    until(lambda: arm.resume()["status"] == "success", "another has been started")
+    assert twin.log.host("enable", asked_ns)
+
+
+def test_saf_016_the_standby_is_gone_and_then_the_root(moving: Callable[[str], Any], strands_run_dir: Path) -> None:
+    """The wire is left."""
+    _, twin, found = moving("so101")
+    broken_ns = time.monotonic_ns()
+    os.kill(found["standby"], KILL)
+    os.kill(found["root"], KILL)
+    until(lambda: not alive(found["wire"]), "the wire ends")
+    safe = twin.log.first_safe(broken_ns)
+    assert safe is not None and safe.safe_state == "limp"
+    twin.log.no_setpoint_after_safe(broken_ns)
+    assert not (strands_run_dir / f"so101{REPORT}").exists()
+
+
+def test_saf_016_the_next_robot_tells_what_the_standby_did(
+    moving: Callable[[str], Any], strands_run_dir: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    arm, _, found = moving("so101")
+    os.kill(found["root"], FREEZE)
+    os.kill(found["wire"], KILL)
+    report_of(strands_run_dir, "so101")
+    until(lambda: not alive(found["standby"]), "it ends")
+    assert arm.resume()["status"] == "success"
+    told = status(arm)["standby_report"]
+    assert "the root was ended" in told and "the wire had ended" in told and "every motor confirmed" in told
+    assert told in caplog.text
+    assert not (strands_run_dir / f"so101{REPORT}").exists(), "it is told once"
+
+
+def test_saf_016_a_frozen_standby_of_an_earlier_tree_is_ended_and_writes_nothing(
+    moving: Callable[[str], Any], strands_run_dir: Path
+) -> None:
+    """It could write when it is let go, to the robot of the next tree."""
+    arm, twin, found = moving("so101")
+    os.kill(found["standby"], FREEZE)
+    os.kill(found["root"], KILL)
+    until(lambda: not alive(found["wire"]), "the wire makes safe, and ends")
+    assert holder(strands_run_dir / f"so101{LOCK}") is not None
+    assert arm.resume()["status"] == "success"
+    assert not alive(found["standby"])
+    resumed_ns = time.monotonic_ns()
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(found["standby"], signal.SIGCONT)
+    time.sleep(SETTLE_S)
+    assert twin.log.first_safe(resumed_ns) is None
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=lambda number: number.name)
+def test_saf_016_signals_that_end_the_others_do_not_end_the_standby(
+    moving: Callable[[str], Any], strands_run_dir: Path, number: signal.Signals
+) -> None:
+    """``pkill -f strands`` ends root and wire, and not the standby, which makes safe."""
+    _, twin, found = moving("so101")
+    assert os.getsid(found["standby"]) == found["standby"]
+    broken_ns = time.monotonic_ns()
+    for role in ("standby", "root", "wire"):
+        os.kill(found[role], number)
+    until(lambda: twin.log.first_safe(broken_ns), "a safe frame")
+    until(lambda: not alive(found["standby"]), "it ends")
+    twin.log.no_setpoint_after_safe(broken_ns)
+
+
+def test_processes_have_names_of_their_own(moving: Callable[[str], Any]) -> None:
+    """``pkill python`` is meant for scripts: it looks at the first, ``pkill -f`` at the second."""
+    _, _, found = moving("so101")
+    for role in ("root", "wire", "standby"):
+        assert Path(f"/proc/{found[role]}/comm").read_text().strip() == f"strands-{role}"[:15]
+        words = Path(f"/proc/{found[role]}/cmdline").read_bytes().split(b"\0")
+        assert words[0].decode() == f"strands-actors so101 {role}"
+        assert not any(b"python" in word for word in words)

@@ -1,0 +1,140 @@
+"""A service that moves the robot is what a latched setpoint is: refused and ended as one. Virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.supervisors.messages import LEASE_TTL_S, Accepted, Beat, Perform, Performed, Stop
+from strands_actors.testing import open_inline_tree, run_virtual
+from strands_actors.testing.fake import FakeDriver, FakeWire
+
+from .writer import Writer, armed, setpoints
+
+BEGUN: list[int] = []
+"""When a nod began."""
+
+
+@pytest.fixture(autouse=True)
+def nods(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fake robot can nod: two seconds, to another place."""
+    BEGUN.clear()
+
+    async def perform(
+        self: FakeWire, service: str, arguments: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
+        permit.check()
+        BEGUN.append(self._clock.now_ns())
+        await trio.sleep(2.0)
+        self._hardware.position = [7.0, 8.0]
+        await trio.sleep(0.1)
+        return {}
+
+    nod = Service("nod", within_s=5.0, in_motion=True, moves=True)
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"nod": nod})
+    monkeypatch.setattr(FakeWire, "perform", perform)
+
+
+async def ask(writer: Writer) -> Message | None:
+    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, "nod", {}), 9.0)
+
+
+async def beat(writer: Writer) -> None:
+    while True:
+        writer.ref.tell(Beat(writer.lease.id, 0.0))
+        await trio.sleep(LEASE_TTL_S / 4)
+
+
+def test_saf_002_after_a_stop_nothing_moves_before_a_resume() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            await writer.acquire()
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "disarmed"
+            assert answer.reason.startswith("nod: the robot is disarmed")
+            assert BEGUN == []
+
+    run_virtual(run)
+
+
+def test_saf_014_a_condition_refuses_it_and_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits = True
+
+    def fit(observation: Observation, now_ns: int) -> Refused | None:
+        return None if fits else Refused("unfit", "move: the robot is unfit")
+
+    monkeypatch.setattr(FakeDriver, "conditions", (Condition(fit),))
+
+    async def run() -> None:
+        nonlocal fits
+        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+            writer = await armed(tree)
+            nursery.start_soon(beat, writer)
+            fits = False
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.text.startswith("nod: the robot is unfit")
+            fits = True
+            nursery.start_soon(ask, writer)
+            await trio.sleep(0.5)
+            fits = False
+            await trio.sleep(0.1)
+            assert BEGUN and (await tree.status()).mode == "disarmed"
+            assert tree.hardware.of("safe", BEGUN[0])
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_saf_003_it_ends_with_the_lease_of_who_asked_for_it() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            answer = await ask(writer)  # nobody beats meanwhile
+            assert isinstance(answer, Refused) and answer.code == "stopped"
+            holds = tree.hardware.of("safe", BEGUN[0])
+            assert holds and holds[0].safe_state == "hold"
+            assert (holds[0].t_ns - BEGUN[0]) / 1e9 <= LEASE_TTL_S + 0.05
+
+    run_virtual(run)
+
+
+def test_saf_011_the_next_command_goes_on_from_where_it_has_ended() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+            writer = await armed(tree)
+            nursery.start_soon(beat, writer)
+            assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
+            await trio.sleep(0.01)
+            assert await ask(writer) == Performed({})
+            assert not [one for one in setpoints(tree, BEGUN[0]) if one[0] == 1.0], (
+                "the older target is not sent again"
+            )
+            assert isinstance(await writer.send(latched=True, a=2.0), Accepted)
+            await trio.sleep(0.1)
+            assert setpoints(tree)[-1] == (2.0, 8.0)
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_saf_009_one_at_a_time() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+            writer = await armed(tree)
+            nursery.start_soon(beat, writer)
+            nursery.start_soon(ask, writer)
+            await trio.sleep(0.2)
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "busy"
+            answer = await writer.send(a=1.0)
+            assert isinstance(answer, Refused) and answer.code == "busy"
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)

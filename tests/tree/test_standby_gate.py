@@ -1,0 +1,43 @@
+"""SAF-016: nothing is armed without a standby; what moves goes on without one. In virtual time."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Accepted, Resume, Resumed, StandbyIs, Stop, StopReport
+from strands_actors.testing import open_inline_tree, run_virtual
+
+from .writer import armed
+
+
+def test_saf_016_nothing_is_armed_without_a_standby() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            tree.gate.tell(StandbyIs("it has ended"))
+            answer = await tree.gate.ask(Resume("a test"), 1.0)
+            assert isinstance(answer, Refused) and answer.code == "no_standby", answer
+            assert "it has ended" in answer.reason and answer.remedy
+            assert tree.hardware.of("enable") == []
+            assert (await tree.status()).mode == "disarmed"
+            assert (await tree.status()).no_standby == "it has ended"
+            tree.gate.tell(StandbyIs())
+            assert isinstance(await tree.gate.ask(Resume("a test"), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+def test_saf_016_what_moves_goes_on_without_a_standby_and_is_not_armed_again() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.gate.tell(StandbyIs("it has ended"))
+            assert isinstance(await writer.send(a=1.0), Accepted)
+            assert isinstance(await tree.gate.ask(Stop(Reason.STOP, "a test"), 2.0), StopReport)
+            answer = await tree.gate.ask(Resume("a test"), 1.0)
+            assert isinstance(answer, Refused) and answer.code == "no_standby", answer
+            await trio.sleep(1.0)
+            assert (await tree.status()).mode == "disarmed"
+
+    run_virtual(run)
