@@ -1,8 +1,8 @@
 """Holes of the past, each put back as a change of a few functions.
 
 Of the nine of the first attack one is missing: an unreadable note in the run directory is a matter
-of the program that looks for robots, which is not simulated (``tests/mesh/test_notes.py``). The last
-one here is what was suspected of the one trial that nobody could explain."""
+of the program that looks for robots, which is not simulated (``tests/mesh/test_notes.py``).
+"""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.messages import Stop
 from strands_actors.supervisors.root import process
-from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.supervisors.wire.group import ProcessPlace
@@ -95,16 +94,6 @@ def a_policy_can_be_the_gate(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Channel, "refuse", lambda self, to, message: None)
 
 
-def a_fence_comes_before_the_safe_frame(patch: pytest.MonkeyPatch) -> None:
-    """What was seen once and not explained: a root that dies between the two has killed who would have acted."""
-
-    async def fence_place(self: Guardian, place: Any) -> bool:
-        fenced: bool = await place.fence()
-        return fenced
-
-    patch.setattr(Guardian, "_fence_place", fence_place)
-
-
 async def _nothing(self: Any) -> None:
     pass
 
@@ -118,5 +107,4 @@ HOLES = (
     a_task_begins_after_its_deadline,
     a_lock_ends_with_the_script,
     a_policy_can_be_the_gate,
-    a_fence_comes_before_the_safe_frame,
 )
