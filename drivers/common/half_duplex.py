@@ -92,6 +92,8 @@ class HalfDuplexBus(Generic[PacketT]):
         """When the last frame left."""
         self.late_s = 0.0
         """How much later than it wanted this host gave up the last question. 0: it was answered in time."""
+        self.delay_s = 0.0
+        """How much longer than the bytes need on the line the last question took."""
 
     @property
     def quiet(self) -> bool:
@@ -124,9 +126,10 @@ class HalfDuplexBus(Generic[PacketT]):
         In the quiet time raise ``Quiet``, or sit it out when ``wait`` is true.
         """
         await self._begin(wait)
+        reply_bytes = sum(expected.values()) + len(expected) * self._overhead
+        line_s = (len(request) + reply_bytes) * self._byte_s
         if timeout_s is None:
-            reply_bytes = sum(expected.values()) + len(expected) * self._overhead
-            timeout_s = (len(request) + reply_bytes) * self._byte_s + self._margin_s
+            timeout_s = line_s + self._margin_s
         replies: dict[int, PacketT] = {}
         self.stray_bytes = 0
         refusals = self.refusals = {}
@@ -147,12 +150,14 @@ class HalfDuplexBus(Generic[PacketT]):
         self._pending, self._pending_end_s = dict(expected), trio.current_time() + timeout_s
         try:
             self._write(request)
+            began_s = trio.current_time()
             with trio.move_on_after(timeout_s) as window:
                 while len(replies) + len(refusals) < len(expected):
                     take(await self.port.read())
             if window.cancelled_caught:
                 self.late_s = trio.current_time() - window.deadline
                 take(self.port.take())  # what came in time, and was not looked at in time
+            self.delay_s = trio.current_time() - began_s - line_s
             if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
             self._pending = {}

@@ -176,8 +176,9 @@ class Transport(Actor):
     async def _obey(self, message: Write | Cycle | MakeSafe | Arm | CarryOut | HandOverAgain) -> None:
         match message:
             case Write():
-                self._last = message
-                await self._write(message, message.deadline_ns)
+                self._last = None
+                if await self._write(message, message.deadline_ns):
+                    self._last = message  # what came too late is not re-sent either
             case Cycle():
                 await self._cycle(message)
             case MakeSafe():
@@ -190,9 +191,10 @@ class Transport(Actor):
                 if self._wire is not None:
                     self._guardian.tell(Handover(tuple(self._wire.handover()), again=True))
 
-    async def _write(self, write: Write, deadline_ns: int) -> None:
+    async def _write(self, write: Write, deadline_ns: int) -> bool:
+        """Whether it was written."""
         if self._wire is None:
-            return
+            return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
         written = False
         try:
@@ -210,6 +212,7 @@ class Transport(Actor):
         if written:
             self._writes += 1
             self._written_ns = self.context.clock.now_ns()
+        return written
 
     async def _cycle(self, cycle: Cycle) -> None:
         if self._wire is None:

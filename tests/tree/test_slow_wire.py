@@ -136,7 +136,7 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
         async with open_inline_tree() as tree:
             writer = await armed(tree)
             tree.hardware.write_s = 0.3
-            writer.ref.tell(writer.setpoint(latched=True, a=1.0))
+            writer.ref.tell(writer.setpoint(ttl_s=0.5, latched=True, a=1.0))
             await trio.sleep(0.8)
             assert len(tree.places) == 1 and setpoints(tree)
             began_ns = tree.node.clock.now_ns()
@@ -146,5 +146,22 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
             assert len(tree.places) > 1
             safe = tree.hardware.of("safe", began_ns)[0]
             assert safe.path == "stop_channel" and tree.hardware.after("setpoint", safe) == []
+
+    run_virtual(run)
+
+
+def test_saf_001_a_setpoint_that_was_too_late_is_not_re_sent_either() -> None:
+    """Latched, so that nothing but its deadline forbids it."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.hardware.write_s = 0.06
+            writer.ref.tell(writer.setpoint(ttl_s=0.05, latched=True, a=1.0))
+            await trio.sleep(1.0)
+            assert setpoints(tree) == []
+            assert await writer.send(ttl_s=0.5, latched=True, a=2.0) is not None
+            await trio.sleep(0.2)
+            assert setpoints(tree), "one that comes in time is"
 
     run_virtual(run)

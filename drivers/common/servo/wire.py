@@ -86,7 +86,8 @@ class _Session(Generic[PacketT]):
     def known(self) -> dict[int, int]:
         """Where those that have torque are now: read since they were last sent elsewhere."""
         now_ns = self.bus.clock.now_ns()
-        return self.readings.known(max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS)), now_ns)
+        since_ns = max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS))
+        return self.readings.known(since_ns, now_ns, self.goals, self.aimed_ns)
 
 
 class ServoWire(Wire, Generic[PacketT]):

@@ -1,0 +1,48 @@
+"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by name."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.frames import ASK, frame
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.messages import Acquire, Resume, Stop, StopReport
+
+from .links import Net, SimMesh
+from .plan import CALLER
+
+PESTER_S = 0.01
+
+
+class Liar(Actor):
+    """Says that the robot is safe."""
+
+    def receive(self, message: Stop | Resume) -> StopReport | None:
+        if isinstance(message, Resume):
+            return None
+        return StopReport(message.reason, "limp", 1 << 30, True, ())
+
+
+def attack(net: Net) -> None:
+    """Have the policy process do so, if there is one."""
+    for session in net.sessions:
+        if session.network == "policy" and not session.process.dead and session.process.role == "policy":
+            session.process.post(lambda session=session: _lie(session))  # type: ignore[misc]
+
+
+def _lie(session: SimMesh) -> None:
+    liar = session.node.cell(addresses.of("explored").path("gate"), Liar)
+    trio.lowlevel.spawn_system_task(liar.run)
+    trio.lowlevel.spawn_system_task(_pester, session)
+
+
+async def _pester(session: SimMesh) -> None:
+    """Over the session that it was given for its rollout, past its own node, which takes the liar for the gate."""
+    gate = addresses.of("explored").gate
+    number = 1 << 40
+    while True:
+        for message in (Resume("policy"), Acquire(CALLER)):
+            number += 1
+            session.send(gate, frame(gate, ASK, number, session.node.address, session.node.address, message))
+        await trio.sleep(PESTER_S)

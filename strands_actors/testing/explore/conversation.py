@@ -1,0 +1,76 @@
+"""What was asked of the tree, by whom and when, and what it answered: read from the frames between processes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import msgspec
+
+from strands_actors.kernel.frames import ASK, REPLY, TELL, decode_frame
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.supervisors.messages import (
+    Accepted,
+    Fence,
+    Lease,
+    Release,
+    Resume,
+    Resumed,
+    Setpoint,
+    Shutdown,
+    StartTask,
+    Stop,
+    StopReport,
+    StopTask,
+    TaskStatus,
+)
+
+Question = Setpoint | Stop | Resume | Release | Fence | Shutdown | StartTask | StopTask
+Reply = Accepted | Refused | StopReport | Resumed | Lease | TaskStatus
+
+_question = msgspec.msgpack.Decoder(Question)
+_reply = msgspec.msgpack.Decoder(Reply)
+
+
+@dataclass
+class Asked:
+    """``answered_s``: when the answer left."""
+
+    at_s: float
+    who: str
+    pid: int
+    message: Message
+    answer: Message | None = None
+    answered_s: float = float("inf")
+
+    @property
+    def refused(self) -> bool:
+        return isinstance(self.answer, Refused)
+
+
+@dataclass
+class Conversation:
+    asked: list[Asked] = field(default_factory=list)
+    setpoints: list[Asked] = field(default_factory=list)
+    _open: dict[tuple[str, int], Asked] = field(default_factory=dict)
+
+    def hear(self, now_s: float, who: str, pid: int, data: bytes) -> None:
+        """A frame leaves ``who``."""
+        head = decode_frame(data)
+        if head.kind not in (TELL, ASK, REPLY):
+            return
+        try:
+            if head.kind == REPLY:
+                asked = self._open.pop((head.to, head.cid), None)
+                if asked is not None:
+                    asked.answer, asked.answered_s = _reply.decode(head.body), now_s
+                return
+            message = _question.decode(head.body)
+        except msgspec.ValidationError:
+            return  # of no interest here
+        asked = Asked(now_s, who, pid, message)
+        if head.kind == ASK:
+            self._open[head.reply_to, head.cid] = asked
+        (self.setpoints if isinstance(message, Setpoint) else self.asked).append(asked)
+
+    def of(self, kind: type[Message]) -> list[Asked]:
+        return [asked for asked in self.asked if isinstance(asked.message, kind)]

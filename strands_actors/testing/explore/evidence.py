@@ -1,0 +1,182 @@
+"""What a run has left behind, for its invariants to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from strands_actors.contract.driver import Reason
+from strands_actors.supervisors.messages import Setpoint, Stop
+
+from .conversation import Asked, Conversation
+from .plan import Event
+from .servo_arm import Frame, ServoArm
+from .world import TREE, Process, World
+
+ALONE_S = 0.35
+"""So long before a fault, and until its bound is over, nothing else was wrong: then its bound is promised."""
+
+
+class Fault(NamedTuple):
+    t_s: float
+    kind: str
+    who: str
+    for_s: float
+
+
+class Evidence:
+    """``motor_and_count``: what a servo is told, by the axis' name and value."""
+
+    def __init__(
+        self,
+        world: World,
+        arm: ServoArm,
+        events: tuple[Event, ...],
+        mended_s: float,
+        motor_and_count: Callable[[str, float], tuple[int, int]],
+    ) -> None:
+        self.world = world
+        self.frames: list[Frame] = arm.frames
+        self.torque_log = arm.torque_log
+        self.torque_at = arm.torque_at
+        self.end_s = world.now_s
+        self.mended_s = mended_s
+        self._events = events
+        self._count = motor_and_count
+        self._conversation: Conversation = world.conversation
+
+    def s(self, t_s: float) -> str:
+        """A time for people."""
+        return f"{t_s - self.world.began_s:.4f} s"
+
+    @property
+    def asked(self) -> list[Asked]:
+        return self._conversation.asked
+
+    # -- setpoints on the wire, and who asked for them
+
+    def setpoints(self) -> Iterator[tuple[Frame, Asked]]:
+        yield from ((frame, asked) for frame, asked in self._setpoints if asked is not None)
+
+    def unknown(self) -> Iterator[Frame]:
+        yield from (frame for frame, asked in self._setpoints if asked is None)
+
+    @cached_property
+    def _setpoints(self) -> list[tuple[Frame, Asked | None]]:
+        known: dict[tuple[int, int], Asked] = {}
+        for asked in self._conversation.setpoints:
+            assert isinstance(asked.message, Setpoint)
+            for name, value in asked.message.action.items():
+                if name.startswith("wrist"):
+                    known[self._count(name, value)] = asked
+        motors = {motor for motor, _ in known}
+        found: list[tuple[Frame, Asked | None]] = []
+        for frame in self.frames:
+            if frame.kind == "setpoint":
+                marks = [(motor, goal) for motor, goal in frame.goals.items() if motor in motors]
+                if marks:
+                    found.append((frame, next((known[mark] for mark in marks if mark in known), None)))
+        return found
+
+    def counts(self, frame: Frame) -> bool:
+        """Whether who wrote this frame could know that no other would write: the wire, or its heir."""
+        return frame.role == "wire" or not self._wire_lives(frame.t_s)
+
+    def limp_since(self, motor: int, t_s: float) -> float:
+        """When a motor lost its torque that gets it back at ``t_s``."""
+        since_s = self.world.began_s
+        had = False
+        for at_s, motors in self.torque_log:
+            if at_s >= t_s:
+                break
+            if had and motor not in motors:
+                since_s = at_s
+            had = motor in motors
+        return since_s
+
+    # -- what was wrong
+
+    @cached_property
+    def faults(self) -> list[Fault]:
+        begun_s = self.world.began_s
+        return [
+            Fault(begun_s + event.at_s, event.kind, event.who, event.value or self.mended_s - begun_s - event.at_s)
+            for event in self._events
+            if event.kind in _WRONG
+        ]
+
+    def heard(self, from_s: float, to_s: float) -> bool:
+        """Whether the bus was in order then, but for servos that protect themselves."""
+        troubles = [fault for fault in self.faults if fault.kind not in ("unload", "restart")]
+        return not any(fault.t_s < to_s and from_s < fault.t_s + _lasts_s(fault) + 0.2 for fault in troubles)
+
+    def lone_faults(self) -> Iterator[Fault]:
+        """Of caller, root or wire, with nothing else wrong beside it."""
+        for fault in self.faults:
+            if fault.kind not in ("kill", "freeze") or fault.who not in ("caller", "root", "wire"):
+                continue
+            if fault.kind == "freeze" and fault.who == "caller":
+                continue  # what it commanded is held; what it did not command is not
+            if not any(other is not fault and _near(fault.t_s, other) for other in self.faults):
+                yield fault
+
+    @property
+    def excused(self) -> bool:
+        """Whoever could act last was killed by the plan: nobody was left."""
+        able = [process for process in self.world.processes if process.role in ("root", "wire", "standby")]
+        last = max(able, key=lambda process: process.until_s, default=None)
+        return last is not None and last.by_plan
+
+    def _wire_lives(self, t_s: float) -> bool:
+        return any(
+            process.role == "wire" and process.began_s <= t_s < process.until_s for process in self.world.processes
+        )
+
+    def gone_since(self, pid: int, t_s: float) -> float:
+        """Since when a process is dead or frozen at ``t_s``; ``t_s``: it is not."""
+        process = self.world.by_pid(pid)
+        assert process is not None
+        if process.until_s <= t_s:
+            return process.until_s
+        return next((begin_s for begin_s, end_s in process.frozen_times if begin_s <= t_s < end_s), t_s)
+
+    def orders(self) -> Iterator[Asked]:
+        """Stops, with nothing wrong that could keep them from the robot: it can be written to, and who passes them
+        on lives, neither frozen nor late."""
+        for asked in self.asked:
+            orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
+            if orders and not any(fault.kind in _DEAF and _near(asked.at_s, fault) for fault in self.faults):
+                yield asked
+
+    def failed(self) -> list[Process]:
+        """Processes of the tree that ended by a failure of their own."""
+        return [process for process in self.world.processes if process.role in TREE and process.code == 1]
+
+    def alive(self) -> list[str]:
+        ours = TREE - {"caller"}
+        return [process.role for process in self.world.processes if process.role in ours and process.left_over]
+
+
+_WRONG = frozenset(
+    {
+        "kill", "freeze", "lag", "lose replies", "lose requests", "mute", "late", "corrupt", "twice", "pull",
+        "unload", "brown out", "restart", "cut mesh", "slow mesh",
+    }
+)  # fmt: skip
+
+
+_DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
+
+
+def _near(t_s: float, fault: Fault) -> bool:
+    return fault.t_s < t_s + ALONE_S and t_s - ALONE_S < fault.t_s + _lasts_s(fault)
+
+
+def _lasts_s(fault: Fault) -> float:
+    return 0.0 if fault.kind in ("unload", "brown out") else fault.for_s if fault.kind != "kill" else 0.5
+
+
+def count_of(driver: Any) -> Callable[[str, float], tuple[int, int]]:
+    axes = {axis.key: axis for axis in driver.joints}
+    return lambda name, value: (axes[name].id, axes[name].count(value))

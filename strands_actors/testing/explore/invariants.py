@@ -1,0 +1,237 @@
+"""What must hold of every run, whatever was drawn: read from registers, frames and what was asked and answered.
+
+Each is a function from a run's ``Evidence`` to what breaks it. What is promised sharply of one fault (a bound) is
+asked only where nothing else was wrong at that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from strands_actors.supervisors.messages import Fence, Resume, Setpoint, StartTask, Stop, StopReport
+
+from .conversation import Asked
+from .evidence import Evidence
+
+NS = 1e9
+TOLERATED_COUNTS = 34
+"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within a degree."""
+LIMP_SEEN_S = 0.08
+"""A servo that lost its torque before, and is heard, is known to be limp: it is read every 33 ms."""
+LIMP_KNOWN_S = 0.35
+"""The same after a reset, and where answers are lost."""
+DEATH_S = 0.15
+FREEZE_S = 0.25
+"""Published: 50 ms after a death, 150 ms after a freeze; 100 ms for what the simulated processors are late."""
+ORDER_S = 0.3
+"""A stop waits for one message on the mesh, and cuts short what need not be finished."""
+WRITER_S = 1.3
+"""A writer that is dead or frozen for so long has lost its lease (1 s)."""
+START_S = 1.1
+"""By then who asked for a task has been told that it was not started."""
+
+
+class Violation(NamedTuple):
+    """``invariant``: its name, the same for every run that breaks it."""
+
+    invariant: str
+    t_s: float
+    detail: str
+
+
+Found = Iterator[tuple[float, str]]
+
+
+def no_setpoint_past_its_deadline(seen: Evidence) -> Found:
+    written: set[int] = set()
+    for frame, asked in seen.setpoints():
+        assert isinstance(asked.message, Setpoint)
+        late_s = frame.t_s - asked.message.deadline_ns / NS
+        if late_s > 1e-6 and not (asked.message.latched and id(asked) in written):
+            yield frame.t_s, f"{late_s * 1e3:.2f} ms past its deadline"
+        written.add(id(asked))
+
+
+def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
+    """A hold counts from its first frame: what is asked for while it is being confirmed is of its epoch."""
+    asked_for = {id(frame): asked for frame, asked in seen.setpoints()}
+    safe_s = float("-inf")
+    holds = False
+    for frame in seen.frames:
+        if frame.kind == "setpoint":
+            holds = False
+            asked = asked_for.get(id(frame))
+            if asked is not None and asked.at_s < safe_s:
+                yield frame.t_s, f"asked for at {seen.s(asked.at_s)}, safe frame at {seen.s(safe_s)}"
+        elif frame.safe_state and seen.counts(frame) and not (holds and frame.safe_state == "hold"):
+            safe_s = frame.t_s
+            holds = frame.safe_state == "hold"
+
+
+def nothing_is_executed_that_was_refused(seen: Evidence) -> Found:
+    for frame, asked in seen.setpoints():
+        if asked.refused and asked.answered_s < frame.t_s:
+            yield frame.t_s, f"a setpoint refused at {seen.s(asked.answered_s)}: {asked.answer}"
+
+
+def every_setpoint_was_asked_for(seen: Evidence) -> Found:
+    for frame in seen.unknown():
+        yield frame.t_s, f"{frame.role} writes goals that nobody asked for: {dict(frame.goals)}"
+
+
+def no_task_begins_that_failed_to_start(seen: Evidence) -> Found:
+    starts = [asked for asked in seen.asked if isinstance(asked.message, StartTask)]
+    for frame, asked in seen.setpoints():
+        if asked.who != "policy":
+            continue
+        began = [start for start in starts if start.at_s < asked.at_s]
+        in_time = any(
+            (not start.refused and start.answered_s - start.at_s < START_S) or frame.t_s - start.at_s < START_S
+            for start in began
+        )
+        if not in_time:
+            yield frame.t_s, "a policy moves the robot though its start was refused, or not answered in time"
+
+
+def a_hold_moves_no_joint(seen: Evidence) -> Found:
+    for frame in seen.frames:
+        if frame.kind != "safe":
+            continue
+        for motor, goal in frame.goals.items():
+            if motor not in frame.torque_before:
+                continue
+            here, before = frame.positions[motor], frame.before[motor]
+            aims = (here, before, frame.lost.get(motor, here))
+            low, high = min(aims) - TOLERATED_COUNTS, max(aims) + TOLERATED_COUNTS
+            if not low <= goal <= high:
+                detail = f"motor {motor} at {here} with goal {before} is told to hold at {goal}"
+                yield frame.t_s, detail
+
+
+def no_frame_energises_a_limp_motor(seen: Evidence) -> Found:
+    for frame in seen.frames:
+        if frame.kind != "setpoint" and frame.safe_state != "hold":
+            continue
+        for motor in frame.torque - frame.torque_before:
+            since_s = seen.limp_since(motor, frame.t_s)
+            known_s = LIMP_SEEN_S if seen.heard(since_s - LIMP_KNOWN_S, frame.t_s) else LIMP_KNOWN_S
+            if frame.t_s - since_s > known_s:
+                yield frame.t_s, f"{frame.kind} energises motor {motor}, limp since {seen.s(since_s)}"
+
+
+def what_is_confirmed_is_so(seen: Evidence) -> Found:
+    for asked in seen.asked:
+        report = asked.answer
+        if not isinstance(report, StopReport) or not report.confirmed or report.safe_state != "limp":
+            continue
+        at_s = report.at_ns / NS if report.motors else asked.answered_s
+        if on := seen.torque_at(at_s):
+            yield at_s, f"{asked.who} is told that all motors are limp, motors {sorted(on)} have torque"
+
+
+def a_lock_is_obeyed(seen: Evidence) -> Found:
+    for asked in seen.asked:
+        locks = isinstance(asked.message, Stop | Fence) and asked.message.lock
+        if not locks or not isinstance(asked.answer, StopReport):
+            continue
+        lifted_s = min((lift.at_s for lift in _lifts(seen, asked)), default=float("inf"))
+        before: frozenset[int] = seen.torque_at(asked.answered_s)
+        for t_s, motors in seen.torque_log:
+            if asked.answered_s < t_s < lifted_s and motors - before:
+                yield t_s, f"motors {sorted(motors - before)} energised under the lock of {seen.s(asked.at_s)}"
+            before = motors if t_s > asked.answered_s else before
+        for frame, _ in seen.setpoints():
+            if asked.answered_s < frame.t_s < lifted_s:
+                yield frame.t_s, f"a setpoint under the lock of {seen.s(asked.at_s)}"
+
+
+def _lifts(seen: Evidence, locked: Asked) -> Iterator[Asked]:
+    for asked in seen.asked:
+        lifts = isinstance(asked.message, Resume) and asked.message.lift and asked.who != "policy"
+        if lifts and asked.answered_s > locked.at_s:
+            yield asked
+
+
+def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
+    for fault in seen.lone_faults():
+        bound_s = DEATH_S if fault.kind == "kill" else FREEZE_S
+        if not seen.torque_at(fault.t_s) or (fault.kind == "freeze" and fault.for_s < bound_s):
+            continue
+        end_s = fault.t_s + bound_s
+        limp = not seen.torque_at(end_s)
+        if not limp and not any(frame.safe_state and fault.t_s < frame.t_s <= end_s for frame in seen.frames):
+            yield end_s, f"{fault.kind} of {fault.who} at {seen.s(fault.t_s)}: no safe frame within {bound_s} s"
+
+
+def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
+    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter."""
+    resumes = [asked for asked in seen.asked if isinstance(asked.message, Resume) and asked.who != "policy"]
+    for frame in seen.frames:
+        arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
+        if not arms or not frame.torque - frame.torque_before:
+            continue
+        if not any(asked.at_s <= frame.t_s <= asked.answered_s for asked in resumes):
+            yield frame.t_s, f"motors {sorted(frame.torque - frame.torque_before)} are energised, nobody resumes"
+
+
+def an_order_to_stop_is_written(seen: Evidence) -> Found:
+    for asked in seen.orders():
+        end_s = asked.at_s + ORDER_S
+        if not seen.torque_at(asked.at_s) or not seen.torque_at(end_s) or end_s > seen.end_s:
+            continue
+        if not any(frame.safe_state == "limp" and asked.at_s < frame.t_s <= end_s for frame in seen.frames):
+            yield end_s, f"{asked.who} says stop at {seen.s(asked.at_s)}: no safe frame within {ORDER_S} s"
+
+
+def no_process_fails_by_itself(seen: Evidence) -> Found:
+    for process in seen.failed():
+        yield process.until_s, f"{process.role} ends with code {process.code}"
+
+
+def no_writer_outlives_its_lease(seen: Evidence) -> Found:
+    for frame, asked in seen.setpoints():
+        gone_s = seen.gone_since(asked.pid, frame.t_s)
+        if frame.t_s - gone_s > WRITER_S:
+            yield frame.t_s, f"{asked.who} is dead or frozen since {seen.s(gone_s)}, its setpoint is re-sent"
+
+
+def nothing_stays_energised(seen: Evidence) -> Found:
+    if seen.torque_at(float("inf")) and not seen.excused:
+        left = ", ".join(seen.alive()) or "no process"
+        yield seen.end_s, f"motors {sorted(seen.torque_at(float('inf')))} have torque, {left} is left"
+
+
+def a_tree_ends(seen: Evidence) -> Found:
+    if left := seen.alive():
+        yield seen.end_s, f"{', '.join(left)} still runs after its caller"
+
+
+INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
+    "SAF-001 no setpoint past its deadline": no_setpoint_past_its_deadline,
+    "SAF-002 no setpoint after a safe frame": no_setpoint_after_a_safe_frame,
+    "SAF-003 a death is followed by a safe frame": a_death_is_followed_by_a_safe_frame,
+    "SAF-003 no process fails by itself": no_process_fails_by_itself,
+    "SAF-004 no writer outlives its lease": no_writer_outlives_its_lease,
+    "SAF-005 what is confirmed is so": what_is_confirmed_is_so,
+    "SAF-008 nothing is energised without a resume": nothing_is_energised_without_a_resume,
+    "SAF-010 nothing is executed that was refused": nothing_is_executed_that_was_refused,
+    "SAF-010 no task begins that failed to start": no_task_begins_that_failed_to_start,
+    "SAF-014 every setpoint was asked for": every_setpoint_was_asked_for,
+    "SAF-015 a tree ends": a_tree_ends,
+    "SAF-018 a lock is obeyed": a_lock_is_obeyed,
+    "SAF-018 nothing stays energised": nothing_stays_energised,
+    "SAF-020 an order to stop is written": an_order_to_stop_is_written,
+    "SAF-019 a hold moves no joint": a_hold_moves_no_joint,
+    "SAF-019 no frame energises a limp motor": no_frame_energises_a_limp_motor,
+}
+
+
+def violations_of(seen: Evidence) -> tuple[Violation, ...]:
+    """The first of each invariant, in the order of time."""
+    found = []
+    for name, check in INVARIANTS.items():
+        first = next(check(seen), None)
+        if first is not None:
+            found.append(Violation(name, *first))
+    return tuple(sorted(found, key=lambda violation: violation.t_s))

@@ -1,0 +1,51 @@
+"""Joints that turn towards their targets at their greatest speed, and stay where they are without torque.
+
+No gravity, no inertia: what the tree can see of a joint is where it is and how fast it turns there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+SPEED_RAD_S = 5.8
+"""Of an STS3215 without load [assumed]."""
+
+
+class Joints:
+    """Has what a servo's twin asks of its plant."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        size = len(names)
+        self.joints = tuple(names)
+        self.spec = None
+        self.time_s = 0.0
+        self.position_rad = [0.0] * size
+        self.velocity_rad_s = [0.0] * size
+        self.effort_nm = [0.0] * size
+        self.effort_limit_nm = [3.0] * size
+        self.energised = [False] * size
+        self.targets_rad = [0.0] * size
+        self._stuck = [False] * size
+
+    def catch_up(self, now_s: float) -> None:
+        passed_s, self.time_s = now_s - self.time_s, now_s
+        if passed_s <= 0.0:
+            return
+        most_rad = SPEED_RAD_S * passed_s
+        for at, here_rad in enumerate(self.position_rad):
+            moves = self.energised[at] and not self._stuck[at]
+            step_rad = max(-most_rad, min(most_rad, self.targets_rad[at] - here_rad)) if moves else 0.0
+            self.position_rad[at] = here_rad + step_rad
+            self.velocity_rad_s[at] = step_rad / passed_s
+
+    def set_target(self, index: int, rad: float) -> None:
+        self.targets_rad[index] = rad
+
+    def set_torque(self, index: int, on: bool) -> None:
+        self.energised[index] = on
+
+    def set_stuck(self, index: int, stuck: bool) -> None:
+        self._stuck[index] = stuck
+
+    def set_effort_share(self, index: int, share: float) -> None:
+        """Nothing pushes back here."""

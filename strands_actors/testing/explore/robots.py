@@ -1,0 +1,5 @@
+"""The robots that are modelled."""
+
+from __future__ import annotations
+
+ROBOTS = ("so101",)

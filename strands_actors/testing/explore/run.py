@@ -1,0 +1,229 @@
+"""One run: the tree, who asks, what befalls it, and the end that every run has."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.loading import load
+from strands_actors.kernel.health.heartbeat import new_page, private_page
+from strands_actors.supervisors.loading import describe_driver
+from strands_actors.supervisors.root import process as root
+from strands_actors.supervisors.root import tasks
+from strands_actors.supervisors.root.standby_keeper import ENTRY
+from strands_actors.supervisors.standby import process as standby
+from strands_actors.supervisors.wire import group
+
+from .askers import ROBOT, Asker, Numbers, Sweep
+from .attack import attack
+from .children import FORKED_S, SimAhead, SimChild, SimSpawner, Starter
+from .evidence import Evidence, count_of
+from .invariants import Violation, violations_of
+from .links import Net, Socket
+from .locks import SimLocks
+from .plan import ACTIVE_S, BOOT_S, CALLER, OPERATORS, Event, Plan
+from .seams import seams
+from .servo_arm import PATH, ServoArm
+from .world import World
+
+LAST_S = BOOT_S + ACTIVE_S + 0.2
+"""When everything is mended and the caller is killed, if it still lives."""
+SETTLE_S = 3.5
+"""What is left then to end by itself: the guardian's longest pause, and an attempt."""
+
+Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
+
+
+class Run:
+    """``go`` it once; whoever does keeps it: nothing of it may be collected (see ``search``)."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.world = world = World(plan.seed)
+        self.violations: tuple[Violation, ...] = ()
+        self.net = Net(world)
+        self.arm = ServoArm(world)
+        self.numbers = Sweep.numbers = Numbers(world.rng("actions"))
+        SimLocks.disk = {}
+        self.starter = Starter(
+            world,
+            {
+                "strands_actors.supervisors.root.process:main": ("root", self._root),
+                "strands_actors.supervisors.wire.group:main": ("wire", group._main),  # type: ignore[dict-item]
+                ENTRY: ("standby", standby._main),  # type: ignore[dict-item]
+                "strands_actors.supervisors.root.tasks:main": ("policy", tasks._main),  # type: ignore[dict-item]
+            },
+        )
+        self.driver = Feetech("so101", PATH, Feetech.resolve("so101", {}))
+        for name in (CALLER, *OPERATORS):
+            events = self._asks(name)
+            if name == CALLER or events:
+                self._start_asker(name, events)
+        for event in plan.events:
+            if event.kind in _DONE_TO or not event.who:
+                world.at(world.began_s + event.at_s, lambda event=event: self._befall(event))  # type: ignore[misc]
+
+    def go(self) -> None:
+        world = self.world
+        with seams(world, self.net, self.starter, self.arm):
+            world.run(world.began_s + LAST_S)
+            self._mend()
+            world.run(world.began_s + LAST_S + SETTLE_S)
+            world.close()
+        seen = Evidence(world, self.arm, self.plan.events, world.began_s + LAST_S, count_of(self.driver))
+        self.violations = violations_of(seen)
+
+    def digest(self) -> str:
+        """Return a hash of the whole history."""
+        return hashlib.blake2b(msgspec.msgpack.encode(self.world.rows), digest_size=16).hexdigest()
+
+    # -- the tree
+
+    def _start_asker(self, name: str, events: list[Event]) -> None:
+        asker = Asker(self.world, name, events, self.plan.style, self.numbers)
+        asker.axes = self.driver.axes
+        asker.start_root = self._start_root
+        self.world.start(name, asker.main, None)
+
+    def _asks(self, name: str, from_s: float = 0.0) -> list[Event]:
+        return [
+            event
+            for event in self.plan.events
+            if event.who == name and event.kind not in _DONE_TO and event.at_s >= from_s
+        ]
+
+    def _restart(self) -> None:
+        """The script is killed, and started again when its tree has ended, half a second later at the latest."""
+        caller = self.world.find(CALLER)
+        self.world.restarts += 1
+        if caller is not None:
+            caller.kill()
+        self.world.after(0.5, self._start_again)
+
+    def _start_again(self) -> None:
+        if not self.world.restarts:
+            return  # the world ends
+        if self.world.find("root") or self.world.find("standby"):  # its name and port are taken
+            self.world.after(0.1, self._start_again)
+            return
+        self.world.restarts -= 1
+        now_s = self.world.now_s - self.world.began_s
+        self._start_asker(CALLER, self._asks(CALLER, now_s))
+
+    def _start_root(self, caller: str) -> SimChild:
+        world = self.world
+        page = new_page()
+        world.pages[os.fstat(page).st_ino] = private_page()
+        world.descriptors.append(page)
+        args = {
+            "robot": ROBOT,
+            "driver": describe_driver(Feetech, "so101", PATH, Feetech.resolve("so101", {})),
+            "caller_pid": world.current.pid,
+            "caller": caller,
+            "note": "",
+            "twin_pid": 0,
+            "locks": "",
+            "lock_port": PATH,
+            "listen": "root",
+            "wire_listen": "wire",
+            "policy_listen": "policy",
+            "connect": ["caller"],
+            "page": page,
+            "label": "",
+            "standby": {"lock": "", "port": PATH, "report": ""},
+            "mesh": {"listen": [], "connect": [], "settings": {}},
+        }
+        return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
+
+    async def _root(self, args: dict[str, Any], sock: Socket) -> None:
+        starter = self.starter
+        ahead = root.Ahead(SimSpawner(starter), SimAhead(starter), SimAhead(starter), args["page"])  # type: ignore[arg-type]
+        await root._main(args, sock, ahead)  # type: ignore[arg-type]
+
+    # -- what befalls it
+
+    def _befall(self, event: Event) -> None:
+        self.world.note("plan", event.kind, f"{event.who or event.motor} {event.value or ''}")
+        begin, end = self._effect(event)
+        begin()
+        if event.value and event.kind not in ("kill", "unload", "brown out"):
+            self.world.after(event.value, lambda: self._over(event, end))
+
+    def _over(self, event: Event, end: Callable[[], None]) -> None:
+        self.world.note("plan", "ends", event.kind)
+        end()
+
+    def _effect(self, event: Event) -> tuple[Callable[[], None], Callable[[], None]]:
+        """What happens, and how it is undone."""
+        trouble, line, motor = self.arm.trouble, self.arm.line, event.motor
+        victim = self.world.find(event.who)
+
+        def put(owner: object, name: str, value: object, before: object) -> tuple[Any, Any]:
+            return lambda: setattr(owner, name, value), lambda: setattr(owner, name, before)
+
+        def nothing() -> None:
+            pass
+
+        match event.kind:
+            case "lose replies":
+                return put(trouble, "replies_lost", True, False)
+            case "lose requests":
+                return put(trouble, "requests_lost", True, False)
+            case "mute":
+                return lambda: trouble.mute.add(motor), lambda: trouble.mute.discard(motor)
+            case "late":
+                return put(trouble, "late_s", 0.06, 0.0)
+            case "corrupt":
+                return put(trouble, "corrupt", 0.2, 0.0)
+            case "twice":
+                return put(trouble, "twice", 0.3, 0.0)
+            case "pull":
+                return line.pull, line.put_back
+            case "unload":
+                return lambda: self.arm.unload(motor), nothing
+            case "brown out":
+                return lambda: self.arm.brown_out(motor), nothing
+            case "restart":
+                return self._restart, nothing
+            case "attack":
+                return lambda: attack(self.net), nothing
+            case "slow spawner":
+                return put(self.starter, "spawner_slow_s", event.value, 0.0)
+            case "slow mesh":
+                return put(self.net, "slow_s", 0.3, 0.0)
+            case "cut mesh":
+                return lambda: self.net.cut.add(event.who), lambda: self.net.cut.discard(event.who)
+        if victim is None:
+            return nothing, nothing
+        match event.kind:
+            case "kill":
+                return lambda: victim.kill(by_plan=True), nothing
+            case "freeze":
+                return victim.freeze, victim.go_on
+            case "lag":
+                return put(victim, "lag_s", event.value, 0.0)
+        raise ValueError(f"{event.kind} is no event")
+
+    def _mend(self) -> None:
+        """So that what is wrong afterwards is the tree's."""
+        self.world.note("plan", "everything is mended")
+        self.world.restarts = 0
+        trouble = self.arm.trouble
+        trouble.replies_lost = trouble.requests_lost = False
+        trouble.mute.clear()
+        trouble.late_s = trouble.corrupt = trouble.twice = 0.0
+        self.arm.line.put_back()
+        self.net.cut.clear()
+        for process in self.world.processes:
+            process.lag_s = 0.0
+            process.go_on()
+        while (caller := self.world.find(CALLER)) is not None:
+            caller.kill()
+
+
+_DONE_TO = frozenset({"kill", "freeze", "lag", "cut mesh", "slow mesh", "slow spawner", "restart", "attack"})
+"""Kinds of which ``who`` is the victim."""

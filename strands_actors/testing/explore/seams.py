@@ -1,0 +1,158 @@
+"""What a simulated tree is given in place of the system: a table of names in the product's modules.
+
+The processes run the product's own ``_main``. A name that is gone makes the explorer fail at once, and says which.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import trio
+
+from strands_actors.contract.loading import load
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.supervisors import policy
+from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
+from strands_actors.supervisors.standby import process as standby
+from strands_actors.supervisors.wire import group
+
+from .children import SimOs, SimPeer, Starter, life_of, suspected, until_ended
+from .links import Net, SimLink, SimMesh
+from .locks import SimLocks
+from .servo_arm import ServoArm
+from .world import World
+
+Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
+FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
+StopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
+
+
+class NoPlace:
+    """Stands in for the robot's place on the mesh of other hosts: topics, commands in JSON, the gateway."""
+
+    problem = ""
+
+    def __init__(self, *_: Any) -> None:
+        self.settled = trio.Event()
+
+    def tell_state(self, state: Any) -> None:
+        """Nobody reads it."""
+
+    async def run(self, *_: Any) -> None:
+        self.settled.set()
+        await trio.sleep_forever()
+
+
+class Told:
+    """Stands in for the root's note on unconfirmed motors."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def tell(self, report: Any) -> None:
+        self._world.note("root", "reports", f"{report.safe_state} unconfirmed {report.unconfirmed}")
+
+
+def nothing(*_: Any) -> None:
+    """Names, locks and ranks are the system's."""
+
+
+def _threads(world: World) -> Callable[..., Any]:
+    """``trio.to_thread.run_sync``: what a thread does takes a while, and now and then long."""
+    rng = world.rng("threads")
+
+    async def run_sync(
+        do: Callable[..., Any], *args: Any, abandon_on_cancel: bool = False, limiter: object = None
+    ) -> Any:
+        took_s = 0.004 * rng.random() if rng.random() < 0.95 else 1.5 * rng.random()
+        with trio.CancelScope(shield=not abandon_on_cancel):
+            await trio.sleep(took_s)
+        return do(*args)
+
+    return run_sync
+
+
+@contextlib.contextmanager
+def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator[None]:
+    """Put them in for one run."""
+    system = SimOs(world)
+
+    def words_of(page: int) -> memoryview:
+        return world.pages[os.fstat(page).st_ino]
+
+    def write(path: object, report: Any) -> None:
+        world.note("standby", "reports", f"confirmed {report.confirmed} attempts {report.attempts}: {report.why}")
+
+    def report_failure(what: str, error: BaseException) -> None:
+        world.note(world.current.role, "reports", f"{what} failed: {error!r}")
+
+    def find(pid: int) -> Any:
+        found = world.by_pid(pid)
+        assert found is not None
+        return found
+
+    SimMesh.net = net
+    table: tuple[tuple[Any, str, Any], ...] = (
+        (trio.to_thread, "run_sync", _threads(world)),
+        (group, "os", system),
+        (group, "MonotonicClock", VirtualClock),
+        (group, "Link", SimLink),
+        (group, "ZenohMesh", SimMesh),
+        (group, "start", starter.execute),
+        (group, "words_of", words_of),
+        (group, "take_name", nothing),
+        (group, "be_taken_last", nothing),
+        (group, "suspected", lambda pid: suspected(world, pid)),
+        (group, "report_failure", report_failure),
+        (process, "os", system),
+        (process, "MonotonicClock", VirtualClock),
+        (process, "Link", SimLink),
+        (process, "ZenohMesh", SimMesh),
+        (process, "MeshPlace", NoPlace),
+        (process, "Locks", SimLocks),
+        (process, "Unconfirmed", lambda _: Told(world)),
+        (process, "words_of", words_of),
+        (process, "wait_for_end_of", lambda pid: until_ended(find(pid))),
+        (process, "report_failure", report_failure),
+        (guardian, "life_of", lambda pid: life_of(world, pid)),
+        (lock_keeper, "run_like_others", lambda: None),
+        (standby_keeper, "os", system),
+        (standby_keeper, "suspected", lambda pid: suspected(world, pid)),
+        (standby_keeper, "report_failure", report_failure),
+        (standby, "os", system),
+        (standby, "MonotonicClock", VirtualClock),
+        (standby, "Link", SimLink),
+        (standby, "words_of", words_of),
+        (standby, "suspected", lambda pid: suspected(world, pid)),
+        (standby, "report_failure", report_failure),
+        (standby, "take_name", nothing),
+        (standby, "be_taken_last", nothing),
+        (standby, "Peer", lambda pid, pidfd=None: SimPeer(world, pid, pidfd)),
+        (standby, "_take_lock", nothing),  # a script is not started again before the last standby has ended
+        (standby, "write", write),
+        (tasks, "os", system),
+        (tasks, "MonotonicClock", VirtualClock),
+        (tasks, "Link", SimLink),
+        (tasks, "ZenohMesh", SimMesh),
+        (policy, "os", system),
+        (policy, "heap", SimpleNamespace(left_alone=contextlib.nullcontext)),
+        (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver.config, clock, robot.line.open)),
+        (
+            Feetech,
+            "stop_channel",
+            lambda driver, fds, clock: StopChannel(driver.config, fds, clock, robot.line.open),
+        ),
+        (StopChannel, "adopt", lambda channel, fd: robot.line.adopt(fd)),
+    )
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]
+    try:
+        for owner, name, replacement in table:
+            setattr(owner, name, replacement)
+        yield
+    finally:
+        for owner, name, original in before:
+            setattr(owner, name, original)

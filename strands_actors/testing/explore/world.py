@@ -1,0 +1,258 @@
+"""A world of simulated processes: one clock, one list of what happens when, all drawn from one seed."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import os
+import random
+from collections.abc import Awaitable, Callable
+from typing import Any, NamedTuple
+
+from .conversation import Conversation
+from .loop import Loop
+
+BEGIN_S = 1000.0
+"""A clock that begins at 0 would let "never" pass for "now"."""
+
+STEP_S = 30e-6
+"""A task step computes for this long at most [assumed]; a third of it is the mean."""
+
+TREE = frozenset({"caller", "root", "wire", "policy", "standby"})
+
+DYING_S = 0.03
+"""From SIGKILL until the system tells of the end, at most: seen on a busy machine."""
+
+WAKE_S = 150e-6
+"""From a message or timer to the first step of who waited for it, at most, on a quiet machine [assumed]."""
+
+
+class Row(NamedTuple):
+    """One line of a run's history. ``who``: a process, the wire, the plan."""
+
+    t_s: float
+    who: str
+    what: str
+    detail: str | bytes
+    """Bytes: a frame between nodes, as it travels."""
+
+
+class Exited(BaseException):
+    """Ends the step in which a simulated process called ``os._exit``."""
+
+
+class World:
+    """``rng(name)``: a stream of its own for each use, so that one more draw in one place changes no other."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.now_s = self.began_s = BEGIN_S
+        self.rows: list[Row] = []
+        self.conversation = Conversation()
+        self.processes: list[Process] = []
+        self.running: Process | None = None
+        self.pages: dict[int, memoryview] = {}  # by inode
+        self.descriptors: list[int] = []  # to be closed
+        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+        self._pids = itertools.count(100)
+        self._streams: dict[str, random.Random] = {}
+        self.over = False
+        self.restarts = 0  # how often the script is to be started again
+
+    def rng(self, name: str) -> random.Random:
+        if name not in self._streams:
+            self._streams[name] = random.Random(f"{self.seed}/{name}")
+        return self._streams[name]
+
+    def note(self, who: str, what: str, detail: str | bytes = "") -> None:
+        self.rows.append(Row(self.now_s, who, what, detail))
+
+    def at(self, t_s: float, do: Callable[[], None]) -> None:
+        heapq.heappush(self._events, (t_s, next(self._order), do))
+
+    def after(self, pause_s: float, do: Callable[[], None]) -> None:
+        self.at(self.now_s + pause_s, do)
+
+    def run(self, until_s: float) -> None:
+        events = self._events
+        while events and events[0][0] <= until_s and not self.over:
+            t_s, _, do = heapq.heappop(events)
+            self.now_s = max(self.now_s, t_s)
+            do()
+
+    def start(self, role: str, main: Callable[[Process], Awaitable[object]], parent: Process | None) -> Process:
+        process = Process(self, next(self._pids), role, main, parent)
+        self.processes.append(process)
+        self.note(role, "starts", f"pid {process.pid}")
+        process.wake()
+        return process
+
+    def find(self, role: str) -> Process | None:
+        """Return the newest process of that role that lives."""
+        return next((each for each in reversed(self.processes) if each.role == role and not each.dead), None)
+
+    def by_pid(self, pid: int) -> Process | None:
+        return next((each for each in self.processes if each.pid == pid), None)
+
+    def look_for_end(self) -> None:
+        """Without a process of the tree, and nobody to start one, nothing happens any more."""
+        if not self.restarts and not any(process.role in TREE and not process.dead for process in self.processes):
+            self.over = True
+
+    @property
+    def current(self) -> Process:
+        """The process whose code runs now."""
+        assert self.running is not None
+        return self.running
+
+    def close(self) -> None:
+        """Give back this system's descriptors. The loops themselves are kept by whoever keeps the world."""
+        self.over = True
+        for process in self.processes:
+            process.left_over = not process.dead
+            process.dead = True
+            process.loop.abandon()
+            if not process.gone:
+                process._go()
+        for fd in self.descriptors:
+            os.close(fd)
+
+
+class Process:
+    """A process of the tree. What it does to the world goes through objects that ask whether it is ``dead``."""
+
+    def __init__(
+        self,
+        world: World,
+        pid: int,
+        role: str,
+        main: Callable[[Process], Awaitable[object]],
+        parent: Process | None,
+    ) -> None:
+        self.world = world
+        self.pid = pid
+        self.role = role
+        self.parent = parent
+        self.dead = False
+        """It runs no code any more."""
+        self.by_plan = False
+        """What happened to it was drawn, and no act of the tree."""
+        self.gone = False
+        """The system tells so, and has closed what it had open."""
+        self.frozen = False
+        self.lag_s = 0.0
+        self.code: int | None = None
+        self.began_s = world.now_s
+        self.until_s = float("inf")
+        self.frozen_times: list[tuple[float, float]] = []
+        self.left_over = False
+        """It lived when the world ended."""
+        self.at_end: list[Callable[[], None]] = []
+        """Called at the death, in this order: what the kernel does for it."""
+        self._rng = world.rng(f"processor of {role} {sum(each.role == role for each in world.processes)}")
+        self._inbox: list[Callable[[], None]] = []
+        self._due_s = float("inf")
+        self._behind = False  # a step was due while it was frozen
+
+        async def body() -> None:
+            await main(self)
+
+        self.loop = Loop(world, body, self._rng)
+
+    def wake(self) -> None:
+        """Let it run soon: there is something for it."""
+        self._schedule(self.world.now_s + self._late_s(WAKE_S))
+
+    def post(self, do: Callable[[], None]) -> None:
+        """Call ``do`` in its loop, as soon as it runs."""
+        if not self.dead:
+            self._inbox.append(do)
+            self.wake()
+
+    def kill(self, code: int = -9, by_plan: bool = False) -> None:
+        if self.dead:
+            return
+        self.dead = True
+        self.by_plan = by_plan
+        self.code = code
+        self.until_s = self.world.now_s
+        self.world.note(self.role, "ends", f"signal {-code}" if code < 0 else f"code {code}")
+        self.world.look_for_end()
+        if code < 0:
+            self.world.after(self._dying_s(), self._go)
+        else:
+            self._go()
+
+    def _dying_s(self) -> float:
+        """A process that was killed needs a processor to end on."""
+        return 0.002 * self._rng.random() if self._rng.random() < 0.8 else DYING_S * self._rng.random()
+
+    def _go(self) -> None:
+        self.gone = True
+        for let_go in self.at_end:
+            let_go()
+
+    def freeze(self) -> None:
+        if not self.frozen:
+            self.frozen = True
+            self.frozen_times.append((self.world.now_s, float("inf")))
+
+    def go_on(self) -> None:
+        if self.frozen:
+            self.frozen = False
+            self.frozen_times[-1] = (self.frozen_times[-1][0], self.world.now_s)
+            if self._behind:
+                self._behind = False
+                self.wake()
+
+    def exit(self, code: int) -> None:
+        """What ``os._exit`` is here."""
+        self.kill(code)
+        raise Exited
+
+    def _late_s(self, most_s: float) -> float:
+        late_s = most_s * self._rng.random()
+        if self.lag_s and self._rng.random() < 0.3:
+            late_s += self.lag_s * self._rng.random()
+        return late_s
+
+    def _schedule(self, due_s: float) -> None:
+        if due_s < self._due_s:
+            self._due_s = due_s
+            self.world.at(due_s, lambda: self._step(due_s))
+
+    def _step(self, due_s: float) -> None:
+        if self.dead or due_s != self._due_s:
+            return
+        self._due_s = float("inf")
+        if self.frozen:
+            self._behind = True
+            return
+        world = self.world
+        world.running = self
+        try:
+            more_s = self.loop.step(self._deliver)
+        finally:
+            world.running = None
+        if self.code is not None:
+            return  # it has ended in this step
+        if self.loop.result is not None:
+            self._ended()
+        elif more_s <= 0.0:
+            self._schedule(world.now_s + self._late_s(STEP_S))
+        elif more_s < 3600.0:
+            self._schedule(world.now_s + max(more_s, 1e-6) + self._late_s(WAKE_S))
+
+    def _deliver(self) -> None:
+        inbox, self._inbox = self._inbox, []
+        for do in inbox:
+            do()
+
+    def _ended(self) -> None:
+        """``main`` has returned or failed: as ``child.main`` would end it."""
+        result: Any = self.loop.result
+        error = getattr(result, "error", None)
+        if error is not None:
+            self.world.note(self.role, "fails", repr(error))
+        self.kill(0 if error is None else 1)

@@ -1,0 +1,61 @@
+"""The tree keeps its promises in every run that ever failed, and in many that are drawn."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from strands_actors.testing.explore.plan import Plan, plan_of
+from strands_actors.testing.explore.robots import ROBOTS
+from strands_actors.testing.explore.search import run_apart, run_seeds
+
+RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
+SEEDS = 800
+"""45 s of one core; a search for new ones takes as many as you give it."""
+HASH = """
+from strands_actors.testing.explore.plan import plan_of
+from strands_actors.testing.explore.search import run_seeds
+print(*(result.digest for result in run_seeds(range(6), "so101")))
+"""
+
+
+@pytest.mark.parametrize("run", RUNS, ids=[run["found"] for run in RUNS])
+def test_what_was_found_once_stays_repaired(run: dict[str, str]) -> None:
+    (result,) = run_apart([msgspec.json.decode(run["plan"], type=Plan)])
+    assert not result.violations
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_no_drawn_run_breaks_a_promise(robot: str) -> None:
+    broken = [result for result in run_seeds(range(SEEDS), robot, os.cpu_count() or 1) if result.violations]
+    told = [f"--robot {robot} --seed {result.plan.seed}: {result.violations[0]}" for result in broken]
+    assert not broken, "\n".join(told)
+
+
+def test_the_same_seed_is_the_same_run_in_another_process() -> None:
+    """Whatever order this interpreter gives to sets of strings, and wherever its objects lie."""
+    histories = [
+        subprocess.run(
+            [sys.executable, "-c", f"held = [bytearray({size}) for _ in range(1000)]\n{HASH}"],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout.split()
+        for seed, size in (("1", 10), ("2", 5000))
+    ]
+    here = [result.digest for result in run_seeds(range(6), "so101")]
+    assert histories == [here, here]
+    assert len(set(here)) == len(here), "and another seed is another run"
+
+
+def test_a_run_depends_on_what_befalls_it() -> None:
+    plan = plan_of(0, "so101")
+    one, other = run_apart([plan, msgspec.structs.replace(plan, events=plan.events[:-1])])
+    assert one.digest != other.digest
