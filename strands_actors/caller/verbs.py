@@ -11,7 +11,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver, Observation, Reason
 from strands_actors.drivers import canonical_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
@@ -156,7 +156,7 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
-    if (reason := tree.driver.SERVICES[name].stops) is not None:
+    if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
@@ -164,10 +164,16 @@ async def service(
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
-    if (reason := tree.driver.SERVICES[name].stops) is not None:
+    if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
+
+
+def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
+    """Return the reason of a service that is an order to stop, else None. Unknown names are refused later."""
+    known = tree.driver.SERVICES.get(name)
+    return None if known is None else known.stops
 
 
 def _performed(answer: Performed | Refused) -> Answer:

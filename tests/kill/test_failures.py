@@ -80,6 +80,7 @@ TOLD = {
     "supervisors/mesh/answers.py",
     "kernel/channels/pubsub.py",
     "drivers/common/rtps/sockets.py",
+    "drivers/yahboom/twin/bridge.py",
 }
 """Who tells others what time it is by the wall, or is told so by the kernel and believes what can be."""
 

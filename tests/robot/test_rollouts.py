@@ -362,7 +362,7 @@ def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
     json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
     ended = task_ended(arm)
     assert ended["exit_reason"] == "duration", ended
-    until(lambda: len((arm.tree() or {})["processes"]) == 3, "its process ends")  # caller, root, wire
+    until(lambda: len((arm.tree() or {})["processes"]) == 4, "its process ends")  # caller, root, wire, standby
     json_of(arm.start_task("wave", policy_provider="mock", duration=0.5))
     assert task_ended(arm)["exit_reason"] == "duration"
 
