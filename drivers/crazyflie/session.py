@@ -1,5 +1,5 @@
-"""Questions and readings over one link that may lose what it carries: what is not answered is asked again, until a
-deadline."""
+"""Questions and readings over one link that may lose what it carries: what is not answered is asked
+again, until a deadline."""
 
 from __future__ import annotations
 
@@ -135,8 +135,8 @@ TABLE_S = 10.0
 
 
 async def handshake(session: Session, period_s: float) -> dict[str, object]:
-    """Ask who it is, and for rows of the log: flight every ``period_s``, place ten times a second. Moves nothing.
-    Return facts for status. Raise ``WireDown``."""
+    """Ask who it is, and for rows of the log: flight every ``period_s``, place ten times a second.
+    Moves nothing. Return facts for status. Raise ``WireDown``."""
     name = session.link.name
     try:
         told = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)

@@ -1,4 +1,5 @@
-"""SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and its short form.
+"""SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and
+its short form.
 
 Real processes, real wires. Bounds leave room for a busy machine; the published ones are held by
 ``strands-actors matrix --pairs``.
@@ -41,7 +42,8 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next begins."""
+    """The one bench in use. Cells come robot by robot: the one before is ended when the next
+    begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():

@@ -73,7 +73,8 @@ def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
 
 
 def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm: RealRobot) -> None:
-    """The caller's collector would stop its setpoints for as long as it takes to walk everything."""
+    """The caller's collector would stop its setpoints for as long as it takes to walk
+    everything."""
 
     class Ring:
         """Garbage that only the collector finds."""

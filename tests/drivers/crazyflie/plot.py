@@ -1,4 +1,5 @@
-"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after a process was killed in flight.
+"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after a process was killed in
+flight.
 
 ``python -m tests.drivers.crazyflie.plot``. Flies the twin once for each, in half a minute.
 """
