@@ -183,11 +183,12 @@ class ServoWire(Wire, Generic[PacketT]):
             raise PermitDenied("not armed")
         wanted = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
         counts = session.to_tell(wanted)
-        if counts:
-            frame = self.CODEC.goals(counts)
-            permit.check()
-            session.bus.send(frame)
-            session.told(counts)
+        if not counts:  # what nobody was told in time nobody is told later
+            raise PermitDenied("no servo is heard that has torque")
+        frame = self.CODEC.goals(counts)
+        permit.check()
+        session.bus.send(frame)
+        session.told(counts)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
