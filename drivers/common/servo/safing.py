@@ -157,11 +157,12 @@ class Safing(Generic[PacketT]):
         kept: Mapping[int, int] | None = None,
         tell: Callable[[Mapping[int, int]], None] = lambda _: None,
     ) -> tuple[MotorReport, ...]:
-        """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last goals of those
-        that have torque, told again to the others, since a goal from an older reading would move them. Both go out
-        at once; then the others are asked where they are, and held there. One that does not answer keeps its last
-        goal, and one without torque gets none: a goal may energise it. ``tell`` hears of all goals that leave, since
-        who is cut short makes no report. Never raises."""
+        """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last goals
+        of those that have torque, told again to the others, since a goal from an older reading would
+        move them. Both go out at once; then the others are asked where they are, and held there. One
+        that does not answer keeps its last goal, and one without torque gets none: a goal may energise
+        it. ``tell`` hears of all goals that leave, since a hold that is cut short makes no report. Never
+        raises."""
         tally = Tally(self._axes)
         goals = self.goals(known)
         told = {**(kept or {}), **goals}
