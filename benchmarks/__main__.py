@@ -1,4 +1,5 @@
-"""``python -m benchmarks [NAME ...]``: ask the questions of this folder, all or those named, and print answers."""
+"""``python -m benchmarks [NAME ...]``: ask the questions of this folder, all or those named, and
+print answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Six Dynamixel servos read (fast sync read) and written as fast as it goes, beside the vendor's SDK."""
+"""Six Dynamixel servos read (fast sync read) and written as fast as it goes, beside the vendor's
+SDK."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Six Feetech servos read and written as fast as it goes, beside the vendor's SDK and lerobot's bus."""
+"""Six Feetech servos read and written as fast as it goes, beside the vendor's SDK and lerobot's
+bus."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Where our side spends its time: ``python -m benchmarks --flames [NAME ...]``.
 
-Our side of a question runs once more, under py-spy, which looks at the stacks of all its processes 250 times a
-second and counts those that compute. What it saw is kept in ``benchmarks/results/flames`` and drawn as a flame
-graph: the width of a function is its share of the processor's time, what it called stands above it.
+Our side of a question runs once more, under py-spy, which looks at the stacks of all its processes
+250 times a second and counts those that compute. What it saw is kept in
+``benchmarks/results/flames`` and drawn as a flame graph: the width of a function is its share of
+the processor's time, what it called stands above it.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def record(question: Question, short: bool) -> Path:
 
         def watched(command: list[str]) -> list[str]:
             seen.append(Path(directory) / f"{len(seen)}.txt")
-            # nonblocking: a tree notices that one of its processes is stopped, be it to look at its stack
+            # nonblocking: a tree notices that one of its processes is stopped, be it to look at its
+            # stack
             options = ["--nonblocking", "--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
             return [spy, "record", *options, "--output", str(seen[-1]), "--", *command]
 
@@ -66,8 +68,8 @@ def record(question: Question, short: bool) -> Path:
 
 
 def read(text: str) -> Stacks:
-    """As py-spy writes them, without processes (whose commands may have semicolons), line numbers, the way into the
-    interpreter, and programs of one line, which only take processors away."""
+    """As py-spy writes them, without processes (whose commands may have semicolons), line numbers,
+    the way into the interpreter, and programs of one line, which only take processors away."""
     stacks: Stacks = Counter()
     for line in text.splitlines():
         stack, _, count = line.rpartition(" ")

@@ -1,4 +1,5 @@
-"""Twelve arms from one process, each commanded twenty times a second, twins and all on this machine."""
+"""Twelve arms from one process, each commanded twenty times a second, twins and all on this
+machine."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """What every benchmark is made of: a question, its sides, its goals, and one way of running them.
 
-All sides of a question run in the same minutes: each round runs every side once, in an order shuffled by a seed, so
-that what the machine does meanwhile meets all of them. A ratio is taken within a round; its median is what a goal
-judges.
+All sides of a question run in the same minutes: each round runs every side once, in an order
+shuffled by a seed, so that what the machine does meanwhile meets all of them. A ratio is taken
+within a round; its median is what a goal judges.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ Side = Callable[[bool], Figures]
 
 @dataclass(frozen=True)
 class Goal:
-    """A bound on ``ours[figure] / beside[figure]``, or on ``ours[figure]`` itself where ``beside`` is empty."""
+    """A bound on ``ours[figure] / beside[figure]``, or on ``ours[figure]`` itself where ``beside``
+    is empty."""
 
     figure: str
     beside: str
@@ -70,7 +71,8 @@ class Question:
     imports: bool = False
     """Whether importing is part of what is asked: flame graphs of the others leave it out."""
     ground: str = ""
-    """The side on which ours stands: the least that must happen, without what we add. It is judged like ours."""
+    """The side on which ours stands: the least that must happen, without what we add. It is judged
+    like ours."""
 
     def __post_init__(self) -> None:
         if OURS not in self.sides:
@@ -152,12 +154,14 @@ class Result:
         return Spread.of(values) if values else None
 
     def figures(self) -> list[str]:
-        """Every figure that a side has given, in the order of their first appearance, ours first."""
+        """Every figure that a side has given, in the order of their first appearance, ours
+        first."""
         sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
         return list(dict.fromkeys(figure for side in sides for figure in side))
 
     def ratio(self, figure: str, beside: str, of: str = OURS) -> Spread:
-        """One over another, taken within each round; ``KeyError`` where a side did not give that figure."""
+        """One over another, taken within each round; ``KeyError`` where a side did not give that
+        figure."""
         return Spread.of([each[of][figure] / (each[beside][figure] if beside else 1.0) for each in self.rounds])
 
     def verdicts(self, goals: tuple[Goal, ...]) -> list[Verdict]:
@@ -180,7 +184,8 @@ _beneath: Callable[[list[str]], list[str]] = list
 
 @contextlib.contextmanager
 def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
-    """Meanwhile ``beside`` runs what ``wrap`` makes of its command: the same beneath another program."""
+    """Meanwhile ``beside`` runs what ``wrap`` makes of its command: the same beneath another
+    program."""
     global _beneath
     before, _beneath = _beneath, wrap
     try:
@@ -190,10 +195,11 @@ def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
 
 
 def beside(module: str, *args: str, python: str = sys.executable, timeout_s: float = 120) -> Figures:
-    """Run ``python -m module args`` from the checkout; the last JSON object on its stdout has its figures.
+    """Run ``python -m module args`` from the checkout; the last JSON object on its stdout has its
+    figures.
 
-    Raises ``RuntimeError`` with what it wrote to stderr when it fails or takes longer than ``timeout_s``: a peer
-    that is not installed is an error, never a gap in the table.
+    Raises ``RuntimeError`` with what it wrote to stderr when it fails or takes longer than
+    ``timeout_s``: a peer that is not installed is an error, never a gap in the table.
     """
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HOUSE.parent), os.environ.get("PYTHONPATH", "")])

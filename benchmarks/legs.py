@@ -1,4 +1,5 @@
-"""A G1 at 500 Hz: LowState in, LowCmd out, beside a process of cyclonedds that does nothing else."""
+"""A G1 at 500 Hz: LowState in, LowCmd out, beside a process of cyclonedds that does nothing
+else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``docs/benchmarks.md`` and its plots, made from the results that are kept in ``benchmarks/results``."""
+"""``docs/benchmarks.md`` and its plots, made from the results that are kept in
+``benchmarks/results``."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ ours to meet.
 
 
 def unit(figure: str) -> tuple[str, str]:
-    """``"ask_p50_us"`` as (``"ask p50"``, ``"µs"``); a figure without a known unit keeps its whole name."""
+    """``"ask_p50_us"`` as (``"ask p50"``, ``"µs"``); a figure without a known unit keeps its whole
+    name."""
     for suffix, name in UNITS.items():
         if figure.endswith(f"_{suffix}"):
             return figure.removesuffix(f"_{suffix}").replace("_", " "), name
@@ -163,8 +165,9 @@ def where_it_goes(question: Question) -> list[str]:
 
 
 def plot(question: Question, result: Result, path: Path) -> None:
-    """One panel per figure that a goal names (or all). Bars begin at zero; where the sides are too far apart for
-    that the axis is logarithmic and has points, since the length of a bar would mean nothing there."""
+    """One panel per figure that a goal names (or all). Bars begin at zero; where the sides are too
+    far apart for that the axis is logarithmic and has points, since the length of a bar would mean
+    nothing there."""
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
 

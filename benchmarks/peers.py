@@ -1,7 +1,7 @@
 """``python -m benchmarks.peers [NAME ...]``: the environments of peers that cannot share ours.
 
-Each is a virtual environment in ``benchmarks/.peers/<name>/`` of the Python it runs on. A benchmark that needs one
-which is not there says so and fails: nothing is installed behind anybody's back.
+Each is a virtual environment in ``benchmarks/.peers/<name>/`` of the Python it runs on. A benchmark
+that needs one which is not there says so and fails: nothing is installed behind anybody's back.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ PLACE = Path(__file__).resolve().parent / ".peers"
 
 @dataclass(frozen=True)
 class Peer:
-    """``alone``: packages whose own requirements are left out, because they want what no benchmark uses."""
+    """``alone``: packages whose own requirements are left out, because they want what no benchmark
+    uses."""
 
     python: str
     packages: tuple[str, ...]

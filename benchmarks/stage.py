@@ -1,4 +1,5 @@
-"""What questions about robots share: a twin, and the side that drives it as a process of its own."""
+"""What questions about robots share: a twin, and the side that drives it as a process of its
+own."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ from .house import HOUSE, Figures, Side, beside
 
 
 def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
-    """Run ``benchmarks.sides.<module>`` with the twin's port and the path of its wire log behind ``args``; in our
-    own interpreter, or in a peer's."""
+    """Run ``benchmarks.sides.<module>`` with the twin's port and the path of its wire log behind
+    ``args``; in our own interpreter, or in a peer's."""
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory, Twin(robot, Path(directory)) as twin:
         return beside(
@@ -26,7 +27,8 @@ def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
 
 
 def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Side:
-    """A side that asks ``module`` once for each robot; its figures get the prefix given for that robot."""
+    """A side that asks ``module`` once for each robot; its figures get the prefix given for that
+    robot."""
 
     def side(short: bool) -> Figures:
         figures: Figures = {}

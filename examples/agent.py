@@ -1,4 +1,5 @@
-"""An agent moves an arm's twin. Its model is a script, so it needs no network and no key: put yours in its place.
+"""An agent moves an arm's twin. Its model is a script, so it needs no network and no key: put yours
+in its place.
 
 pip install 'strands-actors[agent]'
 python examples/agent.py

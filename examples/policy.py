@@ -1,4 +1,5 @@
-"""Two policies drive an arm, one in this process and one in a process of its own. The arm ends released.
+"""Two policies drive an arm, one in this process and one in a process of its own. The arm ends
+released.
 
 python examples/policy.py                  its twin: no robot needed
 python examples/policy.py /dev/ttyACM0     a real SO-101
@@ -12,7 +13,8 @@ from strands_actors import Robot
 
 
 class Wave:
-    """A chunk of ten actions at a time, 50 a second: two degrees to either side of where the arm was."""
+    """A chunk of ten actions at a time, 50 a second: two degrees to either side of where the arm
+    was."""
 
     def __init__(self, joint: str) -> None:
         self.joint = joint

@@ -1,6 +1,8 @@
-"""Watch this user's robots with plain zenoh, no import of strands-actors: python examples/telemetry.py [SECONDS]
+"""Watch this user's robots with plain zenoh, no import of strands-actors: python
+examples/telemetry.py [SECONDS]
 
-A robot leaves a note of where it can be reached in the directory where robots meet; its topics are JSON.
+A robot leaves a note of where it can be reached in the directory where robots meet; its topics are
+JSON.
 """
 
 import json

@@ -1,4 +1,5 @@
-"""The real driver of an SO-101, with a simulation behind its wire. No robot, no display, no download."""
+"""The real driver of an SO-101, with a simulation behind its wire. No robot, no display, no
+download."""
 
 from __future__ import annotations
 

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def strands_run_dirs() -> Iterator[list[Path]]:
-    """Removed at the end of the session: the handle's loop lives as long as the process, its socket with it."""
+    """Removed at the end of the session: the handle's loop lives as long as the process, its socket
+    with it."""
     made: list[Path] = []
     yield made
     for path in made:

@@ -16,7 +16,8 @@ ROOM_S = 0.5
 FENCE_ROOM_S = 1.0
 """For a process to be killed, and its end to be seen."""
 OWN_STOP_S = 0.25
-"""A tree that ends gives the wire's own stop so long, of a robot that is safe as quickly as most."""
+"""A tree that ends gives the wire's own stop so long, of a robot that is safe as quickly as
+most."""
 USUAL_SAFE_S = Timing(control_hz=1.0, keepalive_s=1.0).safe_s
 
 

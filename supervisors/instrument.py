@@ -1,10 +1,11 @@
 """What a recorder gets to see: all that the actors of a process take up, answer and tell, in order.
 
-While nobody records, the node has no instrument and the actors pay an ``if``. A recorder attaches over the
-mesh; then a journal notes what happens, and a task beside the actors ships it in numbered batches, of which
-only a few may be on the way: a recorder that is slow, frozen or dead fills the journal, which is bounded, and
-nothing else. What did not fit is counted. After such a gap, as at the beginning, the journal goes on from the
-whole memory of the actors, so that a replay can start there.
+While nobody records, the node has no instrument and the actors pay an ``if``. A recorder attaches
+over the mesh; then a journal notes what happens, and a task beside the actors ships it in numbered
+batches, of which only a few may be on the way: a recorder that is slow, frozen or dead fills the
+journal, which is bounded, and nothing else. What did not fit is counted. After such a gap, as at
+the beginning, the journal goes on from the whole memory of the actors, so that a replay can start
+there.
 """
 
 from __future__ import annotations
@@ -26,15 +27,16 @@ FORMAT = 1
 """Of the journal. A recorder that knows another one is refused."""
 
 PERIOD_S = 0.02
-"""How long an entry waits at most before it is shipped; a stop and what follows from it is shipped at once."""
+"""How long an entry waits at most before it is shipped; a stop and what follows from it is shipped
+at once."""
 CAPACITY = 8192
 """Entries that wait for a recorder: some ten seconds of an arm at 50 Hz."""
 BATCH_BYTES = 16 * 1024
 ENTRY_BYTES = 48 * 1024
 """A longer one does not fit into a frame, and is a gap."""
 WINDOW = 4
-"""Batches on the way that the recorder has not acknowledged. What a frozen one leaves unread is no more than a
-socket holds, so that sending never waits for it."""
+"""Batches on the way that the recorder has not acknowledged. What a frozen one leaves unread is no
+more than a socket holds, so that sending never waits for it."""
 STILL_THERE_S = 0.25
 """A batch is sent at least so often, empty if need be."""
 SILENT_S = 2.0
@@ -55,8 +57,8 @@ class Kind(enum.IntEnum):
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One line of a journal. ``at_ns``: CLOCK_MONOTONIC, of what has a time of its own; what an actor makes of a
-    message follows it without one."""
+    """One line of a journal. ``at_ns``: CLOCK_MONOTONIC, of what has a time of its own; what an
+    actor makes of a message follows it without one."""
 
     kind: Kind
     actor: str
@@ -82,7 +84,8 @@ class Attached(Message, frozen=True):
 
 
 class Batch(Message, frozen=True):
-    """``entries``: each an encoded ``Entry``. Empty when there is nothing to tell but that we live."""
+    """``entries``: each an encoded ``Entry``. Empty when there is nothing to tell but that we
+    live."""
 
     session: int
     number: int
@@ -120,8 +123,8 @@ _Line = tuple[Kind, str, int, int, str, object]
 
 
 class Journal:
-    """A ``Instrument`` that keeps what the named actors do. ``dull``: messages not worth a line. ``remember``
-    gives the memories to go on from, as (actor, deferrals, memory)."""
+    """A ``Instrument`` that keeps what the named actors do. ``dull``: messages not worth a line.
+    ``remember`` gives the memories to go on from, as (actor, deferrals, memory)."""
 
     def __init__(
         self,
@@ -234,8 +237,9 @@ class _Session:
 
 
 class InstrumentKeeper(Actor):
-    """One in each process that can be recorded; one recorder at a time. ``names``: whom it listens to, by address.
-    ``attached``: what it tells a recorder of the robot. ``remember``: see ``Journal``."""
+    """One in each process that can be recorded; one recorder at a time. ``names``: whom it listens
+    to, by address. ``attached``: what it tells a recorder of the robot. ``remember``: see
+    ``Journal``."""
 
     def __init__(
         self,
@@ -291,8 +295,8 @@ class InstrumentKeeper(Actor):
             self.context.node.instrument = None
 
     async def _ship(self, session: _Session) -> None:
-        """Beside the actors. A failure in here ends the recording, never the process: the recorder sees that
-        nothing comes any more, and says so in its file."""
+        """Beside the actors. A failure in here ends the recording, never the process: the recorder
+        sees that nothing comes any more, and says so in its file."""
         journal = session.journal
         try:
             while self._session is session and not (session.leaving is not None and session.done):

@@ -1,4 +1,5 @@
-"""Each process answers which actors it hosts, and (when faults are allowed) breaks itself on request."""
+"""Each process answers which actors it hosts, and (when faults are allowed) breaks itself on
+request."""
 
 from __future__ import annotations
 
@@ -22,11 +23,13 @@ class Break(Message, frozen=True):
 
 
 class Broken(BaseException):
-    """What a process was asked to end by. No supervisor contains it, as it would any other exception."""
+    """What a process was asked to end by. No supervisor contains it, as it would any other
+    exception."""
 
 
 def fall(how: str) -> None:
-    """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else does nothing."""
+    """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else
+    does nothing."""
     if how == "exception":
         raise RuntimeError("a fault was asked for")
     if how == "exit":

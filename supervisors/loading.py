@@ -22,7 +22,8 @@ def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> 
 
 
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
-    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or misspelt."""
+    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or
+    misspelt."""
     driver = driver_class(robot, port, options)
     check_fallbacks(driver.robot, driver.fallbacks)
     return driver
@@ -39,7 +40,8 @@ def load_driver(description: dict[str, Any]) -> Driver:
 
 
 def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
-    """Refuses every setpoint from ``until_ns`` on: there is no certificate of a stop drill, or it is too old."""
+    """Refuses every setpoint from ``until_ns`` on: there is no certificate of a stop drill, or it
+    is too old."""
 
     def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
         return None if state.now_ns < until_ns else Refused("no_drill", reason, remedy)

@@ -24,15 +24,15 @@ MAX_LIFETIME_S = 10.0
 
 
 class Acquire(Message, frozen=True):
-    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under. ``pid``: the
-    process that will write, if it is one of this host."""
+    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under.
+    ``pid``: the process that will write, if it is one of this host."""
 
     holder: str
     over: int = 0
     pid: int = 0
     channel: str = ""
-    """In this and in what is told under a lease: over which channel it came. The receiving process writes it; who
-    sends leaves it empty."""
+    """In this and in what is told under a lease: over which channel it came. The receiving process
+    writes it; who sends leaves it empty."""
 
 
 class Lease(Message, frozen=True):
@@ -41,8 +41,8 @@ class Lease(Message, frozen=True):
 
 
 class Beat(Message, frozen=True):
-    """The holder's process lives. ``answered_ago_s``: when the thread that commands the robot last did anything
-    but compute; negative: not since the last beat."""
+    """The holder's process lives. ``answered_ago_s``: when the thread that commands the robot last
+    did anything but compute; negative: not since the last beat."""
 
     lane = "latest"
 
@@ -52,7 +52,8 @@ class Beat(Message, frozen=True):
 
 
 class Stopped(Message, frozen=True):
-    """The system has stopped a process that writes (SIGSTOP, Ctrl-Z, a debugger): it cannot say so itself."""
+    """The system has stopped a process that writes (SIGSTOP, Ctrl-Z, a debugger): it cannot say so
+    itself."""
 
     lane = "urgent"
 
@@ -67,8 +68,8 @@ class Release(Message, frozen=True):
 
 
 class Setpoint(Message, frozen=True):
-    """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease lives,
-    otherwise kept until the deadline."""
+    """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease
+    lives, otherwise kept until the deadline."""
 
     lane = "latest"
 
@@ -115,7 +116,8 @@ class StopReport(Message, frozen=True):
 
 
 class Resume(Message, frozen=True):
-    """Lift a lockout (unless ``lift`` is false) and energise at the measured position. Restarts no motion."""
+    """Lift a lockout (unless ``lift`` is false) and energise at the measured position. Restarts no
+    motion."""
 
     lane = "urgent"
 
@@ -185,7 +187,8 @@ class Probe(Message, frozen=True):
 
 
 BROUGHT = 0
-"""Instead of a probe's number: a setpoint of a stream that is as quick as ticks has made the gate look."""
+"""Instead of a probe's number: a setpoint of a stream that is as quick as ticks has made the gate
+look."""
 
 
 class Alive(Message, frozen=True):
@@ -199,7 +202,8 @@ class Alive(Message, frozen=True):
 
 
 class Write(Message, frozen=True):
-    """A gated setpoint. The transport checks epoch and deadline again just before the bytes leave."""
+    """A gated setpoint. The transport checks epoch and deadline again just before the bytes
+    leave."""
 
     lane = "latest"
 
@@ -210,7 +214,8 @@ class Write(Message, frozen=True):
 
 
 class Cycle(Message, frozen=True):
-    """One period of the wire: re-send the last setpoint and feed the firmware's watchdog if told so, then read."""
+    """One period of the wire: re-send the last setpoint and feed the firmware's watchdog if told
+    so, then read."""
 
     lane = "latest"
 
@@ -220,7 +225,8 @@ class Cycle(Message, frozen=True):
 
 
 class Cycled(Message, frozen=True):
-    """The transport's answer; ``busy_until_ns``: it is in a bounded operation (connecting, confirming)."""
+    """The transport's answer; ``busy_until_ns``: it is in a bounded operation (connecting,
+    confirming)."""
 
     lane = "latest"
 
@@ -305,8 +311,8 @@ class Renew(Message, frozen=True):
 
 
 class SilentUntil(Message, frozen=True):
-    """The wire process may not beat until then: it opens or arms an SDK that keeps the interpreter's lock.
-    0: that is over. The root believes it for ``Timing.silent_s`` at most."""
+    """The wire process may not beat until then: it opens or arms an SDK that keeps the
+    interpreter's lock. 0: that is over. The root believes it for ``Timing.silent_s`` at most."""
 
     lane = "urgent"
 
@@ -341,8 +347,8 @@ class RootGone(Message, frozen=True):
 
 
 class Handover(Message, frozen=True):
-    """Descriptors for the stop channels of root and standby. They travel with the message. ``again``: for a standby
-    that was started since; the root has its own."""
+    """Descriptors for the stop channels of root and standby. They travel with the message.
+    ``again``: for a standby that was started since; the root has its own."""
 
     lane = "urgent"
 
@@ -355,11 +361,13 @@ class HandedOver(Message, frozen=True):
 
 
 class HandOverAgain(Message, frozen=True):
-    """The root asks an open wire for another handover: there is a new standby. Not urgent: it may wait."""
+    """The root asks an open wire for another handover: there is a new standby. Not urgent: it may
+    wait."""
 
 
 class StandbyIs(Message, frozen=True):
-    """Whether a standby lives and could make the robot safe. ``problem``: why not; empty: it could."""
+    """Whether a standby lives and could make the robot safe. ``problem``: why not; empty: it
+    could."""
 
     lane = "urgent"
 
@@ -370,8 +378,8 @@ class StandbyIs(Message, frozen=True):
 
 
 class WatchOver(Message, frozen=True):
-    """The pids of the root and of the wire that was started last; 0: none. ``descriptors``: the page of heartbeats,
-    then a pidfd of each, where the system has such."""
+    """The pids of the root and of the wire that was started last; 0: none. ``descriptors``: the
+    page of heartbeats, then a pidfd of each, where the system has such."""
 
     lane = "urgent"
 
@@ -438,8 +446,8 @@ class Rollout(Message, frozen=True):
 
 
 class StartTask(Message, frozen=True):
-    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the process has
-    begun by then or does nothing, since nobody waits for it any more; 0: none."""
+    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the
+    process has begun by then or does nothing, since nobody waits for it any more; 0: none."""
 
     provider: str
     options: dict[str, Any]
@@ -456,8 +464,8 @@ class GetTask(Message, frozen=True):
 
 
 class TaskStatus(Message, frozen=True):
-    """One shape for every driver. ``exit_reason``: stopped, n_steps, duration, policy, gate, publish, stop,
-    cleanup or refused; empty while running and before the first task."""
+    """One shape for every driver. ``exit_reason``: stopped, n_steps, duration, policy, gate,
+    publish, stop, cleanup or refused; empty while running and before the first task."""
 
     lane = "latest"
 

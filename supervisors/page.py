@@ -1,4 +1,5 @@
-"""The page of memory that root, wire and standby of one robot share, and what stands where on it."""
+"""The page of memory that root, wire and standby of one robot share, and what stands where on
+it."""
 
 from __future__ import annotations
 
@@ -20,8 +21,9 @@ class Owed:
 
     @property
     def safe_state(self) -> bool:
-        """Whether something may be energised: from before arming until every motor has confirmed the safe state of
-        a stop. Written by the wire, and by the root once that has made safe in its place."""
+        """Whether something may be energised: from before arming until every motor has confirmed
+        the safe state of a stop. Written by the wire, and by the root once that has made safe in
+        its place."""
         return self._owed.get() != 0
 
     @safe_state.setter

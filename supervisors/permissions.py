@@ -1,9 +1,9 @@
 """What each process of a tree may say to the others: in whose name, and to which actors.
 
 The root knows whom it has started over which link; the wire has a session of its own for policies
-(``policy_access``). A policy runs code of others, so it may say what a rollout needs and nothing else. Whoever
-joins the mesh of this user, and the tree's own caller, may do what an operator may; what the parts of a tree report
-to each other counts over their own link alone.
+(``policy_access``). A policy runs code of others, so it may say what a rollout needs and nothing
+else. Whoever joins the mesh of this user, and the tree's own caller, may do what an operator may;
+what the parts of a tree report to each other counts over their own link alone.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ def of_standby(robot: str) -> Channel:
 
 
 def of_policy(robot: str, name: str) -> Channel:
-    """The other end is a policy process: in the root, and in the wire. ``name``: what its leases are bound to."""
+    """The other end is a policy process: in the root, and in the wire. ``name``: what its leases
+    are bound to."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus})}
     return Channel(
@@ -72,7 +73,8 @@ def of_policy(robot: str, name: str) -> Channel:
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """The other end is the process that started the tree. ``node``: its node's address. Its policy may be there."""
+    """The other end is the process that started the tree. ``node``: its node's address. Its policy
+    may be there."""
     return of_user(robot)._replace(hosts=frozenset({addresses.of(robot).policy}), nodes=node)
 
 

@@ -1,9 +1,10 @@
 """The policy actor turns observations into setpoints.
 
-Inference runs in a worker thread, which may block or spin: the loop that sends setpoints does not wait for
-it. A chunk of actions is buffered and executed at the control rate while the next inference runs, which begins
-early enough to end before the buffer does, going by how long the last one took. When the policy is late all the
-same the buffer runs dry, the last setpoint expires, and the robot holds: nobody has to notice.
+Inference runs in a worker thread, which may block or spin: the loop that sends setpoints does not
+wait for it. A chunk of actions is buffered and executed at the control rate while the next
+inference runs, which begins early enough to end before the buffer does, going by how long the last
+one took. When the policy is late all the same the buffer runs dry, the last setpoint expires, and
+the robot holds: nobody has to notice.
 """
 
 from __future__ import annotations
@@ -47,16 +48,17 @@ Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
 ASK_EVERY_S = 0.01
-"""A stream quicker than this waits for the answer to one setpoint in so long: the gate keeps a refusal of any other
-for then, and lets none pass after it."""
+"""A stream quicker than this waits for the answer to one setpoint in so long: the gate keeps a
+refusal of any other for then, and lets none pass after it."""
 
 MARGIN = 1.5
 """How much longer than the last an inference may take before the buffer runs dry."""
 
 
 class Buffer:
-    """Actions to be sent, one a period; it is ``low`` when an inference has to begin: what is left lasts no longer
-    than ``MARGIN`` times the last one took, or is no more than half of what that brought."""
+    """Actions to be sent, one a period; it is ``low`` when an inference has to begin: what is left
+    lasts no longer than ``MARGIN`` times the last one took, or is no more than half of what that
+    brought."""
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * NS
@@ -96,7 +98,8 @@ def as_infer(policy: Any) -> Infer:
 
 
 def prepare(policy: Any, axes: Sequence[str], hz: float) -> None:
-    """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to know."""
+    """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to
+    know."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
     for setter, value in (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz)):
@@ -107,8 +110,8 @@ def prepare(policy: Any, axes: Sequence[str], hz: float) -> None:
 
 
 def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
-    """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it executed than its
-    ``execution_horizon``; of any other the whole chunk is."""
+    """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it
+    executed than its ``execution_horizon``; of any other the whole chunk is."""
     if inspect.isawaitable(result):
         import asyncio  # 8 ms, for policies that want it
 
@@ -213,8 +216,8 @@ class Policy(Actor):
             self._report(self._status())
 
     async def _ask_for_a_while(self, setpoint: Setpoint) -> bool:
-        """As ``_ask``, but an answer that takes longer than half a period does not hold the stream up: the next
-        setpoints are told, and a refusal ends the rollout when it comes."""
+        """As ``_ask``, but an answer that takes longer than half a period does not hold the stream
+        up: the next setpoints are told, and a refusal ends the rollout when it comes."""
         self._answer_is_due = True
         heard = trio.Event()
 
@@ -314,8 +317,8 @@ class Policy(Actor):
         async with self._acquiring:  # a lease that is on its way has to be given back too
             pass
         if self._lease is not None:
-            # The gate holds the robot where it is before it gives the lease back.
-            # If it does not answer the setpoint expires and the lease lapses, by themselves; the status says so.
+            # The gate holds the robot where it is before it gives the lease back. If it does not
+            # answer the setpoint expires and the lease lapses, by themselves; the status says so.
             try:
                 await self._gate.ask(Release(self._lease.id), self._ask_s)
             except (AskTimeout, Unreachable) as failure:

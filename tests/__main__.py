@@ -1,8 +1,8 @@
-"""``python -m tests``: style, types, tests (two at a time: most of them wait for processes); stops at the first
-that fails. Arguments go to pytest.
+"""``python -m tests``: style, types, tests (two at a time: most of them wait for processes); stops
+at the first that fails. Arguments go to pytest.
 
-A test that fails beside another is run once more, alone, and named: two robots on a machine that pauses may
-be late where one is not. Who fails alone fails.
+A test that fails beside another is run once more, alone, and named: two robots on a machine that
+pauses may be late where one is not. Who fails alone fails.
 """
 
 from __future__ import annotations

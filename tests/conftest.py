@@ -14,11 +14,13 @@ from hypothesis import HealthCheck, settings
 
 pytest_plugins = ["strands_actors.pytest_plugin"]  # as if the package were installed with its entry point
 
-# Whoever runs the tests in the background may have had these ignored, and the processes under test with them.
+# Whoever runs the tests in the background may have had these ignored, and the processes under test
+# with them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# No verdict of a test hangs on how fast the machine is, nor on the day's examples: who wants new ones says so.
+# No verdict of a test hangs on how fast the machine is, nor on the day's examples: who wants new
+# ones says so.
 settings.register_profile(
     "here",
     deadline=None,
@@ -30,7 +32,8 @@ settings.load_profile("here")
 
 @pytest.fixture(scope="session")
 def run_dirs() -> Iterator[list[Path]]:
-    """Removed at the end of the session only: the portal lives as long as the process, its socket with it."""
+    """Removed at the end of the session only: the portal lives as long as the process, its socket
+    with it."""
     made: list[Path] = []
     yield made
     for path in made:

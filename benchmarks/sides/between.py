@@ -1,7 +1,7 @@
 """Asks and tells between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
 
-An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way as a
-mailbox holds: after each window the sender asks how many came.
+An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way
+as a mailbox holds: after each window the sender asks how many came.
 """
 
 from __future__ import annotations
@@ -190,9 +190,9 @@ def _publisher(session: Any, key: str) -> Any:
 
 
 def zenoh_into_trio(short: bool) -> Figures:
-    """The same put and put, each handed to a loop of trio before it is answered or taken, with a deadline: what
-    anyone pays who keeps the state of a process in one loop. And typed tells, each a put that the loop decodes and
-    counts."""
+    """The same put and put, each handed to a loop of trio before it is answered or taken, with a
+    deadline: what anyone pays who keeps the state of a process in one loop. And typed tells, each a
+    put that the loop decodes and counts."""
     with _answered_by("loop-server") as (session, put):
         return trio.run(_asked_in_trio, session, put, short)
 

@@ -1,10 +1,10 @@
-"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire, sdk, lerobot,
-floor, loop (the floor in a loop of trio).
+"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire,
+sdk, lerobot, floor, loop (the floor in a loop of trio).
 
-The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same question, the
-positions of all servos in one sync read, and write the same goals in one sync write; ``wire`` is what a robot of
-ours does in every cycle: it reads all that a servo reports of itself, decodes it into an observation, and writes
-behind a permit."""
+The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same
+question, the positions of all servos in one sync read, and write the same goals in one sync write;
+``wire`` is what a robot of ours does in every cycle: it reads all that a servo reports of itself,
+decodes it into an observation, and writes behind a permit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ LIMIT_HZ = {
     # fast sync read: 14 + n asked, 8 + n x (4 + 4) answered; sync write: 14 + n x 5
     DYNAMIXEL: 1 / (BYTE_S * ((14 + 6 + 8 + 6 * 8) + (14 + 6 * 5))),
 }
-"""Cycles a second if the bus never fell silent. facts of both protocols; servos answer without delay."""
+"""Cycles a second if the bus never fell silent. facts of both protocols; servos answer without
+delay."""
 
 Cycle = Callable[[int], None]
 
@@ -41,7 +42,8 @@ def goal(number: int) -> int:
 
 
 class Laps:
-    """Numbers, one for each cycle, for so many seconds; then ``figures``, of what passed between them."""
+    """Numbers, one for each cycle, for so many seconds; then ``figures``, of what passed between
+    them."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -144,7 +146,8 @@ def dynamixel_sdk(port: str, seconds: float) -> dict[str, float]:
 
 
 def _unless_lost(found: dict[str, float], lost: list[int]) -> dict[str, float]:
-    """A reply that was given up waiting for now and then is the machine's doing; more is a fault of the set-up."""
+    """A reply that was given up waiting for now and then is the machine's doing; more is a fault of
+    the set-up."""
     if len(lost) > 0.02 * found["cycles_hz"]:
         raise RuntimeError(f"{len(lost)} readings were not answered")
     return found | {"lost": float(len(lost))}

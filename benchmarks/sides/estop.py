@@ -1,7 +1,8 @@
-"""A stop from a process that sends telemetry flat out: ``python -m benchmarks.sides.estop SIDE [short]``.
+"""A stop from a process that sends telemetry flat out: ``python -m benchmarks.sides.estop SIDE
+[short]``.
 
-The span runs from before the stop is sent to its handler. The telemetry is readings of 1 kB; whoever hears
-them does 5 us of work for each that he takes.
+The span runs from before the stop is sent to its handler. The telemetry is readings of 1 kB;
+whoever hears them does 5 us of work for each that he takes.
 """
 
 from __future__ import annotations

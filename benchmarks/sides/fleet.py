@@ -1,7 +1,9 @@
-"""``fleet LENGTH``: many arms from one process. N SO-101 twins with their trees, each commanded at a steady rate.
+"""``fleet LENGTH``: many arms from one process. N SO-101 twins with their trees, each commanded at
+a steady rate.
 
-``--robots``, ``--hz`` and ``--seconds`` ask something else. A robot that left ``armed`` (its status said so, or its
-wire shows a safe frame after it was armed) counts as ``left_armed``; what happened goes to stderr.
+``--robots``, ``--hz`` and ``--seconds`` ask something else. A robot that left ``armed`` (its status
+said so, or its wire shows a safe frame after it was armed) counts as ``left_armed``; what happened
+goes to stderr.
 """
 
 from __future__ import annotations
@@ -135,7 +137,8 @@ def pss_mb(pids: set[int]) -> float:
 
 
 def wire_summary(arm: Arm, until_ns: int) -> tuple[int, int, float]:
-    """Setpoints, safe frames, and the longest pause between two setpoints in ms, from armed until then."""
+    """Setpoints, safe frames, and the longest pause between two setpoints in ms, from armed until
+    then."""
     setpoints, safe = [], 0
     for entry in arm.log.entries(arm.armed_ns):
         if entry.sender != "host" or entry.t_ns > until_ns:

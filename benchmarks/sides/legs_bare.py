@@ -1,4 +1,5 @@
-"""``legs_bare LENGTH``: what a tick of trio's at 500 Hz takes of a core on this machine, with nothing in it."""
+"""``legs_bare LENGTH``: what a tick of trio's at 500 Hz takes of a core on this machine, with
+nothing in it."""
 
 from __future__ import annotations
 

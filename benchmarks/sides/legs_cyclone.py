@@ -1,7 +1,9 @@
-"""``legs_cyclone LENGTH PORT LOG``: LowState in, LowCmd out at 500 Hz, as Unitree's Python SDK does it: cyclonedds.
+"""``legs_cyclone LENGTH PORT LOG``: LowState in, LowCmd out at 500 Hz, as Unitree's Python SDK does
+it: cyclonedds.
 
-Nothing else is in this process: no policy, no gate, no limits, nobody who watches it. Types are Unitree's
-(unitree_hg), written down here; the checksum is made as the SDK makes it, over the packed C struct.
+Nothing else is in this process: no policy, no gate, no limits, nobody who watches it. Types are
+Unitree's (unitree_hg), written down here; the checksum is made as the SDK makes it, over the packed
+C struct.
 """
 
 import array

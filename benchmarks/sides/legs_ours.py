@@ -1,4 +1,5 @@
-"""``legs_ours LENGTH PORT LOG``: a G1 of ours at 500 Hz, its policy keeping its own interpreter's lock busy."""
+"""``legs_ours LENGTH PORT LOG``: a G1 of ours at 500 Hz, its policy keeping its own interpreter's
+lock busy."""
 
 from __future__ import annotations
 

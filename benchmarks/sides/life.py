@@ -1,7 +1,7 @@
 """Births and deaths: ``python -m benchmarks.sides.life SIDE [short]``.
 
-Ours is as the product starts policies, and what died: by the root's spawner, a process that was forked from the
-parent before anything ran there, and supervised.
+Ours is as the product starts policies, and what died: by the root's spawner, a process that was
+forked from the parent before anything ran there, and supervised.
 
 ``spawn``    from the order to start a process to the first message of its actor, in the parent's actor
 ``recover``  from SIGKILL to an answer of the actor's next incarnation, restarted by supervision
@@ -142,8 +142,8 @@ async def restarts(short: bool) -> Figures:
 
 
 async def trio_restarts(short: bool) -> Figures:
-    """A task that takes from a channel and raises, a loop that starts it anew, an answer of the new one with a
-    deadline: no budget, no backoff, nobody told."""
+    """A task that takes from a channel and raises, a loop that starts it anew, an answer of the new
+    one with a deadline: no budget, no backoff, nobody told."""
     spans_ns = []
     asks, asked = trio.open_memory_channel[trio.Event | None](1)
 

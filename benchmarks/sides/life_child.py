@@ -1,7 +1,7 @@
 """The actor that is born and dies in ``benchmarks.sides.life``, in a process of its own.
 
-The parent imports this, so that what it forks children from has it in memory, as a robot's root has what its
-children run.
+The parent imports this, so that what it forks children from has it in memory, as a robot's root has
+what its children run.
 """
 
 from __future__ import annotations

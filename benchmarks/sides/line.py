@@ -1,8 +1,9 @@
 """``line ROBOT FILE``: a servo bus of ours that is never late. The port's path goes to FILE.
 
-It is the twin of the robot, its servos and its physics, but not its loop: this one never sleeps, so that it adds
-no wake-up of a core to the time of the bytes. What a byte needs through a pseudo-terminal (a kernel thread
-carries it, 40 us here; no UART has one) is measured first and taken off each way. Runs until it is killed."""
+It is the twin of the robot, its servos and its physics, but not its loop: this one never sleeps, so
+that it adds no wake-up of a core to the time of the bytes. What a byte needs through a
+pseudo-terminal (a kernel thread carries it, 40 us here; no UART has one) is measured first and
+taken off each way. Runs until it is killed."""
 
 from __future__ import annotations
 
@@ -21,14 +22,16 @@ NS_PER_BYTE = 10_000
 
 BUSES = {"so101": "feetech:FeetechBus", "koch": "dynamixel:DynamixelBus"}
 RETURN_DELAY = {"so101": 7, "koch": 9}
-"""Set to 0 in every servo, as its users do: from the factory each waits half a millisecond before it answers."""
+"""Set to 0 in every servo, as its users do: from the factory each waits half a millisecond before
+it answers."""
 
 
 HOPS = 200
 
 
 def hop_ns(master: int, slave: int) -> int:
-    """From a write on one end of a pseudo-terminal until it can be read on the other: the median."""
+    """From a write on one end of a pseudo-terminal until it can be read on the other: the
+    median."""
     took = []
     for _ in range(HOPS):
         time.sleep(0.0005)

@@ -1,9 +1,10 @@
-"""``estop WHO LENGTH ROBOT PORT LOG``: an e-stop over the mesh, to the first safe frame of another process' robot.
+"""``estop WHO LENGTH ROBOT PORT LOG``: an e-stop over the mesh, to the first safe frame of another
+process' robot.
 
-Two processes, a robot each; WHO: ours, strands, or bare: plain zenoh between the least that could be at either end,
-a ``put`` and a process with the vendor's SDK. This one gives the e-stop, while the policy of its own robot
-answers at once (``idle``) or does not come back (``blocked``). The other's is on the wire; its rollout is begun
-again each time."""
+Two processes, a robot each; WHO: ours, strands, or bare: plain zenoh between the least that could
+be at either end, a ``put`` and a process with the vendor's SDK. This one gives the e-stop, while
+the policy of its own robot answers at once (``idle``) or does not come back (``blocked``). The
+other's is on the wire; its rollout is begun again each time."""
 
 from __future__ import annotations
 

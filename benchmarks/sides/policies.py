@@ -1,5 +1,5 @@
-"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a little each
-step."""
+"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a
+little each step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 
 CHUNK_S = 0.05
 STEP_RAD = 1e-5
-"""A whole chunk of them is within a UR's step at 1 kHz: the reference takes the first action of each only."""
+"""A whole chunk of them is within a UR's step at 1 kHz: the reference takes the first action of
+each only."""
 COMPUTE_S = 0.03
 ELBOW = "elbow_joint"
 

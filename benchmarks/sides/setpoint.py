@@ -1,5 +1,5 @@
-"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO: ours,
-strands, sdk, process.
+"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO:
+ours, strands, sdk, process.
 
 All speak to the same twin over the same wire, in units of their own.
 """
@@ -25,7 +25,8 @@ ALLOWANCE_US = 1000.0
 """How much later than the in-thread reference our p99 may be."""
 
 CYCLE_S = {"so101": 1 / 30, "ur5e": 1 / 125}
-"""In which a robot is read (Feetech) or given its last setpoint again (UR), if nothing else is to be done."""
+"""In which a robot is read (Feetech) or given its last setpoint again (UR), if nothing else is to
+be done."""
 
 Send = Callable[[int], int]
 Cycle = Callable[[], object]
@@ -77,8 +78,8 @@ def sdk(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
 
 
 def process(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
-    """The SDK in a process that nothing can hold up, which keeps the robot's cycle, and a pipe to it: what it costs
-    to outlive the caller, without actors, gates, leases and deadlines."""
+    """The SDK in a process that nothing can hold up, which keeps the robot's cycle, and a pipe to
+    it: what it costs to outlive the caller, without actors, gates, leases and deadlines."""
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe()
     child = context.Process(target=_keep, args=(there, robot, port), daemon=True)
@@ -134,7 +135,8 @@ def _feetech_sdk(port: str) -> tuple[Send, Cycle, Callable[[], object]]:
 
 
 def ur_arm(host: str) -> tuple[Any, list[float], Cycle]:
-    """The SDK's control of an arm that stands; a target, at first where it is; what sends it there."""
+    """The SDK's control of an arm that stands; a target, at first where it is; what sends it
+    there."""
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 

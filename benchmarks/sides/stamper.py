@@ -1,6 +1,8 @@
-"""A robot of ours without hardware: its wire appends the time and the value of every frame to a file.
+"""A robot of ours without hardware: its wire appends the time and the value of every frame to a
+file.
 
-It is the tree that is measured with it: gate, watchdog, transport, leases and beats are as for any robot.
+It is the tree that is measured with it: gate, watchdog, transport, leases and beats are as for any
+robot.
 """
 
 from __future__ import annotations

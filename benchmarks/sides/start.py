@@ -1,7 +1,8 @@
 """Imports, and a robot's way up: ``python -m benchmarks.sides.start SIDE [short]``.
 
-Each import runs in a new process with warm byte code; the time is the import's alone, the interpreter's start
-is not part of it. ``armed`` is from the constructor to an answer that the robot's motors are energised.
+Each import runs in a new process with warm byte code; the time is the import's alone, the
+interpreter's start is not part of it. ``armed`` is from the constructor to an answer that the
+robot's motors are energised.
 """
 
 from __future__ import annotations

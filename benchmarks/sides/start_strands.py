@@ -1,4 +1,5 @@
-"""The reference's import, in its own environment: ``python -m benchmarks.sides.start_strands [short]``."""
+"""The reference's import, in its own environment: ``python -m benchmarks.sides.start_strands
+[short]``."""
 
 from __future__ import annotations
 

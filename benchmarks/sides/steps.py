@@ -1,8 +1,9 @@
 """Steps of an SO-101's physics: ``python -m benchmarks.sides.steps SIDE [short]``.
 
-The arm is sent somewhere and the physics steps, in turn: a control period (20 ms), a second, ten seconds at a time.
-Through the verbs that is ``step`` with an action. ``piped`` is the least that anybody can do whose physics is not
-in the script's own process: the same model behind a socket, asked with bytes, and nothing else.
+The arm is sent somewhere and the physics steps, in turn: a control period (20 ms), a second, ten
+seconds at a time. Through the verbs that is ``step`` with an action. ``piped`` is the least that
+anybody can do whose physics is not in the script's own process: the same model behind a socket,
+asked with bytes, and nothing else.
 """
 
 from __future__ import annotations

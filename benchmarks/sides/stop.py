@@ -1,9 +1,11 @@
-"""``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO: ours, strands.
-The reference's G1 has no twin (PORT and LOG are empty): its frame counts when Unitree's SDK would have got it.
+"""``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO:
+ours, strands. The reference's G1 has no twin (PORT and LOG are empty): its frame counts when
+Unitree's SDK would have got it.
 
-A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s, as from a
-server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). ``stop``
-is the verb that a user, or an agent, stops a robot with; ``task`` is ``stop_task``."""
+A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s,
+as from a server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the
+caller's process). ``stop`` is the verb that a user, or an agent, stops a robot with; ``task`` is
+``stop_task``."""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ COUNT = {"short": 2, "long": 4}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint", "unitree_g1": "left_shoulder_pitch"}
 STEP = {"so101": 0.1, "ur5e": 1e-4, "unitree_g1": 1e-4}
 BLOCK_S = {"so101": 2.5, "ur5e": 2.5, "unitree_g1": 6.0}
-"""The reference writes a G1's last frame when the policy has come back, the others' after it has waited 2 s."""
+"""The reference writes a G1's last frame when the policy has come back, the others' after it has
+waited 2 s."""
 RUN_S = 0.4
 CHUNK = 16
 CASES = ("idle", "blocked", "computing")
@@ -75,8 +78,8 @@ def begin(arm: Any, robot: str, case: str) -> Policy:
 
 
 def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: Log, number: int) -> float | None:
-    """Milliseconds from the call to the frame; None when the robot had been made safe before the call: its
-    processes stood in line for longer than they may."""
+    """Milliseconds from the call to the frame; None when the robot had been made safe before the
+    call: its processes stood in line for longer than they may."""
     policy = begin(arm, robot, case)
     if case != "blocked":
         time.sleep(RUN_S)

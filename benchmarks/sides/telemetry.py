@@ -1,8 +1,9 @@
-"""``telemetry WHO LENGTH``: how many robots' states reach a subscriber whole and young. WHO: ours, strands.
+"""``telemetry WHO LENGTH``: how many robots' states reach a subscriber whole and young. WHO: ours,
+strands.
 
-Robots without hardware are started in this process until, of the ten states a second that each publishes, 1 % are
-missing or the oldest hundredth is over 50 ms old on arrival, in another process. Figures per robot are of the
-first step."""
+Robots without hardware are started in this process until, of the ten states a second that each
+publishes, 1 % are missing or the oldest hundredth is over 50 ms old on arrival, in another process.
+Figures per robot are of the first step."""
 
 from __future__ import annotations
 

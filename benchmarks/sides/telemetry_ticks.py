@@ -1,6 +1,7 @@
-"""``telemetry_ticks LENGTH``: what is left of a robot's tree with nothing in it: two processes, each a loop of trio
-that wakes a hundred times a second, as wire and root do to see whether the other lives. As many robots at a time as
-the first steps of ``telemetry`` have; ``robots_per_core`` is what a whole core would carry, if nothing else ran."""
+"""``telemetry_ticks LENGTH``: what is left of a robot's tree with nothing in it: two processes,
+each a loop of trio that wakes a hundred times a second, as wire and root do to see whether the
+other lives. As many robots at a time as the first steps of ``telemetry`` have; ``robots_per_core``
+is what a whole core would carry, if nothing else ran."""
 
 from __future__ import annotations
 

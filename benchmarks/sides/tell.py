@@ -15,7 +15,8 @@ from strands_actors.kernel.mailbox import CAPACITY
 from .common import STATE, Count, Counter, GetCount, answer, hosted
 
 WINDOW = CAPACITY - 1
-"""Told before the sender asks, where the bound is the mailbox's own: asking is how it waits for room."""
+"""Told before the sender asks, where the bound is the mailbox's own: asking is how it waits for
+room."""
 
 
 def amount(short: bool) -> int:

@@ -1,4 +1,5 @@
-"""A stop behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE [short]``."""
+"""A stop behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE
+[short]``."""
 
 from __future__ import annotations
 

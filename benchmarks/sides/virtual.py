@@ -1,9 +1,9 @@
 """A robot's whole tree in virtual time: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
-An SO-101: guardian, gate, watchdog, transport and the wire with its codec, on a bus in memory that has its twin's
-servos and MuJoCo at the other end, commanded at 50 Hz. How many of its seconds pass in one of ours; the same
-recorded and replayed; and whether two runs write the same bytes at the same times. ``bare_x`` is a driver without
-wire and physics.
+An SO-101: guardian, gate, watchdog, transport and the wire with its codec, on a bus in memory that
+has its twin's servos and MuJoCo at the other end, commanded at 50 Hz. How many of its seconds pass
+in one of ours; the same recorded and replayed; and whether two runs write the same bytes at the
+same times. ``bare_x`` is a driver without wire and physics.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def simulated_s(short: bool) -> float:
 
 
 class MemoryBus:
-    """A port with servos at its other end. What they answer is there when the last byte has passed a UART of
-    1 Mbaud, at once, as a USB adapter hands it over."""
+    """A port with servos at its other end. What they answer is there when the last byte has passed
+    a UART of 1 Mbaud, at once, as a USB adapter hands it over."""
 
     def __init__(self, servos: Robot) -> None:
         self.written: list[tuple[float, bytes]] = []
@@ -241,8 +241,8 @@ def ours(short: bool) -> Figures:
 
 
 PASSES_HZ = 470
-"""Passes of trio's loop in a simulated second of an SO-101: a hundred ticks, thirty exchanges on its bus, byte
-times and answers."""
+"""Passes of trio's loop in a simulated second of an SO-101: a hundred ticks, thirty exchanges on
+its bus, byte times and answers."""
 
 
 def passes(short: bool) -> Figures:

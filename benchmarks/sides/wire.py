@@ -1,4 +1,5 @@
-"""For sides that speak to a robot's twin: its wire log, without anything that a peer's environment lacks."""
+"""For sides that speak to a robot's twin: its wire log, without anything that a peer's environment
+lacks."""
 
 from __future__ import annotations
 
@@ -73,9 +74,11 @@ def processor_s(pid: int) -> float:
 
 
 def delays_us(send: Callable[[int], int], log: Log, count: int, pause_s: float = 0.02) -> list[float]:
-    """From before each ``send(i)`` to the first setpoint behind it that differs from the last one before.
+    """From before each ``send(i)`` to the first setpoint behind it that differs from the last one
+    before.
 
-    ``send`` returns when it began (CLOCK_MONOTONIC ns); pauses are uneven, so that no period of anybody's is met.
+    ``send`` returns when it began (CLOCK_MONOTONIC ns); pauses are uneven, so that no period of
+    anybody's is met.
     """
     began = []
     for number in range(count):

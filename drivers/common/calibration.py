@@ -1,5 +1,6 @@
-"""lerobot calibration files: one JSON per robot id, ``{motor: {id, drive_mode, homing_offset, range_min,
-range_max}}``, integers, in encoder counts. Read once, in the caller; what travels on is plain data.
+"""lerobot calibration files: one JSON per robot id, ``{motor: {id, drive_mode, homing_offset,
+range_min, range_max}}``, integers, in encoder counts. Read once, in the caller; what travels on is
+plain data.
 """
 
 from __future__ import annotations
@@ -69,8 +70,9 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
 
 
 def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:
-    """Check the content of a file, or a dict given instead of one. ``motors``: the names and ids it must
-    have; ``max_offset``: what the servo's homing offset register can hold. Raise ``ValueError``."""
+    """Check the content of a file, or a dict given instead of one. ``motors``: the names and ids it
+    must have; ``max_offset``: what the servo's homing offset register can hold. Raise
+    ``ValueError``."""
     expected = ", ".join(motors)
     if not isinstance(content, Mapping):
         raise ValueError(f"calibration {source}: must be an object with one entry per motor: {expected}")

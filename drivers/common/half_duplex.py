@@ -1,9 +1,9 @@
 """Master of a half-duplex servo bus: one question at a time, and what to do when an answer is late.
 
 These buses have no sequence number: a late reply looks like the answer to the next question of the
-same id and length. So after any missing reply the bus is *quiet* for 0.1 s: no question is asked and
-all that arrives is thrown away. Measured with one reply in ten 60 ms late: without the quiet time 7 to
-10 of 60 late replies were taken for the next answer, with it none.
+same id and length. So after any missing reply the bus is *quiet* for 0.1 s: no question is asked
+and all that arrives is thrown away. Measured with one reply in ten 60 ms late: without the quiet
+time 7 to 10 of 60 late replies were taken for the next answer, with it none.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from .serial_port import BytePort
 
 QUIET_S = 0.1
 MARGIN_S = 0.025
-"""Allowance for return delay, adapter (an FTDI chip's own timer alone is 16 ms from the factory) and operating
-system, on top of the time the bytes take. A stop may have to wait for one answer: half its bound."""
+"""Allowance for return delay, adapter (an FTDI chip's own timer alone is 16 ms from the factory)
+and operating system, on top of the time the bytes take. A stop may have to wait for one answer:
+half its bound."""
 
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0)
-"""Wait before a silent motor is asked again. A vain question costs the margin and the quiet time, 0.13 s:
-at the shortest wait the others keep more than half their rate."""
+"""Wait before a silent motor is asked again. A vain question costs the margin and the quiet time,
+0.13 s: at the shortest wait the others keep more than half their rate."""
 
 MISSES_TOLERATED = 1
 
 BUSY_S = 0.01
-"""When this host looks so much later than it wanted to whether an answer has come, it is the host that is late, and
-the answer may have been thrown away by the system meanwhile [assumed]."""
+"""When this host looks so much later than it wanted to whether an answer has come, it is the host
+that is late, and the answer may have been thrown away by the system meanwhile [assumed]."""
 
 LISTEN_MAX_S = 1.0
 """End of ``listen`` on a line that never falls silent."""
@@ -61,7 +62,8 @@ class Quiet(Exception):
 
 
 class HalfDuplexBus(Generic[PacketT]):
-    """``overhead`` is the number of bytes of a reply that has no params (Feetech 6, Dynamixel 2.0: 11)."""
+    """``overhead`` is the number of bytes of a reply that has no params (Feetech 6, Dynamixel 2.0:
+    11)."""
 
     def __init__(
         self,
@@ -87,11 +89,13 @@ class HalfDuplexBus(Generic[PacketT]):
         self.stray_bytes = 0
         """Bytes heard during the last question that belong to no expected reply."""
         self.refusals: dict[int, str] = {}
-        """Motors that answered the last question with an error, and which: such a reply is dropped."""
+        """Motors that answered the last question with an error, and which: such a reply is
+        dropped."""
         self.sent_ns = 0
         """When the last frame left."""
         self.late_s = 0.0
-        """How much later than it wanted this host gave up the last question. 0: it was answered in time."""
+        """How much later than it wanted this host gave up the last question. 0: it was answered in
+        time."""
         self.delay_s = 0.0
         """How much longer than the bytes need on the line the last question took."""
 
@@ -120,7 +124,8 @@ class HalfDuplexBus(Generic[PacketT]):
         *,
         wait: bool = False,
     ) -> dict[int, PacketT]:
-        """Ask, and return the replies by id; those that did not come, or were errors, are missing from it.
+        """Ask, and return the replies by id; those that did not come, or were errors, are missing
+        from it.
 
         ``expected``: id -> number of params of its reply; anything else that arrives is stray.
         In the quiet time raise ``Quiet``, or sit it out when ``wait`` is true.
@@ -162,12 +167,14 @@ class HalfDuplexBus(Generic[PacketT]):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
             self._pending = {}
         finally:
-            # a caller that was cancelled leaves its answers on the bus: who asks next hears them out
+            # a caller that was cancelled leaves its answers on the bus: who asks next hears them
+            # out
             self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
 
     async def _hear_out(self) -> None:
-        """Throw away the answers to a question that was given up; it too has its time, and its quiet time."""
+        """Throw away the answers to a question that was given up; it too has its time, and its
+        quiet time."""
         pending = self._pending
         with trio.move_on_at(self._pending_end_s):
             while pending:
@@ -214,8 +221,9 @@ class HalfDuplexBus(Generic[PacketT]):
 
 
 class Health:
-    """Which motors to ask. A motor that missed twice in a row is left out, then asked again after a wait
-    that doubles, so that one dead servo does not slow the others; it is back as soon as it answers."""
+    """Which motors to ask. A motor that missed twice in a row is left out, then asked again after a
+    wait that doubles, so that one dead servo does not slow the others; it is back as soon as it
+    answers."""
 
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
@@ -223,8 +231,9 @@ class Health:
         self._due_ns = dict.fromkeys(self._ids, 0)
 
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
-        """The healthy ones, then at most one suspect whose wait is over: last, where its silence cannot hold
-        up the replies of others. When nobody is healthy there is nobody to hold up: everybody."""
+        """The healthy ones, then at most one suspect whose wait is over: last, where its silence
+        cannot hold up the replies of others. When nobody is healthy there is nobody to hold up:
+        everybody."""
         mute = self.mute()
         healthy = tuple(i for i in self._ids if i not in mute)
         if not healthy:

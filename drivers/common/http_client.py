@@ -1,9 +1,10 @@
-"""An HTTP client for a wire process: httpx on trio, one kept connection, a deadline on every request.
+"""An HTTP client for a wire process: httpx on trio, one kept connection, a deadline on every
+request.
 
-A request that may move a robot takes a permit. It is checked as the last thing before the head leaves, after any
-wait for a connection, and once more before the body does. Nothing is queued, repeated or redirected; no proxy of
-the environment is used. What is not sent now is never sent. Never imported by a root process: what stops or
-moves a robot goes by ``http_port``.
+A request that may move a robot takes a permit. It is checked as the last thing before the head
+leaves, after any wait for a connection, and once more before the body does. Nothing is queued,
+repeated or redirected; no proxy of the environment is used. What is not sent now is never sent.
+Never imported by a root process: what stops or moves a robot goes by ``http_port``.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ _SOCKET_OPTIONS: list[tuple[int, int, int] | tuple[int, int, bytes | bytearray]]
 
 
 _NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-"""It trusts nobody: services are asked by plain HTTP, and reading the system's certificates takes 50 ms."""
+"""It trusts nobody: services are asked by plain HTTP, and reading the system's certificates takes
+50 ms."""
 
 
 class HttpClient:

@@ -1,7 +1,9 @@
-"""HTTP/1.1 messages as bytes, for robots behind a service: requests, responses, and one decoder for either. Pure.
+"""HTTP/1.1 messages as bytes, for robots behind a service: requests, responses, and one decoder for
+either. Pure.
 
-What such services need and no more: a body has a ``Content-Length`` or comes in chunks, everything is bounded, and
-a message that leaves any doubt where it ends is malformed: its connection cannot be used any further.
+What such services need and no more: a body has a ``Content-Length`` or comes in chunks, everything
+is bounded, and a message that leaves any doubt where it ends is malformed: its connection cannot be
+used any further.
 """
 
 from __future__ import annotations
@@ -148,7 +150,8 @@ class RequestDecoder(_Decoder):
     """What a server hears on one connection."""
 
     def feed(self, data: bytes) -> Iterator[Request]:
-        """Yield each request as soon as it is whole. Raise ``MalformedFrame``: nothing after it is understood."""
+        """Yield each request as soon as it is whole. Raise ``MalformedFrame``: nothing after it is
+        understood."""
         self._take(data)
         while (head := self._head()) is not None:
             first, headers, start = head
@@ -166,7 +169,8 @@ class ResponseDecoder(_Decoder):
     """What a client hears on one connection."""
 
     def feed(self, data: bytes) -> Iterator[Response]:
-        """Yield each response as soon as it is whole. Raise ``MalformedFrame``: what follows is not understood."""
+        """Yield each response as soon as it is whole. Raise ``MalformedFrame``: what follows is not
+        understood."""
         self._take(data)
         while (head := self._head()) is not None:
             first, headers, start = head

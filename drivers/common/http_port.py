@@ -1,7 +1,7 @@
 """One kept connection to a service, as small as a stop channel must be: HTTP/1.1 over ``tcp_port``.
 
-A request is handed to the system in ``send``, at once or never: nothing waits to be sent, and nothing is sent
-again by itself. Responses come in the order of the requests.
+A request is handed to the system in ``send``, at once or never: nothing waits to be sent, and
+nothing is sent again by itself. Responses come in the order of the requests.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class HttpPort:
         self._stream, self._decoder = stream, ResponseDecoder()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown`` without one."""
+        """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown``
+        without one."""
         await self.open()
         task_status.started()
         while True:
@@ -70,7 +71,8 @@ class HttpPort:
             await trio.sleep(REOPEN_S)
 
     async def hear(self) -> None:
-        """Take in what arrives until the connection is closed. Raise ``WireDown`` when it is lost."""
+        """Take in what arrives until the connection is closed. Raise ``WireDown`` when it is
+        lost."""
         while self._stream is not None:
             await self._hear()
 
@@ -87,8 +89,8 @@ class HttpPort:
         return self._sent
 
     async def answer(self, number: int, within_s: float) -> Response:
-        """Return the response to that request. Raise ``WireDown``, and close the connection, when none comes in
-        time or what comes is no HTTP."""
+        """Return the response to that request. Raise ``WireDown``, and close the connection, when
+        none comes in time or what comes is no HTTP."""
         stream = self._stream
         with trio.move_on_after(within_s):
             while stream is not None and self._stream is stream and self._heard < number:
@@ -101,7 +103,8 @@ class HttpPort:
         raise WireDown(f"{self.name}: no answer within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     async def ask(self, method: str, target: str, body: bytes = b"", *, within_s: float) -> Response:
-        """``send`` and ``answer``, on a connection made for it where there is none. Raise ``WireDown``."""
+        """``send`` and ``answer``, on a connection made for it where there is none. Raise
+        ``WireDown``."""
         if self._stream is None:
             await self.open()
         return await self.answer(self.send(method, target, body), within_s)

@@ -1,4 +1,5 @@
-"""What every body in MuJoCo does: its joints by index, stepped to wall time on demand, and jammed on request.
+"""What every body in MuJoCo does: its joints by index, stepped to wall time on demand, and jammed
+on request.
 
 Imported by twins only: nothing of the runtime or of the wire process loads MuJoCo.
 """
@@ -13,15 +14,16 @@ import numpy as np
 from .lean_mujoco import mujoco
 
 LONGEST_CATCH_UP_S = 0.25
-"""Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped, not
-replayed."""
+"""Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped,
+not replayed."""
 
 
 class Jointed:
     """Joints by index, in the order of ``joints``, each with an actuator of its own."""
 
     def __init__(self, spec: Any, joints: Sequence[str], **jam: Any) -> None:
-        """``jam``: how stiffly a seized joint stays where it is, in the words of MuJoCo's equalities."""
+        """``jam``: how stiffly a seized joint stays where it is, in the words of MuJoCo's
+        equalities."""
         self.joints = tuple(joints)
         self.spec = spec
         for name in self.joints:
@@ -40,7 +42,8 @@ class Jointed:
         self._bind()
 
     def _bind(self) -> None:
-        """Find each joint's actuator by what it turns: in real models neither order nor name says so."""
+        """Find each joint's actuator by what it turns: in real models neither order nor name says
+        so."""
         model = self.model
         actuator_of = {
             int(model.actuator_trnid[actuator, 0]): actuator

@@ -1,4 +1,5 @@
-"""The body of a robot whose joints are driven one by one, as its twin shows it at the simulation control."""
+"""The body of a robot whose joints are driven one by one, as its twin shows it at the simulation
+control."""
 
 from __future__ import annotations
 

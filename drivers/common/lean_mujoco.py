@@ -1,10 +1,12 @@
 """MuJoCo, imported for its physics alone.
 
-Without OpenGL: physics needs none, and a word in ``MUJOCO_GL`` that MuJoCo does not know would otherwise keep a
-robot from moving. Whoever renders picks a platform when it does (see ``common.control.renderer``).
+Without OpenGL: physics needs none, and a word in ``MUJOCO_GL`` that MuJoCo does not know would
+otherwise keep a robot from moving. Whoever renders picks a platform when it does (see
+``common.control.renderer``).
 
-Without its stopwatch: the bindings time every part of every step, for figures (``mjData.timer``) that nobody here
-reads. A sixth of an arm's step was reading the clock (measured: 4.3 us with it, 3.55 without).
+Without its stopwatch: the bindings time every part of every step, for figures (``mjData.timer``)
+that nobody here reads. A sixth of an arm's step was reading the clock (measured: 4.3 us with it,
+3.55 without).
 """
 
 from __future__ import annotations

@@ -19,8 +19,9 @@ _TOUCHING_M = 0.001
 
 
 class LeggedBody(Jointed):
-    """Each motor gives ``tau + kp (q - position) + kd (dq - speed)`` with the joint's effort at most, as motor
-    controllers do. At first it stands at ``home_rad``, its lowest point on the floor, and they give nothing."""
+    """Each motor gives ``tau + kp (q - position) + kd (dq - speed)`` with the joint's effort at
+    most, as motor controllers do. At first it stands at ``home_rad``, its lowest point on the
+    floor, and they give nothing."""
 
     def __init__(self, table: Mapping[str, Any], joints: Sequence[str]) -> None:
         spec = build({**table, "torque_motors": True})

@@ -1,10 +1,10 @@
 """Modbus TCP: frames and their decoder, pure, and a client that is never out of step.
 
-The codec is pymodbus's own framer and PDU classes. Its clients are not used: on a silent peer they block for
-seconds, repeat by themselves and reconnect behind one's back.
+The codec is pymodbus's own framer and PDU classes. Its clients are not used: on a silent peer they
+block for seconds, repeat by themselves and reconnect behind one's back.
 
-A reply belongs to the question whose transaction id it bears, however late it is; one that belongs to no
-question ends the connection. So no reply can ever be taken for the next one's.
+A reply belongs to the question whose transaction id it bears, however late it is; one that belongs
+to no question ends the connection. So no reply can ever be taken for the next one's.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ SILENT_S = 0.5
 """A peer that owes an answer and has said nothing for so long is gone."""
 
 MAX_OPEN = 4096
-"""Questions without an answer, while others are answered; far fewer than there are transaction ids."""
+"""Questions without an answer, while others are answered; far fewer than there are transaction
+ids."""
 
 _HEADER = 7
 _MAX_LENGTH = 254
@@ -43,8 +44,8 @@ _LAST_ID = 0xFFFF
 
 
 class NotUnderstood(WireDown):
-    """The peer is there and answers, but not with what was asked for: what it says is of no more use. What it is
-    told may be."""
+    """The peer is there and answers, but not with what was asked for: what it says is of no more
+    use. What it is told may be."""
 
 
 class Decoder:
@@ -61,8 +62,8 @@ class Decoder:
         return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
-        """Yield PDUs with their frames. Raise ``MalformedFrame``: a stream has no start marks, so the
-        connection is of no more use."""
+        """Yield PDUs with their frames. Raise ``MalformedFrame``: a stream has no start marks, so
+        the connection is of no more use."""
         self._pending += data
         while len(self._pending) > _HEADER:
             protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
@@ -120,8 +121,9 @@ class ModbusClient:
         return number
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
-        """The registers that were asked for, or None: not yet. Raise ``WireDown`` when the peer refuses
-        anything, owes an answer and has said nothing for ``SILENT_S``, or speaks nonsense."""
+        """The registers that were asked for, or None: not yet. Raise ``WireDown`` when the peer
+        refuses anything, owes an answer and has said nothing for ``SILENT_S``, or speaks
+        nonsense."""
         with trio.move_on_after(within_s):
             while self._answers[number] is None:
                 self._take(await self._stream.read())

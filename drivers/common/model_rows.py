@@ -1,4 +1,5 @@
-"""Robot models as tables: one row of text per moving link, built with ``mujoco.MjSpec``. No file, no mesh.
+"""Robot models as tables: one row of text per moving link, built with ``mujoco.MjSpec``. No file,
+no mesh.
 
     body parent joint axis xyz rot lo,hi effort velocity kg com geom
 
@@ -24,7 +25,8 @@ from .lean_mujoco import mujoco
 from .simulation_control.protocol import TIMESTEP_S
 
 LINK_EXTENT_M = 0.1
-"""Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be exact."""
+"""Gyration length of a link with a ``com``: its rotor's armature outweighs it, so it need not be
+exact."""
 
 
 class Row(NamedTuple):
@@ -99,11 +101,12 @@ def parse_rows(text: str) -> list[Row]:
 
 
 def build(table: Mapping[str, Any]) -> Any:
-    """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``, ``damping``,
-    ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every joint with an effort gets a
-    position servo of its own name, rate-limited to the joint's velocity; its gains are the plant's business.
-    With ``torque_motors`` it gets a motor instead, whose torque is the control less ``biasprm`` times position
-    and velocity. A ``base`` that is ``free`` stands on nothing but its feet."""
+    """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``,
+    ``damping``, ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every
+    joint with an effort gets a position servo of its own name, rate-limited to the joint's
+    velocity; its gains are the plant's business. With ``torque_motors`` it gets a motor instead,
+    whose torque is the control less ``biasprm`` times position and velocity. A ``base`` that is
+    ``free`` stands on nothing but its feet."""
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
     spec.compiler.degree = False

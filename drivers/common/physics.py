@@ -14,12 +14,12 @@ from .simulation_control.body import Hand
 
 
 class Plant(Jointed):
-    """A servo follows its target with the joint's effort and, in a model of rows, the joint's speed at most.
-    With torque off it has no gain at all, so that gravity has the arm. At first torque is off and joints
-    are at ``home_rad`` (default: zero), or at the end of their range nearest to it.
+    """A servo follows its target with the joint's effort and, in a model of rows, the joint's speed
+    at most. With torque off it has no gain at all, so that gravity has the arm. At first torque is
+    off and joints are at ``home_rad`` (default: zero), or at the end of their range nearest to it.
 
-    A joint has one hand on it. The wire's (``set_torque``, ``set_target``) takes it whenever it is energised there,
-    and the simulation's (``take``, ``aim``) only what the wire does not hold.
+    A joint has one hand on it. The wire's (``set_torque``, ``set_target``) takes it whenever it is
+    energised there, and the simulation's (``take``, ``aim``) only what the wire does not hold.
     """
 
     def __init__(
@@ -104,7 +104,8 @@ class Plant(Jointed):
         self.data.qfrc_applied[self._dof] = nm
 
     def pose_of(self, body: str, offset_m: Sequence[float]) -> tuple[float, ...]:
-        """Return where a point of a body is, with the body's axes: a 4 x 4 matrix, column by column."""
+        """Return where a point of a body is, with the body's axes: a 4 x 4 matrix, column by
+        column."""
         rotation = self.data.body(body).xmat.reshape(3, 3)
         place = self.data.body(body).xpos + rotation @ np.asarray(offset_m)
         matrix = np.eye(4)

@@ -10,13 +10,14 @@ from pathlib import Path
 PROC = Path("/proc")
 _SHOWN = 60
 _BEGINS, _NAMED = "strands_actors.kernel", "strands-actors "
-"""In the command line of a tree's own processes, and at its beginning once they have their names: who started them
-is the program."""
+"""In the command line of a tree's own processes, and at its beginning once they have their names:
+who started them is the program."""
 
 
 def users_of(path: str) -> tuple[str, ...]:
-    """Return the other programs that have the device open, such as ``python arm.py (process 4242)``. Empty when
-    there is none, and where the system does not tell (it tells of processes of the same user, on Linux)."""
+    """Return the other programs that have the device open, such as ``python arm.py (process
+    4242)``. Empty when there is none, and where the system does not tell (it tells of processes of
+    the same user, on Linux)."""
     try:
         device = os.stat(path).st_rdev
     except OSError:

@@ -1,8 +1,9 @@
 """Read and write the protobuf wire format, without descriptors.
 
-The few messages of a robot's wire need field numbers only: the codecs of the wires name them. Decoding one
-message takes microseconds, and no run-time descriptors, generated code or process-wide registry come along.
-Source: the encoding page of the protobuf documentation (varint, 64-bit, length-delimited, 32-bit).
+The few messages of a robot's wire need field numbers only: the codecs of the wires name them.
+Decoding one message takes microseconds, and no run-time descriptors, generated code or process-wide
+registry come along. Source: the encoding page of the protobuf documentation (varint, 64-bit,
+length-delimited, 32-bit).
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ def message(data: bytes) -> dict[int, list[Value]]:
 
 
 def last_int(found: dict[int, list[Value]], number: int, default: int = 0) -> int:
-    """Return the last value of a varint or fixed field: of several, the last counts. Raise ``MalformedFrame``."""
+    """Return the last value of a varint or fixed field: of several, the last counts. Raise
+    ``MalformedFrame``."""
     value = found[number][-1] if number in found else default
     if isinstance(value, int):
         return value
@@ -68,7 +70,8 @@ def last_int(found: dict[int, list[Value]], number: int, default: int = 0) -> in
 
 
 def last_bytes(found: dict[int, list[Value]], number: int) -> bytes:
-    """Return the last value of a length-delimited field, empty when it is missing. Raise ``MalformedFrame``."""
+    """Return the last value of a length-delimited field, empty when it is missing. Raise
+    ``MalformedFrame``."""
     value = found[number][-1] if number in found else b""
     if isinstance(value, bytes):
         return value
@@ -76,7 +79,8 @@ def last_bytes(found: dict[int, list[Value]], number: int) -> bytes:
 
 
 def last_float(found: dict[int, list[Value]], number: int) -> float:
-    """Return the last value of a ``float`` field, 0 when it is missing. Raise ``MalformedFrame``."""
+    """Return the last value of a ``float`` field, 0 when it is missing. Raise
+    ``MalformedFrame``."""
     value = last_int(found, number)
     if value >> 32:
         raise MalformedFrame(f"protobuf: field {number} is no float")
@@ -96,7 +100,8 @@ def as_double(bits: int) -> float:
 
 
 def doubles(data: bytes, number: int) -> tuple[float, ...]:
-    """Return a repeated ``double`` field of the message ``data``, packed or not. Raise ``MalformedFrame``."""
+    """Return a repeated ``double`` field of the message ``data``, packed or not. Raise
+    ``MalformedFrame``."""
     values: list[float] = []
     for found, kind, value in fields(data):
         if found != number:
@@ -113,7 +118,8 @@ def doubles(data: bytes, number: int) -> tuple[float, ...]:
 
 
 def varints(data: bytes, number: int) -> tuple[int, ...]:
-    """Return a repeated varint field of the message ``data``, packed or not. Raise ``MalformedFrame``."""
+    """Return a repeated varint field of the message ``data``, packed or not. Raise
+    ``MalformedFrame``."""
     values: list[int] = []
     for found, kind, value in fields(data):
         if found != number:

@@ -1,7 +1,8 @@
-"""Calls into a vendor's SDK, in the wire process: each that can wait in a worker thread, with a deadline.
+"""Calls into a vendor's SDK, in the wire process: each that can wait in a worker thread, with a
+deadline.
 
-A call that missed its deadline may still do what it was told, later. Nothing less than the end of the process
-keeps it from that, so it raises ``ProcessSpent``, and so does every call after it.
+A call that missed its deadline may still do what it was told, later. Nothing less than the end of
+the process keeps it from that, so it raises ``ProcessSpent``, and so does every call after it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ Result = TypeVar("Result")
 
 
 def load_sdk(module: str, install: str) -> Any:
-    """Import an SDK; only ever called in the wire process. Raise ``WireDown`` with the line that installs it."""
+    """Import an SDK; only ever called in the wire process. Raise ``WireDown`` with the line that
+    installs it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -45,16 +47,16 @@ class SdkCalls:
         """Why this process can use the SDK no more; empty: it can."""
 
     async def call(self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args) -> Result:
-        """Return ``function(*args)``. A stop waits for it, at most ``deadline_s``: a call cannot be abandoned.
-        Raise ``ProcessSpent`` when it fails or does not return in time."""
+        """Return ``function(*args)``. A stop waits for it, at most ``deadline_s``: a call cannot be
+        abandoned. Raise ``ProcessSpent`` when it fails or does not return in time."""
         with trio.CancelScope() as waiting:
             waiting.shield = True
             return await self.open(name, deadline_s, function, *args)
         raise AssertionError("a shielded scope that nobody cancels was left")
 
     async def open(self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args) -> Result:
-        """As ``call``, of a constructor that moves nothing: a stop does not wait for it, and it is then given up,
-        and this process with it."""
+        """As ``call``, of a constructor that moves nothing: a stop does not wait for it, and it is
+        then given up, and this process with it."""
         if self.spent:
             raise ProcessSpent(self.spent)
         try:
@@ -73,8 +75,8 @@ class SdkCalls:
     async def construct(
         self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
     ) -> Result:
-        """As ``open``, of an interface that is kept until the process ends: its destructor may hold the
-        interpreter's lock, for half a second or for ever."""
+        """As ``open``, of an interface that is kept until the process ends: its destructor may hold
+        the interpreter's lock, for half a second or for ever."""
         constructed = None
         try:
             constructed = await self.open(name, deadline_s, function, *args)

@@ -27,7 +27,8 @@ class BytePort(Protocol):
     """What a bus needs of its port. Everything raises ``WireDown`` once the port is gone."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves late."""
+        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves
+        late."""
         ...
 
     async def read(self) -> bytes:
@@ -120,7 +121,8 @@ class SerialPort:
         if self._fd < 0:
             return
         if self._owner:
-            # a duplicate in another process would keep the lock, and us from opening the device again
+            # a duplicate in another process would keep the lock, and us from opening the device
+            # again
             with contextlib.suppress(OSError):
                 fcntl.flock(self._fd, fcntl.LOCK_UN)
         os.close(self._fd)

@@ -1,8 +1,8 @@
 """A TCP connection as bytes: writes that are complete or fail, reads that wait under trio.
 
 It is closed with a reset, by the system too when its process is killed: what has not been taken yet
-is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a robot whose
-cable was put back.
+is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a
+robot whose cable was put back.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class ByteStream(Protocol):
     """What a protocol needs of its connection. Everything raises ``WireDown`` once it is gone."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves late."""
+        """Hand over all of ``data`` at once, or raise: a frame that waits is a frame that leaves
+        late."""
         ...
 
     async def read(self) -> bytes:
@@ -80,7 +81,8 @@ class TcpPort:
         return data
 
     def fileno(self) -> int:
-        """To be given to another process. While that has it, ``close`` does not end the connection."""
+        """To be given to another process. While that has it, ``close`` does not end the
+        connection."""
         return self._sock.fileno()
 
     @property
@@ -129,7 +131,8 @@ def parse_address(text: str, default_port: int) -> tuple[str, int]:
 
 
 async def open_tcp(host: str, port: int) -> TcpPort:
-    """Connect within ``CONNECT_S`` to the first of the host's addresses that takes it. Raise ``WireDown``."""
+    """Connect within ``CONNECT_S`` to the first of the host's addresses that takes it. Raise
+    ``WireDown``."""
     name = f"{host}:{port}"
     why = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):

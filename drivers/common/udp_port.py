@@ -2,9 +2,9 @@
 
 ``UdpPort`` talks to a peer that is known, ``UdpListener`` to one that speaks first.
 
-A connected socket takes datagrams of its peer alone; the kernel drops those of others. A datagram that nobody
-listens for comes back as ``ECONNREFUSED`` on the next call, which is how a robot that was switched off is noticed
-before its silence is.
+A connected socket takes datagrams of its peer alone; the kernel drops those of others. A datagram
+that nobody listens for comes back as ``ECONNREFUSED`` on the next call, which is how a robot that
+was switched off is noticed before its silence is.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ MOST_STRANGERS = 100
 
 
 class DatagramPort(Protocol):
-    """What a protocol needs of its socket. Everything raises ``WireDown`` once it cannot be used."""
+    """What a protocol needs of its socket. Everything raises ``WireDown`` once it cannot be
+    used."""
 
     def write(self, data: bytes) -> None:
         """Send one datagram now, or raise."""
@@ -90,8 +91,8 @@ class UdpPort:
 
 
 def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> UdpPort:
-    """Open a socket that talks to ``host:port`` alone; ``from_host``, ``from_port``: our own end, any when empty.
-    Raise ``WireDown``. Nothing is sent."""
+    """Open a socket that talks to ``host:port`` alone; ``from_host``, ``from_port``: our own end,
+    any when empty. Raise ``WireDown``. Nothing is sent."""
     name = f"{host}:{port}"
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -109,8 +110,9 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
 
 
 class UdpListener:
-    """A ``DatagramPort`` whose peer speaks first. Closes its socket. ``host``: the peer's numeric address, empty:
-    anybody's. The socket is not connected: it can be kept when the peer is lost and looked for again."""
+    """A ``DatagramPort`` whose peer speaks first. Closes its socket. ``host``: the peer's numeric
+    address, empty: anybody's. The socket is not connected: it can be kept when the peer is lost and
+    looked for again."""
 
     def __init__(self, sock: socket.socket, host: str = "") -> None:
         sock.setblocking(False)
@@ -125,8 +127,8 @@ class UdpListener:
         return f"{host}:{port}"
 
     async def meet(self, is_peer: Callable[[bytes], bool]) -> None:
-        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether it is one. Until
-        then the one before is written to. Raise ``WireDown``."""
+        """Wait for a peer, and hear it alone from then on. ``is_peer`` tells by a datagram whether
+        it is one. Until then the one before is written to. Raise ``WireDown``."""
         while True:
             await trio.lowlevel.checkpoint()
             received = self._receive()
@@ -188,7 +190,8 @@ class UdpListener:
 async def listen_udp(port: int, host: str = "") -> UdpListener:
     """Bind a socket for a peer that speaks first. Nothing is sent. Raise ``WireDown``.
 
-    ``host``: only it is heard, at our own address on the way to it; empty: anybody is, at all our addresses.
+    ``host``: only it is heard, at our own address on the way to it; empty: anybody is, at all our
+    addresses.
     """
     peer = here = ""
     try:

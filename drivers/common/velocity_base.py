@@ -1,7 +1,9 @@
-"""Bases behind a service: a twist with a lifetime, zero when it ends, and zero again until the base says it stands.
+"""Bases behind a service: a twist with a lifetime, zero when it ends, and zero again until the base
+says it stands.
 
-Such a base runs its last command until it hears another one, and an answer says that a command was passed on, not
-that the base has it. So a stop is not confirmed by its answer, but by what the base reports afterwards.
+Such a base runs its last command until it hears another one, and an answer says that a command was
+passed on, not that the base has it. So a stop is not confirmed by its answer, but by what the base
+reports afterwards.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ LIFETIME_S = 0.3
 """Of a command to a base."""
 
 ANSWER_S = 0.2
-"""How long one zero, or one look at the base, waits for its answer before the next is sent on a new connection."""
+"""How long one zero, or one look at the base, waits for its answer before the next is sent on a new
+connection."""
 
 AGAIN_S = 0.05
 """Pause between two zeros."""
@@ -33,8 +36,9 @@ OK = 200
 def parse_twist(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target. What moves the base rests unless it is named; but an action that names nothing that
-    moves it (a lamp) goes on with the twist that is live, for as long as that was promised and no longer."""
+    """Return the whole target. What moves the base rests unless it is named; but an action that
+    names nothing that moves it (a lamp) goes on with the twist that is live, for as long as that
+    was promised and no longer."""
     parsed = parse_action(action, robot, axes, index, state.target)
     if isinstance(parsed, Refused):
         return parsed
@@ -101,11 +105,11 @@ def nothing_pending() -> bool:
 async def stop_base(
     port: HttpPort, zero: Zero, within_s: float, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Send zero, again and again, until a newer report shows speed 0. Never raises. Where a connection is open, the
-    first zero leaves before the first wait.
+    """Send zero, again and again, until a newer report shows speed 0. Never raises. Where a
+    connection is open, the first zero leaves before the first wait.
 
-    ``pending``: whether a command sent earlier, on another connection, has not been answered: it may be carried out
-    after a zero, so what is reported before it was answered proves nothing.
+    ``pending``: whether a command sent earlier, on another connection, has not been answered: it
+    may be carried out after a zero, so what is reported before it was answered proves nothing.
     """
     written = acknowledged = False
     detail = "silent"

@@ -2,9 +2,9 @@
 every wait.
 
 One object is one connection. ``send`` hands a message to the system at once or raises: nothing
-waits to be sent, and nothing is sent again on a later connection. It is closed with a reset, so that
-what has not arrived yet is thrown away; what waits in the other end's own buffer it may still take.
-Check a permit directly before ``send``: there is no wait in it.
+waits to be sent, and nothing is sent again on a later connection. It is closed with a reset, so
+that what has not arrived yet is thrown away; what waits in the other end's own buffer it may still
+take. Check a permit directly before ``send``: there is no wait in it.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class WebSocket:
         return not self._why
 
     def send(self, message: str | bytes) -> None:
-        """Send a text or binary message now. Raise ``WireDown``, and be closed, when it does not leave whole.
-        Raise ``ValueError`` for one that is too long."""
+        """Send a text or binary message now. Raise ``WireDown``, and be closed, when it does not
+        leave whole. Raise ``ValueError`` for one that is too long."""
         self._check()
         try:
             frame = self._end.message(message)
@@ -58,8 +58,8 @@ class WebSocket:
         self._write(frame)
 
     async def receive(self) -> str | bytes:
-        """Return the next message. Answer pings meanwhile. Raise ``WireDown``, and be closed, when there is none
-        any more. May be cancelled at any time; nothing is lost."""
+        """Return the next message. Answer pings meanwhile. Raise ``WireDown``, and be closed, when
+        there is none any more. May be cancelled at any time; nothing is lost."""
         while True:
             while self._heard:
                 match self._heard.popleft():
@@ -78,7 +78,8 @@ class WebSocket:
                 self._write(replies)
 
     async def receive_within(self, within_s: float) -> str | bytes:
-        """As ``receive``. Raise ``WireDown`` when nothing comes in time; the connection stays open."""
+        """As ``receive``. Raise ``WireDown`` when nothing comes in time; the connection stays
+        open."""
         with trio.move_on_after(within_s):
             return await self.receive()
         raise WireDown(f"{self.name}: no message within {within_s * 1e3:.0f} ms. Check the service and its network")
@@ -91,8 +92,9 @@ class WebSocket:
         return self._pinged
 
     async def ponged(self, number: int, within_s: float) -> None:
-        """Return when the service has answered that ping: it has read everything that was sent before. Another
-        task receives meanwhile. Raise ``WireDown`` when it does not come in time."""
+        """Return when the service has answered that ping: it has read everything that was sent
+        before. Another task receives meanwhile. Raise ``WireDown`` when it does not come in
+        time."""
         with trio.move_on_after(within_s):
             while self._ponged < number:
                 self._check()
@@ -105,7 +107,8 @@ class WebSocket:
         self._gone("closed by us")
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent still arrives, and a close frame behind it: for a stop."""
+        """As ``close``, but what was sent still arrives, and a close frame behind it: for a
+        stop."""
         if not self._why:
             try:
                 self._stream.write(self._end.close())

@@ -1,7 +1,7 @@
 """One end of a WebSocket as bytes in and bytes out, over wsproto. Pure: no socket, no clock.
 
-No extension is offered or accepted, so nothing is compressed. Messages are bounded. An end that was fed malformed
-bytes is of no further use: its connection has to be closed.
+No extension is offered or accepted, so nothing is compressed. Messages are bounded. An end that was
+fed malformed bytes is of no further use: its connection has to be closed.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ class _End:
         self._ended = False
 
     def feed(self, data: bytes) -> Iterator[Heard]:
-        """Yield what the other end says. Raise ``MalformedFrame``. Afterwards send ``replies``, if any."""
+        """Yield what the other end says. Raise ``MalformedFrame``. Afterwards send ``replies``, if
+        any."""
         if self._ended:
             raise MalformedFrame("bytes after the end")
         try:
@@ -102,7 +103,8 @@ class _End:
         return replies
 
     def message(self, message: str | bytes) -> bytes:
-        """Return the frame of a text or binary message. Raise ``MalformedFrame`` when it cannot be sent now."""
+        """Return the frame of a text or binary message. Raise ``MalformedFrame`` when it cannot be
+        sent now."""
         if len(message) > self._max_message:
             raise MalformedFrame(f"message of {len(message)}, more than {self._max_message}")
         return self._send(TextMessage(data=message) if isinstance(message, str) else BytesMessage(data=message))

@@ -1,7 +1,9 @@
-"""CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the data. Pure.
+"""CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the
+data. Pure.
 
-On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the packet and the
-XOR of all of that; a length of zero says "ready for the next", and each end waits for that before it sends one.
+On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the
+packet and the XOR of all of that; a length of zero says "ready for the next", and each end waits
+for that before it sends one.
 """
 
 from __future__ import annotations
@@ -68,7 +70,8 @@ class TcpDecoder:
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Raise ``MalformedFrame`` for a length that no packet has: nothing after it can be understood."""
+        """Raise ``MalformedFrame`` for a length that no packet has: nothing after it can be
+        understood."""
         self._held += data
         packets = []
         while len(self._held) >= 2:
@@ -83,7 +86,8 @@ class TcpDecoder:
 
 
 class UartDecoder:
-    """Bytes in any pieces; packets out, and b"" for each "ready". What is no frame is skipped and counted."""
+    """Bytes in any pieces; packets out, and b"" for each "ready". What is no frame is skipped and
+    counted."""
 
     def __init__(self) -> None:
         self._held = bytearray()

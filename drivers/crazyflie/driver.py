@@ -7,7 +7,8 @@ Four verbs end or begin a flight, and each means something else:
 ``stop()``            lands whatever goes on; nothing flies again before ``resume()``
 ``emergency_stop()``  cuts the motors in the air, and locks it until it is switched off and on
 
-A late writer makes it hover, level, where it is; a hover without a command lands after half a minute.
+A late writer makes it hover, level, where it is; a hover without a command lands after half a
+minute.
 """
 
 from __future__ import annotations
@@ -121,8 +122,8 @@ class Crazyflie(Driver):
         self.conditions = conditions_of(float(table["battery_v"]), float(table["hover_s"]))
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return speeds and a height; behind them whether the height counts (a hover, speeds in the drone's own
-        frame) or not (speeds in the world's frame)."""
+        """Return speeds and a height; behind them whether the height counts (a hover, speeds in the
+        drone's own frame) or not (speeds in the world's frame)."""
         target = (*state.target[:Z], state.observation.position[Z])
         parsed = parse_action(action, self.robot, self.table, self._index, target)
         if isinstance(parsed, Refused):

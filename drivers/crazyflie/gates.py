@@ -52,8 +52,8 @@ def bits_in(sensors: Mapping[str, Row]) -> Bit | None:
 
 
 def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked. Each names what is done when it is not true any more: a
-    drone that lies on its back has its motors cut, one with a low battery lands."""
+    """Return them in the order in which they are asked. Each names what is done when it is not true
+    any more: a drone that lies on its back has its motors cut, one with a low battery lands."""
     return (
         Condition(_locked, Reason.FAULT, SafeState.LIMP, always=True),
         Condition(_upset, Reason.FAULT, SafeState.LIMP, always=True),

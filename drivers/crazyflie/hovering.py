@@ -1,7 +1,7 @@
 """What a Crazyflie is told while nobody commands it in the air: to rise, then to stay. Pure.
 
-Each packet is sent by ``Wire.feed``, which is called only while gate and transport answer: so the firmware's own
-watchdog stays in force through a takeoff and a hover.
+Each packet is sent by ``Wire.feed``, which is called only while gate and transport answer: so the
+firmware's own watchdog stays in force through a takeoff and a hover.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from . import protocol as p
 
 
 class Hover(msgspec.Struct, frozen=True):
-    """From one height to another in ``duration_s``, then still there. ``duration_s`` 0: still at once."""
+    """From one height to another in ``duration_s``, then still there. ``duration_s`` 0: still at
+    once."""
 
     began_ns: int
     to_m: float

@@ -1,4 +1,5 @@
-"""Links to a Crazyflie that carry packets of CRTP: UDP, TCP and serial lines. (Radio and USB: ``usb_links``.)"""
+"""Links to a Crazyflie that carry packets of CRTP: UDP, TCP and serial lines. (Radio and USB:
+``usb_links``.)"""
 
 from __future__ import annotations
 
@@ -125,8 +126,8 @@ class TcpLink(Link):
 
 
 class SerialLink(Link):
-    """CPX over a serial line. A setpoint is not written while the robot has not taken the frame before; what makes
-    it safe is."""
+    """CPX over a serial line. A setpoint is not written while the robot has not taken the frame
+    before; what makes it safe is."""
 
     def __init__(self, port: BytePort, name: str) -> None:
         self._port = port
@@ -186,8 +187,8 @@ class SerialLink(Link):
 
 
 async def open_link(place: Place, descriptors: Sequence[int] = ()) -> Link:
-    """Open a link that needs no USB. ``descriptors``: what ``Link.handover`` of an earlier one gave. Raise
-    ``WireDown``."""
+    """Open a link that needs no USB. ``descriptors``: what ``Link.handover`` of an earlier one
+    gave. Raise ``WireDown``."""
     match place.kind:
         case "udp":
             return UdpLink(open_udp(place.host, place.number))

@@ -1,10 +1,11 @@
 """CRTP, what a Crazyflie speaks on every link: packets of a header byte and at most 30 bytes. Pure.
 
-SI units everywhere; the firmware wants yaw rates and reports angles in degrees, and ``_deg`` and ``_rad`` are the
-one place where that is converted. Layouts: the CRTP pages of the firmware's documentation, tried with cflib 0.1.34.
+SI units everywhere; the firmware wants yaw rates and reports angles in degrees, and ``_deg`` and
+``_rad`` are the one place where that is converted. Layouts: the CRTP pages of the firmware's
+documentation, tried with cflib 0.1.34.
 
-A hover that makes the robot safe is written with a negative zero for ``vx``: to the firmware it is the same hover,
-and the log of a wire tells it from a setpoint of zero.
+A hover that makes the robot safe is written with a negative zero for ``vx``: to the firmware it is
+the same hover, and the log of a wire tells it from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -82,7 +83,8 @@ class Bit(enum.IntFlag):
 
     @property
     def airborne(self) -> bool:
-        """Whether motors keep it up: the flying bit outlasts a landing, and who is disarmed or locked has none."""
+        """Whether motors keep it up: the flying bit outlasts a landing, and who is disarmed or
+        locked has none."""
         return Bit.FLYING in self and Bit.ARMED in self and Bit.LOCKED not in self
 
 
@@ -97,7 +99,8 @@ class Battery(enum.IntEnum):
 
 
 class Block(NamedTuple):
-    """A row of the log that the robot is asked to send: name and type of each variable, at most nine."""
+    """A row of the log that the robot is asked to send: name and type of each variable, at most
+    nine."""
 
     number: int
     variables: tuple[tuple[str, int], ...]
@@ -156,7 +159,8 @@ def decode(packet: bytes) -> Packet:
 
 
 def is_null(packet: bytes) -> bool:
-    """Return whether a packet is only there to be answered, or is such an answer: port 15, channel 3."""
+    """Return whether a packet is only there to be answered, or is such an answer: port 15, channel
+    3."""
     return packet[:1] == NULL
 
 
@@ -203,7 +207,8 @@ def land(duration_s: float) -> bytes:
 class Question(NamedTuple):
     packet: bytes
     answer: bytes
-    """What an answer begins with, header included. An answer's bits 2 and 3 of the header may be anything."""
+    """What an answer begins with, header included. An answer's bits 2 and 3 of the header may be
+    anything."""
 
     def answered_by(self, packet: bytes) -> bool:
         mine, theirs = self.answer, packet[: len(self.answer)]
@@ -235,7 +240,8 @@ def log_item_question(number: int) -> Question:
 
 
 def log_create_question(block: Block, numbers: Sequence[int]) -> Question:
-    """Ask for a block of the log: its variables by number, each with the type it is to be sent as."""
+    """Ask for a block of the log: its variables by number, each with the type it is to be sent
+    as."""
     kinds = (kind for _, kind in block.variables)
     rows = b"".join(struct.pack("<BH", kind, number) for kind, number in zip(kinds, numbers, strict=True))
     head = bytes((6, block.number))
@@ -319,8 +325,8 @@ class Place(msgspec.Struct, frozen=True):
 
 
 def row_of(packet: bytes) -> tuple[int, Flight | Place] | None:
-    """Return a row of our blocks, with the robot's clock (ms, 24 bits); None for what is no row of ours. Raise
-    ``MalformedFrame`` for another length, and for numbers that are none."""
+    """Return a row of our blocks, with the robot's clock (ms, 24 bits); None for what is no row of
+    ours. Raise ``MalformedFrame`` for another length, and for numbers that are none."""
     port, channel, data = decode(packet)
     block = next((block for block in (FLIGHT, PLACE) if data[:1] == bytes((block.number,))), None)
     if (port, channel) != (Port.LOG, 2) or block is None:

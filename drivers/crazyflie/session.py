@@ -1,5 +1,5 @@
-"""Questions and readings over one link that may lose what it carries: what is not answered is asked again, until a
-deadline."""
+"""Questions and readings over one link that may lose what it carries: what is not answered is asked
+again, until a deadline."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from .links import Link
 
 AGAIN_S = 0.25
 """After which a question that was not answered is asked again."""
+SHORTEST_S = 0.001
+"""Of a wait: what is left of ``AGAIN_S`` may be less than a clock can show."""
 WINDOW = 8
 """Questions that are asked at once."""
 
@@ -110,7 +112,8 @@ class Session:
                         if now_s - asked_s.get(question, -math.inf) >= AGAIN_S:
                             asked_s[question] = now_s
                             await self.link.write(question.packet, permit)
-                    await self.news(min(asked_s[question] for question in missing) + AGAIN_S - now_s)
+                    due_s = min(asked_s[question] for question in missing) + AGAIN_S - now_s
+                    await self.news(max(SHORTEST_S, due_s))
             return [self._open[question] for question in questions]
         finally:
             for question in answers:
@@ -132,8 +135,8 @@ TABLE_S = 10.0
 
 
 async def handshake(session: Session, period_s: float) -> dict[str, object]:
-    """Ask who it is, and for rows of the log: flight every ``period_s``, place ten times a second. Moves nothing.
-    Return facts for status. Raise ``WireDown``."""
+    """Ask who it is, and for rows of the log: flight every ``period_s``, place ten times a second.
+    Moves nothing. Return facts for status. Raise ``WireDown``."""
     name = session.link.name
     try:
         told = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)

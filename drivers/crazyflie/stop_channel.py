@@ -1,8 +1,8 @@
 """The root's way to a Crazyflie: a peer of its own, that speaks only when it has to.
 
-On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A radio's dongle is the
-wire process's; when that is gone, a process of its own opens it (``stop_process``), so that no USB library is
-loaded in the root.
+On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A radio's
+dongle is the wire process's; when that is gone, a process of its own opens it (``stop_process``),
+so that no USB library is loaded in the root.
 """
 
 from __future__ import annotations

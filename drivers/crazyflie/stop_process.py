@@ -1,5 +1,6 @@
-"""Bring a Crazyflie down by its radio or USB: ``python -m ...stop_process PORT SAFE_STATE``. Prints what became of
-it as JSON. The root starts it when the wire process is gone, and with that its hold on the USB device."""
+"""Bring a Crazyflie down by its radio or USB: ``python -m ...stop_process PORT SAFE_STATE``. Prints
+what became of it as JSON. The root starts it when the wire process is gone, and with that its hold
+on the USB device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How a Crazyflie is brought down: the safe states that end a flight, for the wire and for the root's stop channel.
+"""How a Crazyflie is brought down: the safe states that end a flight, for the wire and for the
+root's stop channel.
 
 ``land``  the high-level commander takes it down in 2 s; motors off when it says that it is down
 ``limp``  motors off at once, wherever it is
@@ -27,8 +28,9 @@ ANSWER_S = 1.0
 LOOK_S = 0.1
 """Between two looks at the supervisor."""
 STOP_S = 5.5
-"""Longest that bringing it down may take: landing, the two seconds for which it may count as flying afterwards, and
-packets that are lost. Less than ``Timing.safe_s``, and than what is left of it when a link is reached."""
+"""Longest that bringing it down may take: landing, the two seconds for which it may count as flying
+afterwards, and packets that are lost. Less than ``Timing.safe_s``, and than what is left of it when
+a link is reached."""
 
 
 class Outcome(NamedTuple):
@@ -50,8 +52,8 @@ class Outcome(NamedTuple):
 async def bring_down(
     session: Session, safe_state: str, within_s: float = STOP_S, land_s: float = LAND_S
 ) -> Outcome:
-    """Bring it to a safe state that ends its flight, and look that it is. Never raises; the first frame leaves
-    before the first wait."""
+    """Bring it to a safe state that ends its flight, and look that it is. Never raises; the first
+    frame leaves before the first wait."""
     descent = _Descent(session, safe_state, land_s)
     detail = "silent"
     with trio.move_on_after(within_s):
@@ -108,7 +110,8 @@ class _Descent:
         return await self._disarm()
 
     async def _land(self) -> str:
-        """The trajectory's end counts only after the robot has taken this order: before, it may be another's."""
+        """The trajectory's end counts only after the robot has taken this order: before, it may be
+        another's."""
         session = self._session
         if self._taken_s is None:
             await self._say(p.YIELD)
@@ -127,7 +130,8 @@ class _Descent:
         return "it does not land" if self._taken_s is None else "still in the air"
 
     async def _disarm(self) -> str:
-        """A robot that is not armed has no motors. One that arms by itself counts as flying for a while."""
+        """A robot that is not armed has no motors. One that arms by itself counts as flying for a
+        while."""
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:
             if answer is not None and not p.is_armed(answer):

@@ -1,9 +1,11 @@
-"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. Nobody has seen them on hardware.
+"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. Nobody has seen
+them on hardware.
 
-Loaded only in a process that may be killed: a call of libusb cannot be abandoned. Each packet is one transaction,
-in a thread and with a deadline; who wants to send waits for the one that is under way, and then checks its permit.
-A radio's robot speaks only when it is spoken to, so ``read`` asks it a hundred times a second, by packets that say
-nothing: they are no setpoint, and the firmware's watchdog does not count them.
+Loaded only in a process that may be killed: a call of libusb cannot be abandoned. Each packet is
+one transaction, in a thread and with a deadline; who wants to send waits for the one that is under
+way, and then checks its permit. A radio's robot speaks only when it is spoken to, so ``read`` asks
+it a hundred times a second, by packets that say nothing: they are no setpoint, and the firmware's
+watchdog does not count them.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ INSTALL = "Install it: pip install 'strands-actors[crazyflie]'"
 RADIO_ID, DRONE_ID = (0x1915, 0x7777), (0x0483, 0x5740)
 """Vendor and product: Crazyradio, Crazyradio PA and 2.0; a Crazyflie."""
 SET_CHANNEL, SET_ADDRESS, SET_RATE, SET_POWER, SET_RETRY_DELAY, SET_RETRIES, ACK_ENABLE = 1, 2, 3, 4, 5, 6, 0x10
-"""Vendor requests of the dongle. Here and below: the Crazyradio's USB protocol, as Bitcraze documents it."""
+"""Vendor requests of the dongle. Here and below: the Crazyradio's USB protocol, as Bitcraze
+documents it."""
 FULL_POWER = 3
 RETRY_BYTES = 0x80 | 32
 """Wait for an answer of 32 bytes before sending anew."""
@@ -44,7 +47,8 @@ POLL_S = 0.01
 
 
 class UsbLink(Link):
-    """Either kind. ``is_radio``: whatever is sent is answered, by an acknowledgement with or without data."""
+    """Either kind. ``is_radio``: whatever is sent is answered, by an acknowledgement with or
+    without data."""
 
     prompt: ClassVar[bool] = False  # type: ignore[misc]  # of an object elsewhere
 

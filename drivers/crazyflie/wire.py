@@ -1,8 +1,9 @@
 """A Crazyflie in the wire process.
 
-A setpoint goes out when it was accepted, and again while it lives; a hover while gate and transport answer
-(``feed``). Nothing else is repeated, so that the firmware's watchdog, 0.5 s and 2 s, holds for whatever of ours
-stops working. Taking off is a service: neither opening nor arming starts a motor.
+A setpoint goes out when it was accepted, and again while it lives; a hover while gate and transport
+answer (``feed``). Nothing else is repeated, so that the firmware's watchdog, 0.5 s and 2 s, holds
+for whatever of ours stops working. Taking off is a service: neither opening nor arming starts a
+motor.
 """
 
 from __future__ import annotations
@@ -155,7 +156,8 @@ class CrazyflieWire(Wire):
         return (await bring_down(session, within)).reports()
 
     async def _hold(self, session: Session) -> tuple[MotorReport, ...] | None:
-        """Hover where it is. None: it is not known to be in the air, and no hover starts its motors."""
+        """Hover where it is. None: it is not known to be in the air, and no hover starts its
+        motors."""
         session.take_waiting()
         flight, fresh = session.flight, session.age_s() <= self._config.fresh_s
         if flight is None or not fresh or not flight.bits.airborne:
@@ -171,8 +173,8 @@ class CrazyflieWire(Wire):
         return Outcome(True, True, "").reports((0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed, and opened
-        anew, since what was lost may be dead, and keeps another from opening."""
+        """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,
+        and opened anew, since what was lost may be dead, and keeps another from opening."""
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self._session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:

@@ -1,4 +1,5 @@
-"""What a Dynamixel says of itself, and whether it is the right one. Nothing of its EEPROM is rewritten."""
+"""What a Dynamixel says of itself, and whether it is the right one. Nothing of its EEPROM is
+rewritten."""
 
 from __future__ import annotations
 
@@ -48,13 +49,14 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """Goals it takes: in mode 3 it refuses the rest, in the others it takes any number of turns."""
+        """Goals it takes: in mode 3 it refuses the rest, in the others it takes any number of
+        turns."""
         return (self.low, self.high) if self.mode == table.POSITION_MODE else ANYWHERE
 
 
 def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
-    """Where the joint may rest when it is energised. A servo that counts turns and stands outside our range
-    would travel back the whole way at the first command."""
+    """Where the joint may rest when it is energised. A servo that counts turns and stands outside
+    our range would travel back the whole way at the first command."""
     if servo.mode == table.POSITION_MODE:
         return servo.travel
     return (axis.low, axis.high) if calibrated else (0, TOP)
@@ -86,7 +88,8 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise ``WireDown``."""
+    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise
+    ``WireDown``."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode not in POSITION_MODES:
         name = table.MODE_NAMES.get(servo.mode, "unknown")

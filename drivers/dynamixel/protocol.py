@@ -1,9 +1,10 @@
-"""Dynamixel Protocol 2.0: frames and checksums. Pure: no I/O, no clock. The registers are in ``table``.
+"""Dynamixel Protocol 2.0: frames and checksums. Pure: no I/O, no clock. The registers are in
+``table``.
 
-Instruction ``FF FF FD 00 id len len inst params.. crc crc``, status ``FF FF FD 00 id len len 55 err params.. crc
-crc``; ``len`` (two bytes, low first, as every word here) counts what follows it. Inside the body ``FF FF FD``
-is sent as ``FF FF FD FD``, so that a header is never data. There is no sequence number: a late reply looks
-like the answer to the next question of the same id and length.
+Instruction ``FF FF FD 00 id len len inst params.. crc crc``, status ``FF FF FD 00 id len len 55 err
+params.. crc crc``; ``len`` (two bytes, low first, as every word here) counts what follows it.
+Inside the body ``FF FF FD`` is sent as ``FF FF FD FD``, so that a header is never data. There is no
+sequence number: a late reply looks like the answer to the next question of the same id and length.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ def crc16(data: bytes, crc: int = 0) -> int:
 
 
 class Packet(NamedTuple):
-    """One checked frame. ``code``: the instruction, or STATUS, which alone has an ``error`` byte."""
+    """One checked frame. ``code``: the instruction, or STATUS, which alone has an ``error``
+    byte."""
 
     id: int
     code: int
@@ -92,7 +94,8 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Why the servo did not do what it was asked; empty when it did. The alert bit is no failure."""
+        """Why the servo did not do what it was asked; empty when it did. The alert bit is no
+        failure."""
         number = self.error & ~ALERT
         return ERROR_NUMBERS.get(number, f"error {number}") if number else ""
 
@@ -144,9 +147,9 @@ def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_status(answers: Sequence[tuple[int, int, bytes]], expected: int) -> bytes:
-    """The one frame that answers a fast sync read: (id, error, data) of each servo in turn, each closed by the
-    CRC of everything so far. Each is as long as was asked for, so nothing is stuffed [assumed]. When fewer
-    than ``expected`` answer, the frame ends early."""
+    """The one frame that answers a fast sync read: (id, error, data) of each servo in turn, each
+    closed by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
+    [assumed]. When fewer than ``expected`` answer, the frame ends early."""
     size = len(answers[0][2]) if answers else 0
     data = HEADER + bytes((BROADCAST,)) + _words(1 + expected * (4 + size)) + bytes((STATUS,))
     for servo_id, error, block in answers:
@@ -173,9 +176,10 @@ def goals(counts: Mapping[int, int]) -> bytes:
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Goals := the measured positions. Written as the block profile velocity + goal (112, eight bytes, velocity
-    0: no profile, as after power on), where a setpoint writes the goal alone: so the wire itself tells a
-    hold from a setpoint, and a servo that was on its way is not eased to its stop."""
+    """Goals := the measured positions. Written as the block profile velocity + goal (112, eight
+    bytes, velocity 0: no profile, as after power on), where a setpoint writes the goal alone: so
+    the wire itself tells a hold from a setpoint, and a servo that was on its way is not eased to
+    its stop."""
     rows = b"".join(
         bytes((servo_id,)) + bytes(PROFILE_VELOCITY.size) + GOAL_POSITION.encode(count)
         for servo_id, count in positions.items()
@@ -185,16 +189,17 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Torque off on every servo in one frame, without knowing who is there: the stop channel needs no more. A
-broadcast has no status: confirm by reading register 64."""
+"""Torque off on every servo in one frame, without knowing who is there: the stop channel needs no
+more. A broadcast has no status: confirm by reading register 64."""
 
 RESYNC = b"\0\0\0\0"
-"""In front of the first safe frame. After a torn header, or one with its id, our own FF FF would be taken for
-a length and 65 kB be waited for; a length of 0 is none, and the parser begins anew."""
+"""In front of the first safe frame. After a torn header, or one with its id, our own FF FF would be
+taken for a length and 65 kB be waited for; a length of 0 is none, and the parser begins anew."""
 
 
 class Decoder:
-    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits for its rest."""
+    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits
+    for its rest."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -210,7 +215,8 @@ class Decoder:
         self._buffer.clear()
 
     def take_damaged(self) -> list[tuple[int, bytes]]:
-        """Frames with a wrong CRC since the last call, with their id: a servo says so to whoever means it."""
+        """Frames with a wrong CRC since the last call, with their id: a servo says so to whoever
+        means it."""
         taken, self._damaged = self._damaged, []
         return taken
 

@@ -1,4 +1,5 @@
-"""Making every Dynamixel safe: how long its replies may talk over a safe frame, and what counts as a hold."""
+"""Making every Dynamixel safe: how long its replies may talk over a safe frame, and what counts as
+a hold."""
 
 from __future__ import annotations
 

@@ -69,8 +69,8 @@ WORDS = (*RANGES, *GOALS, t.PROFILE_ACCELERATION, t.PROFILE_VELOCITY)
 
 
 def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
-    """Values at delivery, the rest zero; the id, the rate of 1 Mbaud and the mode as whoever built the arm
-    set them."""
+    """Values at delivery, the rest zero; the id, the rate of 1 Mbaud and the mode as whoever built
+    the arm set them."""
     kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
     table = bytearray(t.TABLE_SIZE)
     for register, value in {
@@ -131,7 +131,8 @@ class Servo(TwinServo):
         return p.ALERT if self.table[t.HARDWARE_ERROR.address] else 0
 
     def power_cycle(self) -> None:
-        """EEPROM as it was written, RAM as at delivery, torque off, the goal where the joint is [assumed]."""
+        """EEPROM as it was written, RAM as at delivery, torque off, the goal where the joint is
+        [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
         self.put(t.GOAL_PWM, self.get(t.PWM_LIMIT))
@@ -222,7 +223,8 @@ class Servo(TwinServo):
 
     @property
     def trips_at_s(self) -> float:
-        """When the bus watchdog will trip if nothing is heard; never, when it is off or the torque is."""
+        """When the bus watchdog will trip if nothing is heard; never, when it is off or the torque
+        is."""
         counts = self.get(t.BUS_WATCHDOG)
         if counts <= t.WATCHDOG_OFF or not self.energised:
             return math.inf

@@ -20,7 +20,8 @@ class Register(NamedTuple):
             raise ValueError(f"{value} does not fit {self.size} byte(s)") from None
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
+        """The value in ``data``, a block that was read from address ``base`` (default: this
+        register's own)."""
         start = 0 if base is None else self.address - base
         return int.from_bytes(data[start : start + self.size], "little", signed=self.signed)
 

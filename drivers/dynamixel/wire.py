@@ -64,7 +64,8 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     # -- arming
 
     async def before_arming(self, permit: Permit) -> None:
-        """No latched alert, and every bus watchdog off: of one that has tripped with its torque off."""
+        """No latched alert, and every bus watchdog off: of one that has tripped with its torque
+        off."""
         bus = self.session.bus
         replies = await self.ask_all(*_STATE, "its state")
         for axis in self.axes:

@@ -1,4 +1,5 @@
-"""Pictures of the rover's cameras, asked of the service by whoever wants them, past the robot's tree.
+"""Pictures of the rover's cameras, asked of the service by whoever wants them, past the robot's
+tree.
 
 They are larger than what actors tell each other, and nothing about them moves the robot.
 """
@@ -21,8 +22,8 @@ PICTURE_S = 2.0
 
 
 async def picture(port: str, view: str = "front") -> Picture:
-    """Return what a camera sees now: ``front`` or ``rear``, of the service at ``port``. Raise ``ValueError`` for
-    another name, ``WireDown`` when there is no picture."""
+    """Return what a camera sees now: ``front`` or ``rear``, of the service at ``port``. Raise
+    ``ValueError`` for another name, ``WireDown`` when there is no picture."""
     if view not in PICTURES:
         raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
     host, number = EarthRover("earthrover", port, {}).config.address()

@@ -19,7 +19,8 @@ class EarthRoverConfig(msgspec.Struct, frozen=True):
     control_hz: float
 
     def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a service."""
+        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a
+        service."""
         scheme, found, rest = self.port.partition("://")
         if not found:
             scheme, rest = "http", self.port
@@ -32,7 +33,8 @@ class EarthRoverConfig(msgspec.Struct, frozen=True):
         return parse_address(rest, PORT)
 
     def open_port(self) -> HttpPort:
-        """Return a port to the service, not yet connected. Raise ``WireDown`` for an address that is none."""
+        """Return a port to the service, not yet connected. Raise ``WireDown`` for an address that
+        is none."""
         try:
             return HttpPort(*self.address())
         except ValueError as error:

@@ -1,8 +1,9 @@
 """FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
 
-Safe, for whatever reason, is zero: the wheels stand, the lamp stays as it is. The service answers when it has
-passed a command on, not when the rover has it, so zero is repeated until a newer report shows speed 0. A command
-lives 300 ms. After that a new one may go on; after a stop only ``resume()`` lets it.
+Safe, for whatever reason, is zero: the wheels stand, the lamp stays as it is. The service answers
+when it has passed a command on, not when the rover has it, so zero is repeated until a newer report
+shows speed 0. A command lives 300 ms. After that a new one may go on; after a stop only
+``resume()`` lets it.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ from strands_actors.drivers.common.simulation_control.body import Hand
 
 _STEP_S = 0.01
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is dropped."""
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
+dropped."""
 
 
 class Rover:

@@ -1,7 +1,8 @@
-"""What is said to and heard of the EarthRover's SDK process, as JSON in the bodies of HTTP messages. Pure.
+"""What is said to and heard of the EarthRover's SDK process, as JSON in the bodies of HTTP
+messages. Pure.
 
-A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``): to the service they are the same, and
-the log of the wire tells a stop from a setpoint of zero.
+A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``): to the service they
+are the same, and the log of the wire tells a stop from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ def encode_stop(lamp: float) -> bytes:
 
 
 def decode_command(body: bytes) -> dict[str, Any] | None:
-    """Return the command of a body of ``POST /control``; None where there is none. Raise ``MalformedFrame``."""
+    """Return the command of a body of ``POST /control``; None where there is none. Raise
+    ``MalformedFrame``."""
     command = _decode(body).get("command")
     return command if isinstance(command, dict) and command else None
 
@@ -92,7 +94,8 @@ def is_stop(command: dict[str, Any]) -> bool:
 
 
 def decode_data(body: bytes) -> Data:
-    """Return an answer to ``GET /data``. Raise ``MalformedFrame`` for one without a time or a speed."""
+    """Return an answer to ``GET /data``. Raise ``MalformedFrame`` for one without a time or a
+    speed."""
     told = _decode(body)
     stamp, speed = _number(told, "timestamp"), _number(told, "speed")
     if math.isnan(stamp) or math.isnan(speed):
@@ -130,7 +133,8 @@ def _number(told: dict[str, Any], name: str) -> float:
 
 
 def _newest(rows: object) -> tuple[float, ...]:
-    """Return the last of several rows of numbers, less its last, which is a time; empty where there is none."""
+    """Return the last of several rows of numbers, less its last, which is a time; empty where there
+    is none."""
     if not isinstance(rows, list) or not rows or not isinstance(rows[-1], list) or len(rows[-1]) < 2:
         return ()
     numbers = [finite(value) for value in rows[-1][:-1]]

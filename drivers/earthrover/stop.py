@@ -1,7 +1,8 @@
-"""How the rover is stopped: over a connection of its own, without the HTTP client of the wire process.
+"""How the rover is stopped: over a connection of its own, without the HTTP client of the wire
+process.
 
-The root's stop channel keeps one open, so that the first zero leaves at once. It knows nothing of the lamp, and
-puts it out; the wire leaves it as it was told.
+The root's stop channel keeps one open, so that the first zero leaves at once. It knows nothing of
+the lamp, and puts it out; the wire leaves it as it was told.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from . import protocol as p
 from .config import EarthRoverConfig
 
 STOP_S = 1.7
-"""How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a link is reached."""
+"""How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a link
+is reached."""
 
 
 class RoverZero:

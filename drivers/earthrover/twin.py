@@ -1,6 +1,7 @@
 """The vendor's SDK process as a twin: its HTTP service with a rover behind it.
 
-As the real one, it answers a command when it has taken it, and a rover that has no fix reports latitude 1000.
+As the real one, it answers a command when it has taken it, and a rover that has no fix reports
+latitude 1000.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""The service in the wire process: commands on one connection, what the rover reports on another, stops on a third.
+"""The service in the wire process: commands on one connection, what the rover reports on another,
+stops on a third.
 
-A command is written when the one before has been answered; one that is not answered within half a second ends the
-link. As long as an answer is owed no stop is confirmed: what was sent may still be carried out. So zero follows it
-on its own connection, where neither overtakes the other, before it goes out on a new one.
+A command is written when the one before has been answered; one that is not answered within half a
+second ends the link. As long as an answer is owed no stop is confirmed: what was sent may still be
+carried out. So zero follows it on its own connection, where neither overtakes the other, before it
+goes out on a new one.
 """
 
 from __future__ import annotations
@@ -138,8 +140,8 @@ class EarthRoverWire(Wire):
         return outcome.reports(self._config.axes, self._told)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer; zero follows its
-        command all the same."""
+        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;
+        zero follows its command all the same."""
         if self._owed is not None:
             self._follow(RoverZero(self._told[2]))
             self._owed = None
@@ -168,7 +170,8 @@ class EarthRoverWire(Wire):
     # -- what runs beside the calls
 
     async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
-        """Raise ``WireDown`` when it does not come. Then zero has followed its command, and no other does."""
+        """Raise ``WireDown`` when it does not come. Then zero has followed its command, and no
+        other does."""
         answered = False
         try:
             with trio.move_on_after(COMMAND_S):
@@ -194,7 +197,8 @@ class EarthRoverWire(Wire):
         return self._owed is None
 
     def _follow(self, zero: RoverZero) -> None:
-        """Send zero behind the command that is owed an answer, on its connection, if that still is one."""
+        """Send zero behind the command that is owed an answer, on its connection, if that still is
+        one."""
         if self._commands is not None:
             with contextlib.suppress(WireDown):
                 self._commands.send("POST", zero.target, zero.body)

@@ -80,7 +80,8 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise ``WireDown``."""
+    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise
+    ``WireDown``."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode != POSITION_MODE:
         raise WireDown(f"connect: {axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")

@@ -1,8 +1,9 @@
 """The Feetech STS/SMS/SCS serial protocol: frames, registers, checksums. Pure: no I/O, no clock.
 
-Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``; ``len`` counts the
-params plus two, ``sum`` is the inverted low byte of everything between header and sum. There is no
-sequence number: a late reply looks like the answer to the next question of the same id and length.
+Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``; ``len`` counts
+the params plus two, ``sum`` is the inverted low byte of everything between header and sum. There is
+no sequence number: a late reply looks like the answer to the next question of the same id and
+length.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ COUNTS = 4096
 
 
 class Register(NamedTuple):
-    """One entry of the control table. Signed words are sign-magnitude at ``sign_bit``, never two's complement."""
+    """One entry of the control table. Signed words are sign-magnitude at ``sign_bit``, never two's
+    complement."""
 
     address: int
     size: int = 1
@@ -49,7 +51,8 @@ class Register(NamedTuple):
         return value.to_bytes(size, "little")
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block that was read from address ``base`` (default: this register's own)."""
+        """The value in ``data``, a block that was read from address ``base`` (default: this
+        register's own)."""
         start = 0 if base is None else self.address - base
         raw = int.from_bytes(data[start : start + self.size], "little")
         if self.sign_bit is not None and raw >> self.sign_bit & 1:
@@ -106,7 +109,8 @@ MIDDLE_IS_HERE = 128
 """Written to TORQUE_ENABLE: make the present position the middle (assumed for all STS firmware)."""
 
 BAUD_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
-"""Rate per code of register 6, in the vendor's order. Codes 5 to 7 are in doubt: sources disagree."""
+"""Rate per code of register 6, in the vendor's order. Codes 5 to 7 are in doubt: sources
+disagree."""
 
 MODEL_NUMBERS = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL", 1284: "SCS0009"}
 
@@ -173,8 +177,8 @@ def goals(counts: Mapping[int, int]) -> bytes:
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Goals := the measured positions. Written as the block goal + time (42, four bytes, time 0), where a
-    setpoint writes the goal alone: so the wire itself tells a hold from a setpoint."""
+    """Goals := the measured positions. Written as the block goal + time (42, four bytes, time 0),
+    where a setpoint writes the goal alone: so the wire itself tells a hold from a setpoint."""
     rows = b"".join(
         bytes((servo_id,)) + GOAL_POSITION.encode(count) + b"\0\0" for servo_id, count in positions.items()
     )
@@ -182,15 +186,17 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Torque off on every servo in one frame. A broadcast has no status: confirm by reading register 40."""
+"""Torque off on every servo in one frame. A broadcast has no status: confirm by reading register
+40."""
 
 RESYNC = b"\0\0"
-"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and 255 bytes
-be waited for; a length of 0 is none, and the parser begins anew."""
+"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and
+255 bytes be waited for; a length of 0 is none, and the parser begins anew."""
 
 
 class Decoder:
-    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits for its rest."""
+    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits
+    for its rest."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

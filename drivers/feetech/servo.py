@@ -23,8 +23,8 @@ FELT = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
 """The registers that the servo's own sensors fill."""
 
 FELT_LAYOUT = struct.Struct("<HHHBBxBBxxH")
-"""Position, velocity, load, voltage, temperature, status, moving, current: packed at once, because every
-reading of six servos would otherwise cost fifty register writes."""
+"""Position, velocity, load, voltage, temperature, status, moving, current: packed at once, because
+every reading of six servos would otherwise cost fifty register writes."""
 
 ERROR_VOLTAGE, ERROR_OVERHEAT, ERROR_OVERLOAD = 1, 4, 32
 
@@ -61,8 +61,9 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
 
 
 class Servo(TwinServo):
-    """Position mode only. ``goal_energises``: a goal turns the torque on, as several public drivers say of the
-    STS3215 (the vendor's SDK has no call for torque, and moves) [assumed: register 40 then reads 1]."""
+    """Position mode only. ``goal_energises``: a goal turns the torque on, as several public drivers
+    say of the STS3215 (the vendor's SDK has no call for torque, and moves) [assumed: register 40
+    then reads 1]."""
 
     def __init__(
         self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float, goal_energises: bool = True
@@ -101,7 +102,8 @@ class Servo(TwinServo):
         )
 
     def power_cycle(self) -> None:
-        """EEPROM as it was saved, RAM as at delivery, torque off, the goal where the joint is [assumed]."""
+        """EEPROM as it was saved, RAM as at delivery, torque off, the goal where the joint is
+        [assumed]."""
         felt = self.table[FELT]
         self.table[:] = self.factory
         self.table[: p.EEPROM_END] = self._eeprom

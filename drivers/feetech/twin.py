@@ -26,7 +26,8 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         now_s: Callable[[], float] = time.monotonic,
         goal_energises: bool = True,
     ) -> None:
-        """``ids`` and ``models`` (the numbers of register 3): the servos of the plant's joints, in order."""
+        """``ids`` and ``models`` (the numbers of register 3): the servos of the plant's joints, in
+        order."""
         servos = [
             Servo(plant, joint, servo_id, model, voltage_v, goal_energises)
             for joint, (servo_id, model) in enumerate(zip(ids, models, strict=True))

@@ -41,8 +41,8 @@ class FeetechWire(ServoWire[protocol.Packet]):
     CODEC = protocol
     SAFING = FeetechSafing
     FEEDBACK: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
-    """Torque to temperature, 40 to 63, in every cycle: a goal would energise a servo that has lost its torque, so
-    that has to be known of each before anything is written."""
+    """Torque to temperature, 40 to 63, in every cycle: a goal would energise a servo that has lost
+    its torque, so that has to be known of each before anything is written."""
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:

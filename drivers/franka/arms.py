@@ -61,7 +61,8 @@ class Arm(msgspec.Struct, frozen=True):
         return tuple(f"{self.joints}{number}" for number in range(1, JOINTS + 1))
 
     def speed_at(self, joint: int, rad: float) -> tuple[float, float]:
-        """Return the lowest and the highest speed that the controller allows a joint there (rad/s)."""
+        """Return the lowest and the highest speed that the controller allows a joint there
+        (rad/s)."""
         most = self.speed[joint]
         if not self.ends:
             return -most, most

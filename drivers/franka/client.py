@@ -1,7 +1,7 @@
 """A connection to a controller: requests and replies on TCP, and where its states arrive.
 
-The wire process has one as long as the link is up, the root makes one when it has to see the arm stand. No vendor's
-library: nothing here can hang, or hold the interpreter's lock.
+The wire process has one as long as the link is up, the root makes one when it has to see the arm
+stand. No vendor's library: nothing here can hang, or hold the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -118,7 +118,8 @@ class Fci:
                 raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent last is still delivered: a frozen controller finds it when it goes on."""
+        """As ``close``, but what was sent last is still delivered: a frozen controller finds it
+        when it goes on."""
         self._tcp.close_in_order()
         self.udp.close()
 

@@ -22,7 +22,8 @@ class FrankaConfig(msgspec.Struct, frozen=True):
 
     @property
     def host(self) -> str:
-        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: that is fixed."""
+        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: that is
+        fixed."""
         host, port = parse_address(self.port, PORT)
         if port != PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")

@@ -118,7 +118,8 @@ class Cycle:
             self._trajectory.aim(order.goal)
         elif self.phase is Phase.IDLE:
             self.phase, self._waited = Phase.STARTING, 0
-        # while it finishes or brakes: the wire process sees that the goal was not reached, and asks again
+        # while it finishes or brakes: the wire process sees that the goal was not reached, and asks
+        # again
 
     def is_news(self, data: bytes) -> bool:
         """Return whether ``data`` is a state, and the controller's clock has gone on since the

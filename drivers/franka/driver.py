@@ -1,8 +1,9 @@
 """Franka arms on FCI: panda (FER, interface 5), fr3 and fr3_v2 (interface 10).
 
-A command names where all seven joints go; a trajectory generator of ours takes them there within the arm's limits
-of speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is sent: the controller holds the
-arm. Safe, for whatever reason, is StopMove: the controller brakes the arm and holds it. There is no limp.
+A command names where all seven joints go; a trajectory generator of ours takes them there within
+the arm's limits of speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is
+sent: the controller holds the arm. Safe, for whatever reason, is StopMove: the controller brakes
+the arm and holds it. There is no limp.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from .protocol import RobotMode, mode_name
 MOVABLE = (RobotMode.IDLE, RobotMode.MOVE)
 
 POOR, TOO_POOR = 0.8, 0.5
-"""Shares of the last 100 commands that reached the controller in time: below, status warns; below, a new target is
-refused [assumed]."""
+"""Shares of the last 100 commands that reached the controller in time: below, status warns; below,
+a new target is refused [assumed]."""
 
 _REMEDIES = {
     RobotMode.REFLEX: "recover() first",
@@ -82,8 +82,8 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
 
 
 def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse a new target while too few commands reach the controller: it would end the motion. Without a motion
-    nobody knows."""
+    """Refuse a new target while too few commands reach the controller: it would end the motion.
+    Without a motion nobody knows."""
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
     if _mode(state.observation) != RobotMode.MOVE or rate >= TOO_POOR:
         return None

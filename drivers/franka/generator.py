@@ -1,12 +1,13 @@
 """The trajectory generator: from where the arm stands to the newest goal, one step per millisecond.
 
-Pure. Each joint goes as fast as its limits allow, and never further than its goal; from rest all joints begin and
-arrive together, on a straight line in joint space. A goal may be replaced at any time, and is then reached from the
-speed that the joints have.
+Pure. Each joint goes as fast as its limits allow, and never further than its goal; from rest all
+joints begin and arrive together, on a straight line in joint space. A goal may be replaced at any
+time, and is then reached from the speed that the joints have.
 
-Two stages: a profile that keeps speed and acceleration, then a moving average over ``WINDOW`` steps, which spreads
-each change of the acceleration over so many milliseconds and so keeps the jerk. An average of positions goes no
-further, no faster, and accelerates no more than what it averages.
+Two stages: a profile that keeps speed and acceleration, then a moving average over ``WINDOW``
+steps, which spreads each change of the acceleration over so many milliseconds and so keeps the
+jerk. An average of positions goes no further, no faster, and accelerates no more than what it
+averages.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from .arms import JOINTS, Arm
 
 STEP_S = 0.001
 WINDOW = 4
-"""Acceleration may change by twice its limit at once: over 4 ms that is the jerk limit of every joint of every
-arm of ``robots.toml``, whatever the speed factor."""
+"""Acceleration may change by twice its limit at once: over 4 ms that is the jerk limit of every
+joint of every arm of ``robots.toml``, whatever the speed factor."""
 
 ARRIVED_RAD = 1e-9
 ROOM_RAD = 0.002
-"""The average lags the profile by 1.5 ms: so far a joint moves in that time where its end matters."""
+"""The average lags the profile by 1.5 ms: so far a joint moves in that time where its end
+matters."""
 SPAN_RAD = 1e-6
 """A joint that has less to go does not wait for the others."""
 
@@ -43,10 +45,10 @@ class Limits(msgspec.Struct, frozen=True):
 def limits_of(arm: Arm, speed_factor: float) -> Limits:
     """Return the limits of an arm at a share of its speed, acceleration and jerk.
 
-    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a + sqrt(b * d)),
-    braking must stay below that. At a distance e from the goal it is sqrt(2 A e); with A <= b / 6 that stays below
-    when the goal keeps 1.5 a^2 / b from where the curve ends (square both sides; the worst place is where the
-    speed is a / 2).
+    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a +
+    sqrt(b * d)), braking must stay below that. At a distance e from the goal it is sqrt(2 A e);
+    with A <= b / 6 that stays below when the goal keeps 1.5 a^2 / b from where the curve ends
+    (square both sides; the worst place is where the speed is a / 2).
     """
     acceleration = [most * speed_factor for most in arm.acceleration]
     low, high = list(arm.low), list(arm.high)
@@ -75,7 +77,8 @@ class Trajectory:
         return all(point == self._recent[-1] for point in self._recent) and self._at_goal()
 
     def aim(self, goal: Sequence[float]) -> None:
-        """Go to ``goal`` from now on. It must be within the range of the limits: nothing is clipped here."""
+        """Go to ``goal`` from now on. It must be within the range of the limits: nothing is clipped
+        here."""
         self._goal = list(goal)
         top = list(zip(self._limits.speed, self._limits.acceleration, strict=True))
         if any(self._speed):

@@ -1,9 +1,9 @@
-"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and commands on
-UDP.
+"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and
+commands on UDP.
 
 Pure: bytes in, values out. Everything is little-endian and packed. Matrices are column-major.
-Sources: the published headers of libfranka-common for both versions; offsets checked with numbered values against
-panda-python 1.1.1 and pylibfranka 0.21.3.
+Sources: the published headers of libfranka-common for both versions; offsets checked with numbered
+values against panda-python 1.1.1 and pylibfranka 0.21.3.
 """
 
 from __future__ import annotations
@@ -168,7 +168,8 @@ class State(msgspec.Struct, frozen=True):
 
 
 class Command(NamedTuple):
-    """One command of a motion: what of it has a meaning depends on the generator and the controller."""
+    """One command of a motion: what of it has a meaning depends on the generator and the
+    controller."""
 
     message_id: int
     q: tuple[float, ...]
@@ -254,8 +255,8 @@ class Dialect:
         return found
 
     def is_plausible(self, data: bytes) -> bool:
-        """Return whether ``data`` can be a state, by its size and its smallest fields: quick enough for each of a
-        thousand a second."""
+        """Return whether ``data`` can be a state, by its size and its smallest fields: quick enough
+        for each of a thousand a second."""
         if len(data) != self.state_bytes:
             return False
         (generator,), (controller,) = self.get(data, "generator"), self.get(data, "controller")
@@ -305,7 +306,8 @@ class Decoder:
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Raise ``MalformedFrame`` for a size that no message has: what follows cannot be found again."""
+        """Raise ``MalformedFrame`` for a size that no message has: what follows cannot be found
+        again."""
         self._pending += data
         while len(self._pending) >= HEADER.size:
             code, request_id, size = HEADER.unpack_from(self._pending)

@@ -1,8 +1,8 @@
 """The root's way to the arm when the wire process is gone.
 
-Its connection has ended with it, and a controller ends a motion with the connection by which it was begun. What is
-left to do is to see that it did, by a connection made when it is needed. Its StopMove is for who else might be
-moving the arm.
+Its connection has ended with it, and a controller ends a motion with the connection by which it was
+begun. What is left to do is to see that it did, by a connection made when it is needed. Its
+StopMove is for who else might be moving the arm.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ CONFIRM_S = 0.6
 
 
 class StopWatch:
-    """A connection by which the arm is told to stop, and seen to. ``first``: the state that it began with."""
+    """A connection by which the arm is told to stop, and seen to. ``first``: the state that it
+    began with."""
 
     def __init__(self, config: FrankaConfig, client: Fci, first: p.State) -> None:
         self._config = config
@@ -80,7 +81,8 @@ def moving(state: p.State) -> list[int]:
 def reports(
     config: FrankaConfig, written: bool, acknowledged: bool, state: p.State | None, trouble: str = ""
 ) -> tuple[MotorReport, ...]:
-    """Return what became of each joint. ``state``: the last one since the stop was written, if there is one."""
+    """Return what became of each joint. ``state``: the last one since the stop was written, if
+    there is one."""
     moves: Sequence[int] = range(len(config.arm.keys)) if state is None else moving(state)
     found = []
     for at, joint in enumerate(config.arm.keys):

@@ -1,4 +1,5 @@
-"""A Franka controller in the wire process: motions begin and stop here, another process sends their commands."""
+"""A Franka controller in the wire process: motions begin and stop here, another process sends their
+commands."""
 
 from __future__ import annotations
 
@@ -117,7 +118,8 @@ class _Session:
             raise WireDown("the process of the 1 kHz cycle takes no orders") from None
 
     def stand_down(self) -> None:
-        """No command leaves any more. The controller has been told to stop, or has ended the motion."""
+        """No command leaves any more. The controller has been told to stop, or has ended the
+        motion."""
         self.order = None
         try:
             self._reports.send(STAND_DOWN.pack())
@@ -176,7 +178,8 @@ class FrankaWire(Wire):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """The arm holds itself: there is nothing to energise, and nothing moves before the first setpoint."""
+        """The arm holds itself: there is nothing to energise, and nothing moves before the first
+        setpoint."""
         session = self._session()
         session.look()
         state = self._state(session)
@@ -245,7 +248,8 @@ class FrankaWire(Wire):
             return reports(self._config, written, False, None, str(down))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """By what is still open, which ends there, and the motion with it. Then by a connection made for this."""
+        """By what is still open, which ends there, and the motion with it. Then by a connection
+        made for this."""
         session, written = self._session_or_none, False
         if session is not None:
             with contextlib.suppress(WireDown):

@@ -1,7 +1,8 @@
-"""The base of a twin: its sessions, its state, its arm. It knows no sockets, and no clock but the one it is given.
+"""The base of a twin: its sessions, its state, its arm. It knows no sockets, and no clock but the
+one it is given.
 
-It is the worst that a base may be: joint speeds never expire, and neither the end of a connection nor that of a
-session stops the arm.
+It is the worst that a base may be: joint speeds never expire, and neither the end of a connection
+nor that of a session stops the arm.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ ALL = range(p.JOINTS)
 
 
 class Second(enum.StrEnum):
-    """What the base does with a session beside the first: nobody of us has seen it on a real one."""
+    """What the base does with a session beside the first: nobody of us has seen it on a real
+    one."""
 
     ACCEPTED = "accepted"
     REFUSED = "refused"

@@ -1,7 +1,7 @@
 """One connection to a base, one session on it: questions out, answers by their number.
 
-Nothing here waits but ``answer``: what is asked leaves at once. An answer belongs to the question whose number it
-bears, however late it comes.
+Nothing here waits but ``answer``: what is asked leaves at once. An answer belongs to the question
+whose number it bears, however late it comes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ _PAGE = struct.Struct("<HH")
 
 
 class Page:
-    """A session's id and the number of its last question, in memory that another process may share."""
+    """A session's id and the number of its last question, in memory that another process may
+    share."""
 
     def __init__(self, memory: bytearray | mmap.mmap) -> None:
         self._memory = memory
@@ -91,19 +92,20 @@ class KortexClient:
         self._asked_ns = 0
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
-        """Send at once. That joint speeds were refused stands in ``refusal`` when the answer has been read. Raise
-        ``WireDown``."""
+        """Send at once. That joint speeds were refused stands in ``refusal`` when the answer has
+        been read. Raise ``WireDown``."""
         self._send(call, payload)
 
     def ask(self, call: Call, payload: bytes = b"") -> int:
-        """Send at once; return a number to give to ``answer``, ``taken`` or ``forget``. Raise ``WireDown``."""
+        """Send at once; return a number to give to ``answer``, ``taken`` or ``forget``. Raise
+        ``WireDown``."""
         number = self._send(call, payload)
         self._awaited[number] = None
         return number
 
     async def listen(self, number: int, within_s: float) -> None:
-        """Take what comes until that answer has come. Raise ``WireDown`` when the base owes answers and has said
-        nothing for ``SILENT_S``."""
+        """Take what comes until that answer has come. Raise ``WireDown`` when the base owes answers
+        and has said nothing for ``SILENT_S``."""
         with trio.move_on_after(within_s):
             while number in self._awaited and self._awaited[number] is None:
                 self._take(await self._stream.read())

@@ -1,7 +1,8 @@
 """Kinova Gen3 arms on Kortex: kinova_gen3, with seven joints.
 
-The base takes joint speeds, which never expire. So the wire sends speeds in every control period as long as they
-are earned, and ``Stop`` when they are not; and before anything is energised the root has its own way to send it.
+The base takes joint speeds, which never expire. So the wire sends speeds in every control period as
+long as they are earned, and ``Stop`` when they are not; and before anything is energised the root
+has its own way to send it.
 """
 
 from __future__ import annotations

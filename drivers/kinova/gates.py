@@ -34,8 +34,9 @@ def needed_speeds(target: Sequence[float], state: GateState, period_s: float) ->
 
 
 def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
-    """Refuse a target that is further from where the joint is than it may turn in one control period, of a stream,
-    too: an arm that does not keep up with its stream is not chased after it."""
+    """Refuse a target that is further from where the joint is than it may turn in one control
+    period, of a stream, too: an arm that does not keep up with its stream is not chased after
+    it."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         for at in candidate.named:
@@ -72,8 +73,8 @@ def base_ready(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def commanded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more: motion does not go
-    on by itself after that."""
+    """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more:
+    motion does not go on by itself after that."""
     why = observation.faults.get(BASE)
     return None if why is None else Refused("stopped", f"move: {why}", "stop(), then resume()", why)
 

@@ -1,8 +1,9 @@
 """Kortex over TCP: frames, and the few messages that a Gen3 arm needs. Pure.
 
-A frame is eight bytes of magic, a big-endian length, and a protobuf ``Frame`` of a header and a payload. Layout:
-the vendor's public protobuf definitions and API reference (Kortex 2.6). The byte order of the length and where a
-session's id stands were seen with the vendor's Python client 2.6.0. What is in neither is marked [assumed].
+A frame is eight bytes of magic, a big-endian length, and a protobuf ``Frame`` of a header and a
+payload. Layout: the vendor's public protobuf definitions and API reference (Kortex 2.6). The byte
+order of the length and where a session's id stands were seen with the vendor's Python client 2.6.0.
+What is in neither is marked [assumed].
 
 Function ids, error codes and states keep the vendor's names, in English.
 """
@@ -23,7 +24,8 @@ MAGIC = b"\x07xEtRoK\x07"
 JOINTS = 7
 
 MAX_FRAME = 8192
-"""Bytes of one protobuf ``Frame``. The longest that is used here, the feedback, has fewer than 1000."""
+"""Bytes of one protobuf ``Frame``. The longest that is used here, the feedback, has fewer than
+1000."""
 
 _HEAD = len(MAGIC) + 4
 _VERSION = 1
@@ -114,7 +116,8 @@ def _named(kind: type[enum.IntEnum], number: int) -> str:
 
 
 class Frame(msgspec.Struct, frozen=True):
-    """One request, response or notification. ``message``: number of the request, which its response repeats."""
+    """One request, response or notification. ``message``: number of the request, which its response
+    repeats."""
 
     kind: int
     call: int
@@ -157,8 +160,9 @@ def decode(body: bytes) -> Frame:
 
 
 class Decoder:
-    """A stream of bytes to frames. What is no frame is skipped up to the next magic, and counted: a stop must
-    reach a base on a connection whose answers cannot be read, and one that another process has begun to read."""
+    """A stream of bytes to frames. What is no frame is skipped up to the next magic, and counted: a
+    stop must reach a base on a connection whose answers cannot be read, and one that another
+    process has begun to read."""
 
     def __init__(self) -> None:
         self.skipped = 0  # stretches of bytes that were no frame
@@ -184,8 +188,8 @@ class Decoder:
             yield frame
 
     def _align(self) -> bool:
-        """Drop what stands before the next magic, or before what may be its beginning. Return whether anything is
-        left."""
+        """Drop what stands before the next magic, or before what may be its beginning. Return
+        whether anything is left."""
         at = self._pending.find(MAGIC)
         if at < 0:
             begins = (size for size in range(len(MAGIC) - 1, 0, -1) if self._pending.endswith(MAGIC[:size]))
@@ -240,7 +244,8 @@ def decode_number(data: bytes) -> int:
 
 
 def encode_speeds(deg_s: Sequence[float]) -> bytes:
-    """Encode ``JointSpeeds`` of all joints. Without durations: the API reference calls them not implemented."""
+    """Encode ``JointSpeeds`` of all joints. Without durations: the API reference calls them not
+    implemented."""
     return b"".join(
         pb.bytes_field(1, pb.varint_field(1, joint) + pb.float_field(2, value)) for joint, value in enumerate(deg_s)
     )

@@ -1,9 +1,9 @@
 """The root's way to the base: a session of its own, and the wire's.
 
-Nobody of us has seen whether a base lets a second session stop the arm. So the root opens one, and has the wire's,
-too: a descriptor of its connection, and its id and counter in memory that both processes share. A stop is sent on
-both, and when neither is answered, on a session opened for it. A base that takes no second session is stopped on
-the wire's alone.
+Nobody of us has seen whether a base lets a second session stop the arm. So the root opens one, and
+has the wire's, too: a descriptor of its connection, and its id and counter in memory that both
+processes share. A stop is sent on both, and when neither is answered, on a session opened for it. A
+base that takes no second session is stopped on the wire's alone.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         open_stream: OpenStream = open_tcp,
         wires: KortexClient | None = None,
     ) -> None:
-        """``descriptors``: of the wire's connection and of its page, where they were handed over. ``wires``: that
-        connection, in the wire's own process, which closes it."""
+        """``descriptors``: of the wire's connection and of its page, where they were handed over.
+        ``wires``: that connection, in the wire's own process, which closes it."""
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
         self._newest: KortexClient | None = None  # opened by the last stop
@@ -84,7 +84,8 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         return reports
 
     def close(self) -> None:
-        """Close our own sessions at the base, too: one that it still keeps could come before the next wire's."""
+        """Close our own sessions at the base, too: one that it still keeps could come before the
+        next wire's."""
         for client in (self.session, self._newest):
             if client is not None:
                 with contextlib.suppress(WireDown):

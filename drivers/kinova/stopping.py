@@ -24,14 +24,15 @@ ANEW_S = 0.1
 """When a connection has answered nothing for so long, another one is opened."""
 
 STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.4}
-"""How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they fit into what a
-stop may take."""
+"""How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they
+fit into what a stop may take."""
 
 STANDING_DEG_S = 0.5
 """A joint that shows less stands [assumed]: measured speeds are not still."""
 
 STEADY_S = 0.05
-"""For so long: one that turns round, or has not yet followed what was sent last, shows no speed for a moment."""
+"""For so long: one that turns round, or has not yet followed what was sent last, shows no speed for
+a moment."""
 
 
 class _Way:
@@ -123,10 +124,10 @@ Another = Callable[[], Awaitable[KortexClient]]
 async def stop_arm(
     axes: Sequence[str], clients: Sequence[KortexClient], another: Another | None = None
 ) -> tuple[MotorReport, ...]:
-    """Send ``Stop`` on every connection before anything is waited for, and again until it is answered; when none
-    has answered soon, on ``another``, too. Where it is refused, and no other connection stops the arm, send
-    ``ApplyEmergencyStop``, after which the base is in fault. Report each joint that was then seen to stand as
-    safe. Never raises."""
+    """Send ``Stop`` on every connection before anything is waited for, and again until it is
+    answered; when none has answered soon, on ``another``, too. Where it is refused, and no other
+    connection stops the arm, send ``ApplyEmergencyStop``, after which the base is in fault. Report
+    each joint that was then seen to stand as safe. Never raises."""
     ways = [_Way(client) for client in clients]
     await _try(Call.STOP, ways, another)
     if not any(way.confirmed for way in ways):

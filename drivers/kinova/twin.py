@@ -1,7 +1,8 @@
 """The robot's end of the wire: a Kortex server on TCP with a base and its arm behind it.
 
 Besides the control lines of every twin it takes ``state NAME`` and ``mode NAME``, with the names of
-``protocol.ArmState`` and ``protocol.ServoingMode``. Its wire log has no passwords: they are blanked.
+``protocol.ArmState`` and ``protocol.ServoingMode``. Its wire log has no passwords: they are
+blanked.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ TICK_S = 0.01
 
 
 class KinovaBody(JointedBody):
-    """The arm as a simulation: as long as no joint speeds drive it, targets come through the simulation
-    control. The base keeps it energised whoever moves it: nothing here makes it limp."""
+    """The arm as a simulation: as long as no joint speeds drive it, targets come through the
+    simulation control. The base keeps it energised whoever moves it: nothing here makes it limp."""
 
     def __init__(self, base: Base) -> None:
         super().__init__(base.plant, base.advance)

@@ -1,8 +1,8 @@
 """A Gen3's base in the wire process: what it feels, and the speeds that lead its arm to the target.
 
-Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing was heard, for three
-periods while joints may be turning, ``read`` sends ``Stop``, in every period until the base has answered it. After
-that no speed is sent before the arm is armed anew.
+Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing was
+heard, for three periods while joints may be turning, ``read`` sends ``Stop``, in every period until
+the base has answered it. After that no speed is sent before the arm is armed anew.
 """
 
 from __future__ import annotations
@@ -278,8 +278,8 @@ class KinovaWire(Wire):
 
 
 def unwrap(seen: list[float], known: tuple[float, ...]) -> tuple[float, ...]:
-    """Return angles that are known up to whole turns as those nearest to where the joints were: no joint makes half
-    a turn between two readings."""
+    """Return angles that are known up to whole turns as those nearest to where the joints were: no
+    joint makes half a turn between two readings."""
     return tuple(
         before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
     )

@@ -1,7 +1,8 @@
 """KUKA LBR iiwa 14 over FRI, joint by joint: ``kuka_iiwa``.
 
-The controller speaks first and must be answered in every cycle. Holding is answering with the last commanded
-position, which is the safe state for every reason; the drives stay on, the brakes and the e-stop are the pendant's.
+The controller speaks first and must be answered in every cycle. Holding is answering with the last
+commanded position, which is the safe state for every reason; the drives stay on, the brakes and the
+e-stop are the pendant's.
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ class Kuka(Driver):
         return observation.sensors.get("commanded_rad", observation.position)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target, with the time that the wire may spread it over. Joints that are not named keep
-        what they are told."""
+        """Return the whole target, with the time that the wire may spread it over. Joints that are
+        not named keep what they are told."""
         parsed = super().parse(action, replace(state, target=last_target(state)))
         if isinstance(parsed, Refused):
             return parsed

@@ -1,7 +1,8 @@
-"""What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever clipped.
+"""What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever
+clipped.
 
-A target is one position for each joint, radians, and behind them over how many seconds the wire spreads it. One
-without that is where the arm was held: nothing was accepted since then.
+A target is one position for each joint, radians, and behind them over how many seconds the wire
+spreads it. One without that is where the arm was held: nothing was accepted since then.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ def span_s(state: GateState, oneshot_s: float) -> float:
 
 
 def last_target(state: GateState) -> tuple[float, ...]:
-    """Return the position from which a step is counted. Before the first target it is what the arm is told to hold
-    now: the robot's own program may have moved it since it was armed or held."""
+    """Return the position from which a step is counted. Before the first target it is what the arm
+    is told to hold now: the robot's own program may have moved it since it was armed or held."""
     if len(state.target) == JOINTS and state.observation.t_ns > state.target_ns:
         return state.observation.sensors.get("commanded_rad", state.target)
     return state.target[:JOINTS]
@@ -125,8 +126,8 @@ def gates(axes: Sequence[Axis], oneshot_s: float) -> tuple[GateCheck, ...]:
 
 
 def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
-    """Refuse a step further than a joint turns in one period of the stream, counted from the last target. A command
-    on its own is one period of the control loop."""
+    """Refuse a step further than a joint turns in one period of the stream, counted from the last
+    target. A command on its own is one period of the control loop."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         period_s, before = span_s(state, oneshot_s), last_target(state)

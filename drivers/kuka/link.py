@@ -1,6 +1,8 @@
-"""An FRI session on its socket: the newest message heard, its answer, and how an arm is brought to stand.
+"""An FRI session on its socket: the newest message heard, its answer, and how an arm is brought to
+stand.
 
-Wire and stop channel use it alike: the one answers for as long as it lives, the other once the wire is gone.
+Wire and stop channel use it alike: the one answers for as long as it lives, the other once the wire
+is gone.
 """
 
 from __future__ import annotations
@@ -79,8 +81,8 @@ class Link:
     # -- to a stand
 
     async def bring_to_stand(self, cycle: Callable[[], Awaitable[None]], detail: str) -> tuple[MotorReport, ...]:
-        """Look until answers that hold have left and the arm stands. ``cycle`` returns when the next message has
-        been answered; it raises ``WireDown``. Never raises."""
+        """Look until answers that hold have left and the arm stands. ``cycle`` returns when the
+        next message has been answered; it raises ``WireDown``. Never raises."""
         first, failure = self.answers, ""
         self._seen.clear()
         try:
@@ -130,8 +132,9 @@ def cycle_s(said: Monitoring) -> float:
 async def answer_instead(
     port: UdpListener, arm: Arm, clock: Clock, at_least_s: float, detail: str
 ) -> tuple[MotorReport, ...] | None:
-    """Answer in place of whoever did so before, until the arm stands: with the last commanded position, as the
-    controller has it. Sequence numbers go on from what it says. None: it says nothing. Raise ``WireDown``."""
+    """Answer in place of whoever did so before, until the arm stands: with the last commanded
+    position, as the controller has it. Sequence numbers go on from what it says. None: it says
+    nothing. Raise ``WireDown``."""
     began_ns = clock.now_ns()
     said: Monitoring | None = None
     with trio.move_on_after(HEAR_S):

@@ -1,8 +1,10 @@
-"""KUKA's Fast Robot Interface (FRI) on the wire: one protobuf message a datagram, no length in front.
+"""KUKA's Fast Robot Interface (FRI) on the wire: one protobuf message a datagram, no length in
+front.
 
-The controller sends a *monitoring message* in every cycle, the client answers with a *command message* that names
-it. Field numbers: public descriptions of FRI 1.x. Repeated doubles are read packed and unpacked, and written
-unpacked [?]. No checksum is needed and none is checked: its polynomial is not published.
+The controller sends a *monitoring message* in every cycle, the client answers with a *command
+message* that names it. Field numbers: public descriptions of FRI 1.x. Repeated doubles are read
+packed and unpacked, and written unpacked [?]. No checksum is needed and none is checked: its
+polynomial is not published.
 """
 
 from __future__ import annotations
@@ -215,7 +217,8 @@ def _top(data: bytes, number: int) -> _Found:
 
 
 def _joints(found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Return one finite number for each joint; ``missing``, if given, when the field is not there."""
+    """Return one finite number for each joint; ``missing``, if given, when the field is not
+    there."""
     if missing is not None and number not in found:
         return missing
     values = pb.doubles(pb.last_bytes(found, number), 1)

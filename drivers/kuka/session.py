@@ -1,9 +1,9 @@
 """What a client of FRI answers, cycle by cycle. Pure: no clock, no socket.
 
-In every cycle one answer: without positions while the controller only monitors, its own interpolated position
-while it waits for that, and from then on the last commanded position, or a step from it towards the goal. Holding
-is repeating the answer. While a setpoint lives no two answers are alike, by ``LIVE_RAD`` at least: so a hold can be
-told from a setpoint on the wire.
+In every cycle one answer: without positions while the controller only monitors, its own
+interpolated position while it waits for that, and from then on the last commanded position, or a
+step from it towards the goal. Holding is repeating the answer. While a setpoint lives no two
+answers are alike, by ``LIVE_RAD`` at least: so a hold can be told from a setpoint on the wire.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from .protocol import COUNTER, Command, Monitoring, State
 LIVE_RAD = 1e-12
 """A millionth of what an encoder can tell."""
 LATE = 10
-"""A message that is so few numbers behind was overtaken on the way; a larger step back is a new session."""
+"""A message that is so few numbers behind was overtaken on the way; a larger step back is a new
+session."""
 
 Row = tuple[float, ...]
 
@@ -40,8 +41,8 @@ class Session:
         return bool(self._goal)
 
     def aim(self, goal: Row, span_s: float) -> None:
-        """Move to ``goal`` from the next cycle on, within ``span_s`` if the joints are fast enough. The same goal
-        again changes nothing."""
+        """Move to ``goal`` from the next cycle on, within ``span_s`` if the joints are fast enough.
+        The same goal again changes nothing."""
         if goal != self._goal:
             self._goal, self._span_s = goal, span_s
             self._per_cycle = ()
@@ -51,16 +52,16 @@ class Session:
         self._goal = self._per_cycle = ()
 
     def is_due(self, said: Monitoring) -> bool:
-        """Tell whether a message wants an answer: with a receive multiplier only every so many do, and one that
-        came twice or late does not."""
+        """Tell whether a message wants an answer: with a receive multiplier only every so many do,
+        and one that came twice or late does not."""
         if self._answered is None:
             return True
         ahead = (said.sequence - self._answered) & COUNTER
         return said.multiplier <= ahead <= COUNTER - LATE
 
     def answer(self, said: Monitoring) -> Command:
-        """Answer a message that is due. Own sequence numbers go on from what the controller has taken last, by
-        whoever that was sent."""
+        """Answer a message that is due. Own sequence numbers go on from what the controller has
+        taken last, by whoever that was sent."""
         if self._answered is None:
             self._sequence = said.reflected
         missed = said.reflected != self._sequence
@@ -78,7 +79,8 @@ class Session:
 
     def _next(self, said: Monitoring, missed: bool) -> Row:
         if said.state == State.COMMANDING_ACTIVE:
-            # After an answer that did not arrive go on from what the controller has: two steps at once are a jump.
+            # After an answer that did not arrive go on from what the controller has: two steps at
+            # once are a jump.
             before = said.commanded if missed or not self._commanded else self._commanded
             return self._step(before, said) if self._goal else before
         self.hold()  # a goal does not outlive the session that it was given in

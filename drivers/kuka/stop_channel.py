@@ -1,8 +1,10 @@
-"""The root's way to a KUKA arm: a duplicate of the wire's socket, from which it answers once the wire is gone.
+"""The root's way to a KUKA arm: a duplicate of the wire's socket, from which it answers once the
+wire is gone.
 
-Who has UDP port 30200 when: the wire from ``open`` to its end; after that this duplicate keeps the same socket
-open, with what the controller has said meanwhile; when it is closed the port is free for the next wire. While the
-wire lives nothing is read here: a message that one of us takes the other does not see.
+Who has UDP port 30200 when: the wire from ``open`` to its end; after that this duplicate keeps the
+same socket open, with what the controller has said meanwhile; when it is closed the port is free
+for the next wire. While the wire lives nothing is read here: a message that one of us takes the
+other does not see.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ from .config import KukaConfig
 from .link import answer_instead, failed
 
 ANSWER_S = 0.5
-"""At least so long it is answered, even when the arm stands before [assumed]: the session that ends then ends at
-rest."""
+"""At least so long it is answered, even when the arm stands before [assumed]: the session that ends
+then ends at rest."""
 
 
 class KukaStopChannel(DuplicateDescriptor[KukaConfig, UdpListener]):

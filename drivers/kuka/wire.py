@@ -1,4 +1,5 @@
-"""The client's end of FRI in the wire process: it answers every cycle, and moves the arm while a setpoint lives."""
+"""The client's end of FRI in the wire process: it answers every cycle, and moves the arm while a
+setpoint lives."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
 
 SHORTEST_MS, LONGEST_MS = 2, 20
-"""Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the published bound."""
+"""Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the
+published bound."""
 LOST_S = 0.5
 """Without a message for so long the link counts as lost."""
 ACTIVE_S = 3.0
@@ -66,7 +68,8 @@ class KukaWire(Wire):
             link.answer(said)
 
     def _is_live(self) -> bool:
-        """Whether the arm may still move: the setpoint stands, and was written or re-sent of late."""
+        """Whether the arm may still move: the setpoint stands, and was written or re-sent of
+        late."""
         lifetime_ns = self._config.stream_ttl_s * NS
         if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
             return False
@@ -77,8 +80,9 @@ class KukaWire(Wire):
         return True
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise nothing, which is the pendant's: hold, and wait a while for a session that may be commanded
-        soon. One that is not is armed all the same, and moves are refused until it is."""
+        """Energise nothing, which is the pendant's: hold, and wait a while for a session that may
+        be commanded soon. One that is not is armed all the same, and moves are refused until it
+        is."""
         link = self._link()
         self._permit = None
         permit.check()
@@ -192,5 +196,6 @@ def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int
 
 
 def _is_ready(said: Monitoring) -> bool:
-    """Whether nothing but time stands between a session and its being commanded, as far as it tells."""
+    """Whether nothing but time stands between a session and its being commanded, as far as it
+    tells."""
     return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)

@@ -14,6 +14,8 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.kernel.processes.identity import take_name
+
 from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
 from .instance import Instance
 from .members import OBSERVED, Declared, declared_by, keys_of
@@ -40,7 +42,9 @@ STOP, LEARN = b"s", b"l"
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the process."""
-    instance = Instance(config := msgspec.convert(args["config"], PlainConfig))
+    config = msgspec.convert(args["config"], PlainConfig)
+    take_name(config.name, "stop")
+    instance = Instance(config)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, 2 * LOAD_S)
     _tell(sock, Ready(instance.load()))

@@ -94,7 +94,8 @@ async def learn(config: PlainConfig) -> Declared:
 
 
 class Spare:
-    """A process of ``spare.main``, started now, for one order. Raise ``WireDown`` when there is none."""
+    """A process of ``spare.main``, started now, for one order. Raise ``WireDown`` when there is
+    none."""
 
     def __init__(self, config: PlainConfig) -> None:
         args: dict[str, Any] = {"config": msgspec.to_builtins(config)}

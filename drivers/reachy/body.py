@@ -1,4 +1,5 @@
-"""The robot behind its twin's service: axes that follow their targets at the motors' speed, and moves that play."""
+"""The robot behind its twin's service: axes that follow their targets at the motors' speed, and
+moves that play."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ PEAK = 1.875
 
 _STEP_S = 0.01
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is dropped."""
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
+dropped."""
 
 Row = tuple[float, ...]
 
@@ -47,8 +49,8 @@ class Move:
 
 
 class ReachyBody:
-    """A row is in axis order, in the driver's units. Motors without torque stay where they are [assumed]: the
-    head of the real robot drops."""
+    """A row is in axis order, in the driver's units. Motors without torque stay where they are
+    [assumed]: the head of the real robot drops."""
 
     def __init__(self, axes: Sequence[Axis], table: Mapping[str, Any], now_s: Callable[[], float]) -> None:
         self.axes = tuple(axis.key for axis in axes)

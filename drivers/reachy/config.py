@@ -23,11 +23,13 @@ class ReachyConfig(msgspec.Struct, frozen=True):
     """Without a frame for so long the link counts as lost."""
 
     def addresses(self) -> tuple[tuple[str, int], ...]:
-        """Return where the daemon may be. Raise ``ValueError`` for a ``port`` that is no address of a service."""
+        """Return where the daemon may be. Raise ``ValueError`` for a ``port`` that is no address of
+        a service."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
 
     def reports(self, written: bool, acknowledged: bool, detail: str) -> tuple[MotorReport, ...]:
-        """Return one report an axis: they share what becomes of the daemon. ``detail`` empty: all are safe."""
+        """Return one report an axis: they share what becomes of the daemon. ``detail`` empty: all
+        are safe."""
         return tuple(
             MotorReport(axis, number, written, acknowledged, not detail, detail)
             for axis, number in zip(self.axes, self.ids, strict=True)

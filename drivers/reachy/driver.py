@@ -1,9 +1,10 @@
-"""Pollen Robotics Reachy Mini, Lite and Wireless, through the REST and WebSocket service of its daemon.
+"""Pollen Robotics Reachy Mini, Lite and Wireless, through the REST and WebSocket service of its
+daemon.
 
-Safe, but for an e-stop, is to hold: the move that is played ends, whoever began it, face tracking and
-wobbling too, and the motors keep their torque where the head is. An e-stop takes the torque away: the
-head drops. Small steps are told as targets, larger ones as moves that last: nothing jumps. Connecting
-and ``resume()`` move nothing and give no torque; ``motors(mode="enabled")`` does.
+Safe, but for an e-stop, is to hold: the move that is played ends, whoever began it, face tracking
+and wobbling too, and the motors keep their torque where the head is. An e-stop takes the torque
+away: the head drops. Small steps are told as targets, larger ones as moves that last: nothing
+jumps. Connecting and ``resume()`` move nothing and give no torque; ``motors(mode="enabled")`` does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""What is refused before it reaches the daemon, which itself takes any number. Pure; nothing is ever clipped."""
+"""What is refused before it reaches the daemon, which itself takes any number. Pure; nothing is
+ever clipped."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ SHORTEST_S, LONGEST_S = 0.1, 10.0
 """Of a move."""
 
 AT_ONCE_S = 0.03
-"""What an axis turns in so long at full speed is told as a target, without a move: a stream of small steps."""
+"""What an axis turns in so long at full speed is told as a target, without a move: a stream of
+small steps."""
 
 EASE = 0.5
 """Of full speed: what a move without a duration is given [assumed]."""
@@ -68,8 +70,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple
 
 
 def asleep(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse to move one axis of the head while another is to stay out of its range, as it is in the pose of sleep:
-    the daemon does not go there, and does not say so."""
+    """Refuse to move one axis of the head while another is to stay out of its range, as it is in
+    the pose of sleep: the daemon does not go there, and does not say so."""
 
     def asleep(candidate: Candidate, state: GateState) -> Refused | None:
         if not any(at < BODY for at in candidate.named):
@@ -131,7 +133,8 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
 
 
 def motors_on(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while the motors have no torque: the daemon takes commands then, too, and says that all is well."""
+    """Refuse while the motors have no torque: the daemon takes commands then, too, and says that
+    all is well."""
     told = observation.sensors.get("motor_mode")
     mode = "in an unknown mode" if told is None else MODES[round(told[0])]
     if mode == "enabled":
@@ -153,7 +156,8 @@ CONDITIONS = (Condition(motors_on), Condition(heeded))
 
 
 def direction(x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the head's pitch and yaw towards a point, in degrees: pitch is positive downwards, yaw to the left."""
+    """Return the head's pitch and yaw towards a point, in degrees: pitch is positive downwards, yaw
+    to the left."""
     return math.degrees(math.atan2(-z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
 
 
@@ -176,7 +180,8 @@ def _look(wanted: dict[str, object]) -> Refused | None:
 
 
 def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], seen: Observation) -> list[float]:
-    """Return how long each axis needs at full speed, from where it is; where that is not known no time."""
+    """Return how long each axis needs at full speed, from where it is; where that is not known no
+    time."""
     steps = [abs(value - here) / axis.speed for value, here, axis in zip(values, seen.position, axes, strict=False)]
     return [step if math.isfinite(step) else 0.0 for step in steps]
 

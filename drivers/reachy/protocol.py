@@ -1,9 +1,9 @@
 """What is said to and heard of the Reachy Mini daemon (1.13.0), as JSON. Pure.
 
-A row of values is in axis order and in the driver's units: head pitch, roll and yaw in degrees, head
-x, y and z in millimetres, body yaw and the two antennas in degrees. The wire has radians and metres,
-and the right antenna first. The pose of the head is in the frame of the base: its yaw contains the
-body's.
+A row of values is in axis order and in the driver's units: head pitch, roll and yaw in degrees,
+head x, y and z in millimetres, body yaw and the two antennas in degrees. The wire has radians and
+metres, and the right antenna first. The pose of the head is in the frame of the base: its yaw
+contains the body's.
 """
 
 from __future__ import annotations
@@ -148,7 +148,8 @@ def row_of(head: Head, joints: Joints) -> tuple[float, ...]:
 
 
 def decode_sdk(message: str | bytes) -> Joints | Head | Imu | None:
-    """Return what the daemon says on ``/ws/sdk``; None for what is of no interest. Raise ``MalformedFrame``."""
+    """Return what the daemon says on ``/ws/sdk``; None for what is of no interest. Raise
+    ``MalformedFrame``."""
     told = _object(message)
     match told.get("type"):
         case "joint_positions":
@@ -219,8 +220,8 @@ def decode_target_answer(body: bytes) -> bool:
 
 
 def decode_direction(body: bytes) -> tuple[float, bool] | None:
-    """Return where sound comes from, in degrees to the left of straight ahead, and whether it is speech; None
-    without a microphone. Raise ``MalformedFrame``."""
+    """Return where sound comes from, in degrees to the left of straight ahead, and whether it is
+    speech; None without a microphone. Raise ``MalformedFrame``."""
     if _decode(body) is None:
         return None
     told = _object(body)

@@ -1,4 +1,5 @@
-"""The services of a Reachy Mini: each is one question to the daemon, or a move that is waited for."""
+"""The services of a Reachy Mini: each is one question to the daemon, or a move that is waited
+for."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ KEPT = 16
 
 
 class Moves:
-    """What became of moves, by uuid. ``running``: the newest of ours, as long as it is not known to have ended."""
+    """What became of moves, by uuid. ``running``: the newest of ours, as long as it is not known to
+    have ended."""
 
     def __init__(self) -> None:
         self.running = ""
@@ -72,7 +74,8 @@ class Moves:
 
 
 class Services:
-    """Asked one at a time. ``owed``: set when a move that was asked for has been answered; None: none was."""
+    """Asked one at a time. ``owed``: set when a move that was asked for has been answered; None:
+    none was."""
 
     def __init__(self, config: ReachyConfig, url: str, moves: Moves) -> None:
         self._config = config
@@ -152,7 +155,8 @@ class Services:
         return {"move": uuid}
 
     async def _begin(self, client: HttpClient, target: str, body: bytes, permit: Permit) -> httpx.Response:
-        """Ask for motion. A stop does not cut this short: it has to know whether there is anything to be ended."""
+        """Ask for motion. A stop does not cut this short: it has to know whether there is anything
+        to be ended."""
         owed = self.owed = trio.Event()
         try:
             with trio.CancelScope(shield=True):
@@ -165,7 +169,8 @@ class Services:
     async def _express(
         self, client: HttpClient, move: str, dataset: str, permit: Permit
     ) -> dict[str, Any] | Refused:
-        """The list first: the daemon fetches the data set for it, and a move that is fetched would begin late."""
+        """The list first: the daemon fetches the data set for it, and a move that is fetched would
+        begin late."""
         names = await self._names(client, dataset)
         if isinstance(names, Refused):
             return names

@@ -1,8 +1,8 @@
 """How a Reachy Mini is brought to a safe state, by the wire and by the root's stop channel alike.
 
-The first frame goes over the daemon's WebSocket, on a connection that is open or made for it: only there
-a move can be ended whoever began it. What confirms it is asked over HTTP: no move is listed any more, at
-two looks, and the motors are in the mode that was ordered.
+The first frame goes over the daemon's WebSocket, on a connection that is open or made for it: only
+there a move can be ended whoever began it. What confirms it is asked over HTTP: no move is listed
+any more, at two looks, and the motors are in the mode that was ordered.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from . import protocol as p
 from .config import ReachyConfig
 
 STOP_S = 1.7
-"""How long a stop is repeated: less than ``Timing.safe_s``, and than what is left of it when a link is reached."""
+"""How long a stop is repeated: less than ``Timing.safe_s``, and than what is left of it when a link
+is reached."""
 
 CONNECT_S = 0.4
 """Within which a WebSocket must be there."""
@@ -46,7 +47,8 @@ def nothing_pending() -> bool:
 
 
 class Stopper:
-    """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays open."""
+    """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays
+    open."""
 
     def __init__(self, host: str, number: int, socket: WebSocket | None = None) -> None:
         self._where = host, number
@@ -56,9 +58,9 @@ class Stopper:
         self.written = self.acknowledged = False
 
     async def run(self, safe_state: str, within_s: float, pending: Callable[[], bool] = nothing_pending) -> str:
-        """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never raises. Where a
-        WebSocket is open the first frame leaves before the first wait. ``pending``: whether an earlier command has
-        not been answered, which may be carried out later."""
+        """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never
+        raises. Where a WebSocket is open the first frame leaves before the first wait. ``pending``:
+        whether an earlier command has not been answered, which may be carried out later."""
         detail = "silent"
         with trio.move_on_after(within_s):
             while True:

@@ -1,7 +1,9 @@
-"""The daemon as a twin: its REST and WebSocket service with a robot behind it, where the real one is not installed.
+"""The daemon as a twin: its REST and WebSocket service with a robot behind it, where the real one
+is not installed.
 
-As daemon 1.13.0 it takes any number, tells "ok" with the motors off, ignores targets and further moves while one
-is played, and answers nothing to what is said on ``/ws/sdk``. It plays no sound and sees no face.
+As daemon 1.13.0 it takes any number, tells "ok" with the motors off, ignores targets and further
+moves while one is played, and answers nothing to what is said on ``/ws/sdk``. It plays no sound and
+sees no face.
 """
 
 from __future__ import annotations
@@ -276,7 +278,8 @@ class ReachyTwin:
                 self._report()
 
     def _obey(self, told: Mapping[str, Any]) -> tuple[str, str | None]:
-        """Do what is said on ``/ws/sdk``; return its kind and safe state, as the wire log has them."""
+        """Do what is said on ``/ws/sdk``; return its kind and safe state, as the wire log has
+        them."""
         body = self.body
         match told.get("type"):
             case "task" if isinstance(told.get("req"), dict):

@@ -1,4 +1,5 @@
-"""What a Reachy Mini can do beyond a command: its services, what each takes, and the verbs of its tool. Pure."""
+"""What a Reachy Mini can do beyond a command: its services, what each takes, and the verbs of its
+tool. Pure."""
 
 from __future__ import annotations
 

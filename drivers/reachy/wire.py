@@ -45,8 +45,9 @@ MODE_S = 0.1
 """Between two looks at the motors' mode, which the stream of positions does not tell."""
 
 OWED_S = 0.03
-"""How long a stop waits for the answer to a command that has just been sent: on a connection that is
-open it could overtake it. Then it goes out on a new one, which is heard after those that wait."""
+"""How long a stop waits for the answer to a command that has just been sent: on a connection that
+is open it could overtake it. Then it goes out on a new one, which is heard after those that
+wait."""
 
 IGNORED_S = 0.5
 """So long a target that was ignored keeps others from being sent."""
@@ -172,8 +173,8 @@ class ReachyWire(Wire):
         return await self._stop(safe_state, socket, lambda: self._pending() is not None)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on what is still open unless a command may wait there, then on new connections. No
-        answer is waited for any longer."""
+        """As ``make_safe``, on what is still open unless a command may wait there, then on new
+        connections. No answer is waited for any longer."""
         socket = self._sdk if self._pending() is None and not self._given_up else None
         return await self._stop(safe_state, socket, nothing_pending)
 
@@ -265,7 +266,8 @@ class ReachyWire(Wire):
         return self._owed is None
 
     def _pending(self) -> trio.Event | None:
-        """Return what is set when a command that was sent has been answered; None: none is owed an answer."""
+        """Return what is set when a command that was sent has been answered; None: none is owed an
+        answer."""
         if self._services is not None and self._services.owed is not None:
             return self._services.owed
         return None if self._given_up else self._owed

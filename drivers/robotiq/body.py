@@ -1,5 +1,5 @@
-"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the simulation
-control."""
+"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the
+simulation control."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .mechanism import Gripper
 from .protocol import TOP
 
 CLOSED_RAD = 0.8
-"""Of each of the four joints of the model, when the fingers meet [mujoco_menagerie/robotiq_2f85]."""
+"""Of each of the four joints of the model, when the fingers meet
+[mujoco_menagerie/robotiq_2f85]."""
 
 
 class GripperBody:

@@ -1,5 +1,5 @@
-"""A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by the root's
-stop channel."""
+"""A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by
+the root's stop channel."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class GripperClient:
         self._client.write_registers(protocol.OUTPUT, command.registers())
 
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
-        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked meanwhile.
-        Raise ``WireDown``."""
+        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked
+        meanwhile. Raise ``WireDown``."""
         end_s = trio.current_time() + within_s
         while (left_s := end_s - trio.current_time()) > 0:
             if permit is not None:
@@ -79,8 +79,8 @@ async def open_gripper(config: RobotiqConfig, clock: Clock, open_stream: OpenStr
 
 
 async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConfig) -> MotorReport:
-    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the gripper is
-    asked first: a hold would activate one that is not, and that moves its fingers."""
+    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the
+    gripper is asked first: a hold would activate one that is not, and that moves its fingers."""
     written = heard = False
     detail = "silent"
     try:

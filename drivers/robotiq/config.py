@@ -29,5 +29,6 @@ class RobotiqConfig(msgspec.Struct, frozen=True):
         return self.stroke_mm * (1.0 - closed)
 
     def report(self, written: bool, heard: bool, detail: str) -> MotorReport:
-        """Return what became of the gripper. ``detail``: why it is not known to be safe; empty when it is."""
+        """Return what became of the gripper. ``detail``: why it is not known to be safe; empty when
+        it is."""
         return MotorReport(AXIS, self.unit_id, written, heard, not detail, detail)

@@ -1,4 +1,5 @@
-"""What is refused before it reaches the gripper. Every gate is a pure function; nothing is ever clipped."""
+"""What is refused before it reaches the gripper. Every gate is a pure function; nothing is ever
+clipped."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ from .config import AXIS
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
 
 POSITION, SPEED, FORCE = range(3)
-"""What a target is made of. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0 weakest to 1
-strongest."""
+"""What a target is made of. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0
+weakest to 1 strongest."""
 
 _PLACES = 3
 """Keys that say where to go; the first is how far closed, the others how wide open."""

@@ -1,7 +1,7 @@
 """The twin's gripper: what its registers do to its fingers, and back.
 
-Kinematic: a position controller that moves its fingers at the asked speed until they meet a stop, an object or
-their goal is all that can be seen of it on the wire.
+Kinematic: a position controller that moves its fingers at the asked speed until they meet a stop,
+an object or their goal is all that can be seen of it on the wire.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The registers of a Robotiq 2F gripper: what is written to it, what it says, and what that means.
 
-Pure: values in and out of 16 bit registers, whatever carries them. Layout: instruction manual of the 2F-85,
-"Control" and "Modbus RTU communication". What the manual leaves open is marked [assumed].
+Pure: values in and out of 16 bit registers, whatever carries them. Layout: instruction manual of
+the 2F-85, "Control" and "Modbus RTU communication". What the manual leaves open is marked
+[assumed].
 """
 
 from __future__ import annotations
@@ -148,8 +149,8 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def safe_command(status: Status) -> Command:
-    """What makes a gripper in this state keep still, and what it holds held. One that is not active must not
-    be told to be: it would begin its activation stroke."""
+    """What makes a gripper in this state keep still, and what it holds held. One that is not active
+    must not be told to be: it would begin its activation stroke."""
     if status.activated and status.activation != Activation.ACTIVATING:
         return Command(position=status.position)
     return RESET

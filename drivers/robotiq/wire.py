@@ -20,7 +20,8 @@ from .gates import FORCE, POSITION, SPEED
 from .protocol import Activation, Command, Contact, Status
 
 READ_S = 0.03
-"""How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to hear of us."""
+"""How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to
+hear of us."""
 
 HANDSHAKE_S = 0.6
 """More than a peer may be silent: what opens and does not speak is told as such."""
@@ -28,7 +29,8 @@ HANDSHAKE_S = 0.6
 POLL_S = 0.05
 RESET_S = 1.0
 ECHO_POLLS = 2
-"""By then the gripper repeats what it was told [assumed]; before, what it says of objects is about the past."""
+"""By then the gripper repeats what it was told [assumed]; before, what it says of objects is about
+the past."""
 
 _NAN = math.nan
 
@@ -134,8 +136,9 @@ class RobotiqWire(Wire):
         return (await hold(session.gripper, session.status, self._config),)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """The gripper is asked first: one that has lost its power meanwhile would be activated, and moves then. One
-        whose answers are nonsense has power, and keeps still by what was last understood of it."""
+        """The gripper is asked first: one that has lost its power meanwhile would be activated, and
+        moves then. One whose answers are nonsense has power, and keeps still by what was last
+        understood of it."""
         self.close()  # what was sent on that connection and not taken yet is thrown away with it
         known = self._last
         if known is None:

@@ -1,8 +1,8 @@
-"""Any robot in simulation: its own driver's names, units and table of fallbacks, no gates, and its twin's
-simulation control for a wire.
+"""Any robot in simulation: its own driver's names, units and table of fallbacks, no gates, and its
+twin's simulation control for a wire.
 
-What is still refused: names that are none of its joints, numbers that are not finite, and a joint that the
-simulation does not hold, since a command to it would have no effect.
+What is still refused: names that are none of its joints, numbers that are not finite, and a joint
+that the simulation does not hold, since a command to it would have no effect.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ KEEPALIVE_S = 1.0
 
 
 class SimDriver(Driver):
-    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``port``: path of the
-    simulation control."""
+    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``port``:
+    path of the simulation control."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"

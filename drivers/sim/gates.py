@@ -1,4 +1,5 @@
-"""The one thing that is refused in simulation beyond what an action says: a command that would have no effect."""
+"""The one thing that is refused in simulation beyond what an action says: a command that would have
+no effect."""
 
 from __future__ import annotations
 

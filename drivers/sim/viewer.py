@@ -21,7 +21,8 @@ ANSWER_S = 10.0
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the process. Ends when its window is closed, or with the simulation or the caller."""
+    """Entry of the process. Ends when its window is closed, or with the simulation or the
+    caller."""
     trio.run(_mirror, args["control"], sock)
 
 

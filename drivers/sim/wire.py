@@ -73,7 +73,8 @@ class SimWire(Wire):
         return await make_safe(self._config, self._control, safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``step``, in a conversation beside the readings'. A target written before is heard before."""
+        """``step``, in a conversation beside the readings'. A target written before is heard
+        before."""
         permit.check()
         self._beside = beside = self._beside or SimulationClient(self._config.control)
         try:

@@ -31,7 +31,8 @@ async def render(control: str, width: int, height: int, camera: str) -> Picture:
 
 
 async def reset(control: str) -> None:
-    """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is energised."""
+    """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is
+    energised."""
     await _ask(control, p.Reset(0), p.Sample, RESET_S)
 
 

@@ -1,14 +1,16 @@
-"""Unitree's legged robots, commanded joint by joint 500 times a second: ``unitree_g1``; Go2, B2, H1 and H1-2.
+"""Unitree's legged robots, commanded joint by joint 500 times a second: ``unitree_g1``; Go2, B2, H1
+and H1-2.
 
-Connecting and arming move nothing: the robot stands by its own controller until the first setpoint is accepted.
-From then on it stands only as long as setpoints come. Whatever ends them ends in frames without torque:
+Connecting and arming move nothing: the robot stands by its own controller until the first setpoint
+is accepted. From then on it stands only as long as setpoints come. Whatever ends them ends in
+frames without torque:
 
 ``zero_torque``  every motor lets go at once. A standing robot falls, freely, in half a second.
 ``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then lets go: a standing
                  robot sinks and topples more slowly. Nothing holds it up on either safe state.
 
-Which of the two is used is ``on_exit``; the drivers page asks for the first. To put a robot down gently, bring it
-to a pose from which it cannot fall before the policy ends.
+Which of the two is used is ``on_exit``; the drivers page asks for the first. To put a robot down
+gently, bring it to a pose from which it cannot fall before the policy ends.
 """
 
 from __future__ import annotations

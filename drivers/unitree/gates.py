@@ -1,6 +1,8 @@
-"""What is refused before it reaches a leg. Every gate and condition is pure; nothing is ever clipped.
+"""What is refused before it reaches a leg. Every gate and condition is pure; nothing is ever
+clipped.
 
-A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm), kp (Nm/rad), kd (Nm s/rad).
+A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm), kp (Nm/rad),
+kd (Nm s/rad).
 """
 
 from __future__ import annotations
@@ -56,8 +58,9 @@ class Parser:
         self._rest = (*zero, *zero, *(joint.kp for joint in model.joints), *(joint.kd for joint in model.joints))
 
     def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
-        """A number is q in radians, sent with the joint's own gains; a dict has q and what differs from that.
-        A joint that is not named keeps its target; as long as there is none, it is held where it is."""
+        """A number is q in radians, sent with the joint's own gains; a dict has q and what differs
+        from that. A joint that is not named keeps its target; as long as there is none, it is held
+        where it is."""
         count = self._count
         if not action:
             return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
@@ -89,7 +92,8 @@ class Parser:
         return sorted(self._index[key] for key in action)
 
     def _take(self, target: list[float], at: int, value: object) -> Refused | None:
-        """What is no plain float. 500 times a second and for every joint: known names and floats come first."""
+        """What is no plain float. 500 times a second and for every joint: known names and floats
+        come first."""
         if type(value) is not dict:
             value = dict(value) if isinstance(value, Mapping) else {"q": value}
         if "q" not in value:
@@ -291,9 +295,9 @@ def gains(model: Model) -> GateCheck:
 
 
 def steps(model: Model) -> GateCheck:
-    """Refuse a step from the last target that is more than the joint turns in one period of the stream; a command
-    on its own is one period of the control loop: a far target is a blow. The first one starts from where the
-    joint is."""
+    """Refuse a step from the last target that is more than the joint turns in one period of the
+    stream; a command on its own is one period of the control loop: a far target is a blow. The
+    first one starts from where the joint is."""
     count = len(model.joints)
     from_target = too_fast(
         model.table,

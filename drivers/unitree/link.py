@@ -1,4 +1,5 @@
-"""One participant on a Unitree robot's network: commands out, states in. Wire and stop channel are made of it.
+"""One participant on a Unitree robot's network: commands out, states in. Wire and stop channel are
+made of it.
 
 Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
 """

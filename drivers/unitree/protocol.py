@@ -1,9 +1,11 @@
-"""Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no clock.
+"""Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no
+clock.
 
-A frame is XCDR1, little endian, without its four-byte encapsulation. ``hg`` is spoken by G1 and H1-2 (35 slots),
-``go`` by Go2, B2 and H1 (20 slots). A codec knows one robot: slots without a motor are zero and never looked at.
-The first motor's mode byte stands before the padding that all others have behind it: that is how CDR aligns it,
-and why the checksum, which covers the C struct, is not taken over these bytes as they are.
+A frame is XCDR1, little endian, without its four-byte encapsulation. ``hg`` is spoken by G1 and
+H1-2 (35 slots), ``go`` by Go2, B2 and H1 (20 slots). A codec knows one robot: slots without a motor
+are zero and never looked at. The first motor's mode byte stands before the padding that all others
+have behind it: that is how CDR aligns it, and why the checksum, which covers the C struct, is not
+taken over these bytes as they are.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
 BATTERY_TOPIC, BATTERY_TYPE = "rt/lf/bmsstate", "unitree_hg::msg::dds_::BmsState_"
 BATTERY_BYTES = 164
 _BATTERY_SOC = 100
-"""Offset of the state of charge in a BmsState (computed from its layout; no robot has been heard)."""
+"""Offset of the state of charge in a BmsState (computed from its layout; no robot has been
+heard)."""
 
 LEVEL_LOW = 0xFF
 HEAD = b"\xfe\xef"
@@ -82,7 +85,8 @@ class State(NamedTuple):
 
 
 def _crc(image: bytes | bytearray) -> int:
-    """CRC-32/MPEG-2 over little-endian words, most significant byte first. (zlib's is the mirror image.)"""
+    """CRC-32/MPEG-2 over little-endian words, most significant byte first. (zlib's is the mirror
+    image.)"""
     words = array.array("I", image)
     if sys.byteorder == "little":
         words.byteswap()
@@ -101,7 +105,8 @@ def checksum(body: bytes | bytearray, first_motor: int) -> int:
 
 
 def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
-    """Struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding where no motor is."""
+    """Struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding where no
+    motor is."""
     used = set(model.slots)
     codes = []
     for slot in range(SLOTS[model.family]):
@@ -113,7 +118,8 @@ def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
 
 
 class CommandCodec:
-    """LowCmd of one robot. A frame is sealed in place: of the one before, all but the joints' values stays."""
+    """LowCmd of one robot. A frame is sealed in place: of the one before, all but the joints'
+    values stays."""
 
     def __init__(self, model: Model) -> None:
         self._family: Family = model.family
@@ -137,7 +143,8 @@ class CommandCodec:
         self._width = 6 * count
         idle = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
         self._body = bytearray(self._struct.pack(*head, *idle, 0))
-        # Row by row, each with its gaps where no motor is; from there into the motors, value by value.
+        # Row by row, each with its gaps where no motor is; from there into the motors, value by
+        # value.
         used = set(model.slots)
         slots = max(used) + 1
         row = "".join("f" if slot in used else "4x" for slot in range(slots))
@@ -151,8 +158,8 @@ class CommandCodec:
         ]
 
     def encode(self, machine: int, values: Sequence[float]) -> bytes:
-        """A sealed frame that commands every joint: ``values`` are the rows q, dq, tau, kp and kd, one behind the
-        other."""
+        """A sealed frame that commands every joint: ``values`` are the rows q, dq, tau, kp and kd,
+        one behind the other."""
         body = self._body
         if self._family == "hg":
             body[1] = machine
@@ -201,7 +208,8 @@ class StateCodec:
         self._joints = len(model.joints)
 
     def decode(self, body: bytes | memoryview) -> State:
-        """Raise ``MalformedFrame``. The checksum of ``go`` is not looked at: its C layout has not been verified."""
+        """Raise ``MalformedFrame``. The checksum of ``go`` is not looked at: its C layout has not
+        been verified."""
         if len(body) != STATE_BYTES[self._family]:
             known = STATE_BYTES[self._family]
             raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")

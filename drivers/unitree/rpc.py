@@ -1,6 +1,7 @@
 """Unitree's services: requests and responses, and what is asked. No I/O, no clock.
 
-A request and its response travel on ``rt/api/<service>/request`` and ``.../response``; they are matched by id.
+A request and its response travel on ``rt/api/<service>/request`` and ``.../response``; they are
+matched by id.
 """
 
 from __future__ import annotations
@@ -148,7 +149,8 @@ def fsm_id(response: Response) -> int:
 
 
 def mode_name(response: Response) -> str:
-    """What CheckMode answered: the onboard mode, "" when it is released. Raise ``MalformedFrame``."""
+    """What CheckMode answered: the onboard mode, "" when it is released. Raise
+    ``MalformedFrame``."""
     value = parsed(response.data).get("name")
     if not isinstance(value, str):
         raise MalformedFrame(f"a mode named {value!r}")

@@ -1,4 +1,5 @@
-"""How a robot is brought down: frames every 2 ms until its own state shows no torque. Wire and root do so alike."""
+"""How a robot is brought down: frames every 2 ms until its own state shows no torque. Wire and root
+do so alike."""
 
 from __future__ import annotations
 

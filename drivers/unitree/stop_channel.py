@@ -52,7 +52,8 @@ class UnitreeStopChannel(StopChannel):
             self._link = None
 
     async def _one_state(self) -> p.State | None:
-        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the root."""
+        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the
+        root."""
         scout = Link(self._config, self._clock)
         scout.listen()
         try:

@@ -1,6 +1,7 @@
 """The wire of a legged robot in the wire process.
 
-Reading is taking in what has arrived: only ``open`` and the services wait for the robot, each wait with a deadline.
+Reading is taking in what has arrived: only ``open`` and the services wait for the robot, each wait
+with a deadline.
 """
 
 from __future__ import annotations
@@ -150,7 +151,8 @@ class UnitreeWire(Wire):
             await self._until_served(service)
         session.ask_mode()
         await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
-        # What gates ask for as well. A robot that does not say it can be connected to, and refuses to move.
+        # What gates ask for as well. A robot that does not say it can be connected to, and refuses
+        # to move.
         await self._look(lambda: "battery_pct" in session.observation().sensors, BATTERY_S)
         await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
@@ -204,8 +206,8 @@ class UnitreeWire(Wire):
         return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """By the participant that the robot knew, which finds it again by itself; else by a new one, which has to
-        be found first."""
+        """By the participant that the robot knew, which finds it again by itself; else by a new
+        one, which has to be found first."""
         session = self._session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
@@ -261,7 +263,8 @@ class UnitreeWire(Wire):
             await done.wait()
 
     async def _fresh_mode(self, session: _Session) -> str:
-        """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise ``WireDown``."""
+        """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise
+        ``WireDown``."""
         said: list[str] = []
 
         def hear(response: rpc.Response) -> None:

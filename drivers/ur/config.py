@@ -17,7 +17,8 @@ class URConfig(msgspec.Struct, frozen=True):
 
     @property
     def host(self) -> str:
-        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: those are fixed."""
+        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: those are
+        fixed."""
         host, port = parse_address(self.port, RTDE_PORT)
         if port != RTDE_PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its ports are fixed")

@@ -1,5 +1,5 @@
-"""What is refused before it reaches the controller. Every gate is a pure function of the candidate and the state;
-nothing is ever clipped."""
+"""What is refused before it reaches the controller. Every gate is a pure function of the candidate
+and the state; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ WATCHDOG_HZ = 10.0
 """Of the controller: so often at least it wants to hear from us while our script runs."""
 
 LOOKAHEAD_S = 0.1
-"""servoJ spreads a step over this: a slower stream may not step further than the joint turns meanwhile."""
+"""servoJ spreads a step over this: a slower stream may not step further than the joint turns
+meanwhile."""
 
 PAUSED = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 RUNNING = (RuntimeState.PLAYING, *PAUSED)
@@ -39,7 +40,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTRO
 
 
 def refuse_modes(robot: int, safety: int) -> Refused | None:
-    """Refuse when the arm could not move at all, by the controller's modes. Arming asks the same."""
+    """Refuse when the arm could not move at all, by the controller's modes. Arming asks the
+    same."""
     if robot != RobotMode.RUNNING:
         name, wanted = mode_name(RobotMode, robot), mode_name(RobotMode, RobotMode.RUNNING)
         return Refused("robot_mode", f"move: robot is {name}", "power on and release brakes", name, wanted)
@@ -58,8 +60,9 @@ def modes(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def program(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse unless the control script runs, and was not stopped since the robot was armed: motion never goes on by
-    itself after a protective stop, or when the controller's watchdog has ended the script."""
+    """Refuse unless the control script runs, and was not stopped since the robot was armed: motion
+    never goes on by itself after a protective stop, or when the controller's watchdog has ended the
+    script."""
     runs = _sensor(observation, "runtime_state", 0)
     if _sensor(observation, "control", 0) != 1 or runs not in RUNNING:
         return Refused("program", "move: control script is not running", "stop(), then resume()", limit="PLAYING")

@@ -1,4 +1,5 @@
-"""The controller's plain ports, without the SDK: the dashboard, and samples that show its clock advance."""
+"""The controller's plain ports, without the SDK: the dashboard, and samples that show its clock
+advance."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ LOOK_HZ = 125.0
 
 @contextlib.asynccontextmanager
 async def connected(host: str, port: int) -> AsyncIterator[TcpPort]:
-    """Raise ``WireDown``. The close is an orderly one: a stop that a frozen controller has not read yet stays
-    there for when it wakes up."""
+    """Raise ``WireDown``. The close is an orderly one: a stop that a frozen controller has not read
+    yet stays there for when it wakes up."""
     stream = await open_tcp(host, port)
     try:
         yield stream

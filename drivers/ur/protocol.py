@@ -1,5 +1,5 @@
-"""What goes over a UR controller's ports beside the SDK: RTDE packets (30004), and what stops a program. Pure: no
-I/O, no clock.
+"""What goes over a UR controller's ports beside the SDK: RTDE packets (30004), and what stops a
+program. Pure: no I/O, no clock.
 
 RTDE is big-endian: ``u16 size | u8 kind | payload``, where size counts all bytes.
 """

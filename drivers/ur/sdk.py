@@ -2,12 +2,13 @@
 
 What it does that nobody would expect, seen with 1.6.5:
 
-* Constructors and destructors keep the interpreter's lock: 10 ms for one, always 500 ms for the other, for ever
-  against a controller that is frozen. So nothing is ever destroyed here, and one process opens it once.
-* A call that lost its connection reconnects by itself and then *sends its old command*. So a call that missed
-  its deadline is the end of the process: nothing less keeps it from happening late.
-* ``isConnected`` and return values say nothing of a frozen controller, getters return the last sample for ever:
-  liveness is the controller's clock.
+* Constructors and destructors keep the interpreter's lock: 10 ms for one, always 500 ms for the
+  other, for ever against a controller that is frozen. So nothing is ever destroyed here, and one
+  process opens it once.
+* A call that lost its connection reconnects by itself and then *sends its old command*. So a call
+  that missed its deadline is the end of the process: nothing less keeps it from happening late.
+* ``isConnected`` and return values say nothing of a frozen controller, getters return the last
+  sample for ever: liveness is the controller's clock.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ STOP_S = 0.5
 """For servoStop, which waits until the arm stands: 0.3 s from top speed at its deceleration."""
 
 REGISTERS_HZ = 500.0
-"""How often the controller tells the control interface its registers. Before each command that one waits until
-the script has said there that it took the last: at 125 Hz a stop behind a setpoint left 3 to 11 ms late, at 500 Hz
-1 to 3."""
+"""How often the controller tells the control interface its registers. Before each command that one
+waits until the script has said there that it took the last: at 125 Hz a stop behind a setpoint left
+3 to 11 ms late, at 500 Hz 1 to 3."""
 
 GAIN = 300.0
 """Of servoJ, 100 to 2000: the SDK's own default."""
@@ -101,7 +102,8 @@ class Sdk(SdkCalls):
         """Connect to the registers; no program is started."""
         if self._control is None:
             interface = load_sdk("rtde_control", _INSTALL).RTDEControlInterface
-            # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock held
+            # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock
+            # held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
             self._control = await self.construct("control", OPEN_S, interface, self._host, REGISTERS_HZ, flags)
 

@@ -1,5 +1,5 @@
-"""The stop that needs no SDK. The wire process stops so when ur-rtde hangs, the root when the wire process is
-gone."""
+"""The stop that needs no SDK. The wire process stops so when ur-rtde hangs, the root when the wire
+process is gone."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class _Stop:
         return tuple(reports)
 
     async def order(self) -> None:
-        """End what runs by the dashboard or, where that does not answer, by a script that replaces it."""
+        """End what runs by the dashboard or, where that does not answer, by a script that replaces
+        it."""
         try:
             with trio.fail_after(DASHBOARD_S):
                 await self._by_dashboard()
@@ -83,8 +84,8 @@ class _Stop:
             self.ordered = True
 
     async def watch(self) -> None:
-        """Wait for a sample that came after the order and shows what was ordered. One that repeats the
-        controller's time shows nothing."""
+        """Wait for a sample that came after the order and shows what was ordered. One that repeats
+        the controller's time shows nothing."""
         time_s = -1.0
         try:
             async with samples(self._host) as stream:

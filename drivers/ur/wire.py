@@ -32,7 +32,8 @@ FEED_S = 0.025
 """Between kicks of a watchdog that waits 100 ms."""
 
 SILENT_S = 0.04
-"""Nothing is written to a controller whose clock stands still for so long: it would take it up late."""
+"""Nothing is written to a controller whose clock stands still for so long: it would take it up
+late."""
 
 CONFIRM_S = 0.4
 
@@ -52,8 +53,8 @@ class _Session:
         self.lost = ""  # why control was lost since the robot was armed
 
     def look(self) -> None:
-        """Take the newest sample. A controller that stopped our program is not written to again before the next
-        arming: its operator unlocks it, and nothing may move because of that."""
+        """Take the newest sample. A controller that stopped our program is not written to again
+        before the next arming: its operator unlocks it, and nothing may move because of that."""
         sample = self.sdk.sample()
         if sample.time_s != self.sample.time_s:
             self._stamp_ns = self._clock.now_ns()
@@ -89,8 +90,8 @@ class _Session:
         self._fed_ns = self._clock.now_ns()
 
     async def feed(self) -> None:
-        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it, and those are
-        earned one by one."""
+        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it,
+        and those are earned one by one."""
         due = self._clock.now_ns() - self._fed_ns >= round(FEED_S * NS)
         if due and self.controls and not self.servoing:
             await self.sdk.kick()
@@ -125,7 +126,8 @@ class URWire(Wire):
         self._session_or_none: _Session | None = None
 
     async def open(self) -> dict[str, Any]:
-        """The plain ports first: against a controller that is frozen the SDK's constructors never return."""
+        """The plain ports first: against a controller that is frozen the SDK's constructors never
+        return."""
         self.close()
         try:
             host = self._config.host
@@ -224,8 +226,9 @@ class URWire(Wire):
         session.was_fed()
 
     async def _stop_by_sdk(self, session: _Session, ended: bool) -> bool:
-        """Do servoStop, and for a stop end the script. Return whether the controller did it; from high speed its
-        watchdog may end the program first, for nobody can feed it meanwhile. Raise ``ProcessSpent``."""
+        """Do servoStop, and for a stop end the script. Return whether the controller did it; from
+        high speed its watchdog may end the program first, for nobody can feed it meanwhile. Raise
+        ``ProcessSpent``."""
         session.servoing = False
         if ended:
             session.controls = False
@@ -236,8 +239,8 @@ class URWire(Wire):
         return stopped
 
     async def _stands(self, session: _Session, ended: bool) -> bool:
-        """Return whether samples show that no joint moves, and for a stop that no program runs. Raise
-        ``ProcessSpent``."""
+        """Return whether samples show that no joint moves, and for a stop that no program runs.
+        Raise ``ProcessSpent``."""
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)

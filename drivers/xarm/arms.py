@@ -1,4 +1,5 @@
-"""The arms of this wire, as data: a table of ``robots.toml``, the type of one arm, and the model of its twin."""
+"""The arms of this wire, as data: a table of ``robots.toml``, the type of one arm, and the model of
+its twin."""
 
 from __future__ import annotations
 
@@ -91,5 +92,6 @@ def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
 
 
 def mirrored(kind: ArmType, rad: Sequence[float]) -> tuple[float, ...]:
-    """Return the pose of an arm of this type that looks as ``rad`` does on one without mirrored joints."""
+    """Return the pose of an arm of this type that looks as ``rad`` does on one without mirrored
+    joints."""
     return tuple(-value if at + 1 in kind.mirrored else value for at, value in enumerate(rad))

@@ -1,5 +1,5 @@
-"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire and by the
-root's stop channel."""
+"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire
+and by the root's stop channel."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ class Control:
     async def ask(
         self, register: int, data: bytes = b"", *, within_s: float, permit: Permit | None = None
     ) -> p.Reply | None:
-        """Send a request and wait for its reply; None: none came in time. ``permit`` is checked meanwhile."""
+        """Send a request and wait for its reply; None: none came in time. ``permit`` is checked
+        meanwhile."""
         number = self.send(register, data)
         self._awaited[number] = None
         end_s = trio.current_time() + within_s
@@ -100,7 +101,8 @@ class Control:
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """Close, and let what was sent be delivered: a stop that a frozen controller has not read yet."""
+        """Close, and let what was sent be delivered: a stop that a frozen controller has not read
+        yet."""
         self._stream.close_in_order()
 
     def _take(self, data: bytes) -> None:
@@ -138,7 +140,8 @@ async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream
 
 
 class Outcome(NamedTuple):
-    """What became of making the arm safe. ``detail``: why it is not known to be safe; empty when it is."""
+    """What became of making the arm safe. ``detail``: why it is not known to be safe; empty when it
+    is."""
 
     written: bool
     acknowledged: bool

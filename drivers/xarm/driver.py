@@ -1,9 +1,9 @@
 """UFACTORY xArm 7, on the controller's own TCP protocol: no SDK.
 
-Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo mode. For
-everything else it is stopped: state 4, in which the controller holds the arm, drops what it was told and takes
-nothing more. It stays so until ``resume()``, which is where servo mode is set up again. Brakes and power are left
-as they are.
+Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo
+mode. For everything else it is stopped: state 4, in which the controller holds the arm, drops what
+it was told and takes nothing more. It stays so until ``resume()``, which is where servo mode is set
+up again. Brakes and power are left as they are.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What is refused before it reaches the controller. Every gate is a pure function of the candidate and the state;
-nothing is ever clipped."""
+"""What is refused before it reaches the controller. Every gate is a pure function of the candidate
+and the state; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from .arms import Arm, Range
 from .protocol import Mode, State, error_words
 
 LEAD_S = 0.1
-"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo mode drives to it
-at full speed, also when the arm was kept from following [assumed: no arm lags so far behind]."""
+"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo
+mode drives to it at full speed, also when the arm was kept from following [assumed: no arm lags so
+far behind]."""
 
 _ROUNDING = 1e-9
 
@@ -44,7 +45,8 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move an arm that somebody paused or stopped, by whatever client: it never goes on by itself."""
+    """Refuse to move an arm that somebody paused or stopped, by whatever client: it never goes on
+    by itself."""
     state = _sensor(observation, "state")
     if state in (State.MOVING, State.READY):
         return None
@@ -66,8 +68,8 @@ CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, runni
 
 
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse what is past the range of the arm's own type, which the wire puts beside its positions; without that,
-    what is past the range of any."""
+    """Refuse what is past the range of the arm's own type, which the wire puts beside its
+    positions; without that, what is past the range of any."""
 
     def within(ranges: Sequence[Range]) -> GateCheck:
         pairs = zip(axes, ranges, strict=True)
@@ -86,14 +88,16 @@ def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
-    """Return the controller's own joint speed limit, rad/s, at most the table's; that one when it is unknown."""
+    """Return the controller's own joint speed limit, rad/s, at most the table's; that one when it
+    is unknown."""
     told = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
     return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
 
 
 def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
-    """Refuse a step from the last *commanded* target that is more than a joint turns in one period of the control
-    loop. Servo mode has no speed: it goes to each target at once, however rarely one comes."""
+    """Refuse a step from the last *commanded* target that is more than a joint turns in one period
+    of the control loop. Servo mode has no speed: it goes to each target at once, however rarely one
+    comes."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         allowed = speed_limit(arm, state) * period_s
@@ -114,7 +118,8 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
 
 
 def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse small steps that come quicker than the arm follows, or while something holds it back."""
+    """Refuse small steps that come quicker than the arm follows, or while something holds it
+    back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         allowed = speed_limit(arm, state) * LEAD_S

@@ -1,11 +1,13 @@
-"""What goes over an xArm controller's control port, 502: requests and replies. Pure: no I/O, no clock.
+"""What goes over an xArm controller's control port, 502: requests and replies. Pure: no I/O, no
+clock.
 
     request  u16 number | u16 protocol | u16 length | u8 register | data
     reply    u16 number | u16 protocol | u16 length | u8 register | u8 state | data
 
-Headers and integers are big-endian, floats little-endian; ``length`` counts from the register on. A TCP stream has
-no start marks: once a header cannot be, only a new connection helps. Source: what the vendor's Python SDK 1.18.4
-sends and reads; what nobody has seen on a controller is marked [assumed].
+Headers and integers are big-endian, floats little-endian; ``length`` counts from the register on. A
+TCP stream has no start marks: once a header cannot be, only a new connection helps. Source: what
+the vendor's Python SDK 1.18.4 sends and reads; what nobody has seen on a controller is marked
+[assumed].
 """
 
 from __future__ import annotations
@@ -105,7 +107,8 @@ def error_words(code: int) -> str:
 
 
 class Frame(NamedTuple):
-    """One frame of either direction. ``body``: register and data, in a reply the state between them."""
+    """One frame of either direction. ``body``: register and data, in a reply the state between
+    them."""
 
     number: int
     protocol: int
@@ -120,8 +123,8 @@ class Reply(NamedTuple):
 
 
 PROTOCOL = 2
-"""Of every request. The SDK changes to 3 once it has read a firmware from 1.8.6 on; 2 is what every firmware hears
-first."""
+"""Of every request. The SDK changes to 3 once it has read a firmware from 1.8.6 on; 2 is what every
+firmware hears first."""
 HEARTBEAT_PROTOCOL = 1
 _PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
 
@@ -173,15 +176,16 @@ def floats(values: Sequence[float]) -> bytes:
 
 
 def unpack_floats(data: bytes, count: int, at: int = 0) -> tuple[float, ...]:
-    """Return ``count`` floats from ``at`` on. Raise ``MalformedFrame`` when there are not so many."""
+    """Return ``count`` floats from ``at`` on. Raise ``MalformedFrame`` when there are not so
+    many."""
     if len(data) < at + 4 * count:
         raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {at} on")
     return struct.unpack_from(f"<{count}f", data, at)
 
 
 SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2 = math.pi, 20.0
-"""What a setpoint says in fields that the controller reserves. A hold says 0: so the two can be told apart on the
-wire, and a firmware that reads the fields does what they say."""
+"""What a setpoint says in fields that the controller reserves. A hold says 0: so the two can be
+told apart on the wire, and a firmware that reads the fields does what they say."""
 
 
 def servo_data(target_rad: Sequence[float], *, hold: bool = False) -> bytes:
@@ -198,7 +202,8 @@ def errors_of(data: bytes) -> tuple[int, int]:
 
 
 def classify(body: bytes) -> tuple[str, str | None]:
-    """Return a request in the words of the wire log, and the safe state that it alone brings the arm to."""
+    """Return a request in the words of the wire log, and the safe state that it alone brings the
+    arm to."""
     register, data = body[0], body[1:]
     match register:
         case Register.SET_STATE if data[:1] == bytes((State.STOPPED,)):
@@ -238,8 +243,9 @@ TEXT_SIZE = 40
 
 
 def parse_version(data: bytes) -> Version:
-    """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware. Raise
-    ``MalformedFrame`` for anything else; firmware that says less is older than 1.0 [assumed]."""
+    """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware.
+    Raise ``MalformedFrame`` for anything else; firmware that says less is older than 1.0
+    [assumed]."""
     text = data.partition(b"\0")[0].decode("ascii", "replace")
     found = _VERSION.match(text)
     if found is None:

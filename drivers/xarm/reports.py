@@ -2,7 +2,8 @@
 
     u32 size | u8 state | mode << 4 | u16 queue | 7 f32 joints | 6 f32 pose | 7 f32 torques | ...
 
-Size and queue are big-endian, floats little-endian. Source: what the vendor's Python SDK 1.18.4 reads.
+Size and queue are big-endian, floats little-endian. Source: what the vendor's Python SDK 1.18.4
+reads.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ class ReportDecoder:
 
 
 def parse_report(data: bytes) -> Report:
-    """Read what every report has. Raise ``MalformedFrame`` for one too short, or whose joints are nowhere."""
+    """Read what every report has. Raise ``MalformedFrame`` for one too short, or whose joints are
+    nowhere."""
     if len(data) < _SMALLEST:
         raise MalformedFrame(f"a report of {len(data)} bytes")
     state_and_mode, queue = data[4], int.from_bytes(data[5:7], "big")
@@ -71,7 +73,8 @@ def parse_report(data: bytes) -> Report:
 
 
 def speed_limit_of(rich: bytes) -> float | None:
-    """Return the controller's joint speed limit in a rich report, rad/s; None when it says none that could be."""
+    """Return the controller's joint speed limit in a rich report, rad/s; None when it says none
+    that could be."""
     if len(rich) < _SPEED_LIMIT_AT + 4:
         return None
     (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_AT)

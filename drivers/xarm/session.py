@@ -1,4 +1,5 @@
-"""One controller while it is connected: its two connections, what came over them, and how they are opened."""
+"""One controller while it is connected: its two connections, what came over them, and how they are
+opened."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ class Session:
             self._take(data, now_ns)
 
     async def next_report(self, clock: Clock, within_s: float) -> bool:
-        """Wait for a report that has not come yet; return whether one came in time. Raise ``WireDown``."""
+        """Wait for a report that has not come yet; return whether one came in time. Raise
+        ``WireDown``."""
         before_ns = self.stamp_ns
         with trio.move_on_after(within_s):
             while self.stamp_ns == before_ns:
@@ -59,7 +61,8 @@ class Session:
         return self.stamp_ns != before_ns
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long there has been no report, or no reply that is owed: whichever is longer."""
+        """Return how long there has been no report, or no reply that is owed: whichever is
+        longer."""
         return max((now_ns - self.stamp_ns) / NS, self.control.silent_s(now_ns))
 
     def close(self) -> None:
@@ -85,8 +88,8 @@ class Session:
 
 
 async def open_session(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
-    """Connect, ask who it is, hear its first report; return the session and facts for ``status``. Nothing is
-    written. Raise ``WireDown``."""
+    """Connect, ask who it is, hear its first report; return the session and facts for ``status``.
+    Nothing is written. Raise ``WireDown``."""
     control = await open_control(config, clock, open_stream)
     try:
         version = await _ask_version(config, control)

@@ -1,7 +1,8 @@
 """An xArm's controller in the wire process.
 
-Two connections: requests and replies on one, a hundred reports a second on the other. Reading is taking in what has
-arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a deadline.
+Two connections: requests and replies on one, a hundred reports a second on the other. Reading is
+taking in what has arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a
+deadline.
 """
 
 from __future__ import annotations
@@ -36,10 +37,12 @@ READY_S = 2.0
 ERRORS_EVERY_S = 0.05
 
 QUIET_S = 0.05
-"""No setpoint is written to a controller that has been silent for so long: it would be taken up late."""
+"""No setpoint is written to a controller that has been silent for so long: it would be taken up
+late."""
 
 HOLD_S = 0.25
-"""An arm that is told to hold is there within this time, or it is stopped. A stop may have to wait for that."""
+"""An arm that is told to hold is there within this time, or it is stopped. A stop may have to wait
+for that."""
 
 _REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
@@ -91,7 +94,8 @@ class XArmWire(Wire):
         control = session.control
         since_s = (now_ns - session.asked_ns) / NS
         news = control.error_pending != bool(control.errors[0])
-        # rather alone: who answers one request a reading is asked one at a time. But a reply may never come
+        # rather alone: who answers one request a reading is asked one at a time. But a reply may
+        # never come
         if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
             session.asked_ns = now_ns

@@ -57,7 +57,8 @@ class RosLink(ReportingBase, Protocol):
 
     @property
     def owes(self) -> bool:
-        """Whether so many commands have not been taken yet that another would be carried out late."""
+        """Whether so many commands have not been taken yet that another would be carried out
+        late."""
         ...
 
     def drive(self, twist: Twist) -> None:

@@ -57,8 +57,8 @@ def reports_of(
 
 
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
-    """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS, since
-    rclpy must not be in the root."""
+    """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS,
+    since rclpy must not be in the root."""
 
     def new_link(self) -> StopLink:
         return stop_link(self.config, self.clock)

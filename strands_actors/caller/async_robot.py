@@ -1,4 +1,5 @@
-"""``async with open_robot(...)``: one robot in a trio program; the verbs and envelopes of ``Robot``, awaited."""
+"""``async with open_robot(...)``: one robot in a trio program; the verbs and envelopes of
+``Robot``, awaited."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ from .verbs import answered
 
 
 class Observations(AsyncIterator[dict[str, float]]):
-    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns that were missed
-    are skipped. It holds nothing: a loop may be left at any time."""
+    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns
+    that were missed are skipped. It holds nothing: a loop may be left at any time."""
 
     def __init__(self, tree: RobotTree, hz: float) -> None:
         if not 0 < hz <= 1000:
@@ -47,8 +48,8 @@ class Observations(AsyncIterator[dict[str, float]]):
 
 
 class AsyncRobot:
-    """A connected robot, in the trio loop that opened it. Every verb but ``get_observation`` answers with an
-    envelope."""
+    """A connected robot, in the trio loop that opened it. Every verb but ``get_observation``
+    answers with an envelope."""
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
@@ -90,12 +91,13 @@ class AsyncRobot:
         return self._observing.positions(await answered("observe", verbs.get_observation, self._tree))
 
     def observations(self, hz: float = 30.0) -> Observations:
-        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is none."""
+        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is
+        none."""
         return Observations(self._tree, hz)
 
     async def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``. ``action``: a
-        command that is written first; when it is refused, so is the service."""
+        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``.
+        ``action``: a command that is written first; when it is refused, so is the service."""
         return await answered(name, verbs.service, self._tree, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
@@ -158,7 +160,8 @@ class AsyncRobot:
         return await answered("stop_task", verbs.stop_task, self._tree)
 
     async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
-        """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not allowed."""
+        """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not
+        allowed."""
         call = read(self.driver, given)
         if isinstance(call, Refused):
             return answers.refused(call)
@@ -176,10 +179,11 @@ async def open_robot(
     approve_within_s: float = APPROVE_S,
     **keywords: Any,
 ) -> AsyncIterator[AsyncRobot]:
-    """One robot for a trio program: connected and armed inside the block, safe and gone after it. ``arm=False``
-    energises nothing. ``keywords``: those of ``Robot``.
+    """One robot for a trio program: connected and armed inside the block, safe and gone after it.
+    ``arm=False`` energises nothing. ``keywords``: those of ``Robot``.
 
-    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad arguments.
+    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad
+    arguments.
     """
     wanted = plan(name, mode, **keywords)
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)

@@ -10,9 +10,10 @@ import trio
 
 @contextlib.asynccontextmanager
 async def open_background() -> AsyncIterator[trio.Nursery]:
-    """A nursery that is cancelled when the block has been left, by whatever way, and not before: what cancels the
-    block from outside reaches the block alone, which may need those tasks to clear away (a robot is made safe by
-    way of them). What the block raises comes out as it is: trio's own nursery would wrap it in a group."""
+    """A nursery that is cancelled when the block has been left, by whatever way, and not before:
+    what cancels the block from outside reaches the block alone, which may need those tasks to clear
+    away (a robot is made safe by way of them). What the block raises comes out as it is: trio's own
+    nursery would wrap it in a group."""
     failure: Exception | None = None
     scope = trio.CancelScope(shield=True)
     tasks: list[trio.Nursery] = []

@@ -1,8 +1,8 @@
 """Commands: what is asked of a robot's gate under its caller's lease.
 
-``ask`` is for the trio loop of the tree, ``ask_here`` for a thread of the program, which asks the gate itself and
-waits. The thread decides nothing: whatever needs a decision (there is no lease, it is stale, a rollout writes) is
-the loop's, where it is taken in one place.
+``ask`` is for the trio loop of the tree, ``ask_here`` for a thread of the program, which asks the
+gate itself and waits. The thread decides nothing: whatever needs a decision (there is no lease, it
+is stale, a rollout writes) is the loop's, where it is taken in one place.
 """
 
 from __future__ import annotations
@@ -73,8 +73,9 @@ class Commanding:
         self._rollouts = rollouts
 
     async def ask(self, order: Order) -> Message | None:
-        """A lease that is no longer good (the robot was held since, the wire restarted, somebody else has it) may
-        be taken anew by an explicit new command; a robot that is disarmed or locked out refuses it all the same."""
+        """A lease that is no longer good (the robot was held since, the wire restarted, somebody
+        else has it) may be taken anew by an explicit new command; a robot that is disarmed or
+        locked out refuses it all the same."""
         writer = self._writer
         async with writer.turn:
             refusal = await self._rollouts.refuse(order.verb)

@@ -1,5 +1,5 @@
-"""Whether this process may open as many files and sockets as a robot needs: it is asked before anything is started,
-since a limit that is met half way is met within a library."""
+"""Whether this process may open as many files and sockets as a robot needs: it is asked before
+anything is started, since a limit that is met half way is met within a library."""
 
 from __future__ import annotations
 

@@ -99,7 +99,8 @@ class Directory:
     async def _ask(
         self, address: str, protocol: type[Actor], message: Message, deadline_s: float
     ) -> Message | None:
-        """Ask as soon as the address is there: the links come up shortly after the session is open."""
+        """Ask as soon as the address is there: the links come up shortly after the session is
+        open."""
         ref = self._node.ref(address, protocol)
         while True:
             try:

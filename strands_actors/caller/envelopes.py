@@ -86,7 +86,8 @@ async def _when_done(future: Future[Answer]) -> Answer:
 
 
 def in_asyncio() -> bool:
-    """Whether an asyncio loop runs in this thread. Not by an import: who runs one has it, and it costs 8 ms."""
+    """Whether an asyncio loop runs in this thread. Not by an import: who runs one has it, and it
+    costs 8 ms."""
     asyncio = sys.modules.get("asyncio")
     return asyncio is not None and asyncio._get_running_loop() is not None
 
@@ -156,8 +157,9 @@ def status(
     facts: Mapping[str, Any],
     standby_report: str | None = None,
 ) -> dict[str, Any]:
-    """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what its wire said
-    of itself when it last answered; they come on top. ``standby_report``: of an earlier tree's standby."""
+    """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what
+    its wire said of itself when it last answered; they come on top. ``standby_report``: of an
+    earlier tree's standby."""
     observation = None if told is None else told.observation
     return {
         "tool_name": tool_name,

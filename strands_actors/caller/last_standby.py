@@ -30,8 +30,8 @@ _log = logging.getLogger("strands_actors")
 
 
 async def until_over(robot: str, port: str) -> str | None:
-    """Return what standbys of this robot, or of this port (empty: a twin's), did since a robot was last started.
-    None: nothing. Raise ``NotConnected`` when one is still at work."""
+    """Return what standbys of this robot, or of this port (empty: a twin's), did since a robot was
+    last started. None: nothing. Raise ``NotConnected`` when one is still at work."""
     for path in _lives(robot, port):
         await _until_ended(path)
     told = [text for path in _reports(robot, port) if (text := _take(path))]

@@ -23,7 +23,8 @@ async def open_node(
     settings: Mapping[str, Any] | None = None,
     tokens: str = EVERYBODY,
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it, too."""
+    """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it,
+    too."""
     node = Node(name, MonotonicClock())
     mesh = await ZenohMesh.open(listen, connect, settings)
     try:

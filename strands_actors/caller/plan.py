@@ -1,4 +1,5 @@
-"""From the arguments of ``Robot(...)`` to a plan, or to a refusal that says what would be accepted."""
+"""From the arguments of ``Robot(...)`` to a plan, or to a refusal that says what would be
+accepted."""
 
 from __future__ import annotations
 
@@ -84,8 +85,8 @@ class Wanted:
 
 
 def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
-    """Raise ``ValueError`` for names, values and unknown keywords, ``TypeError`` for what a simulation would
-    ignore."""
+    """Raise ``ValueError`` for names, values and unknown keywords, ``TypeError`` for what a
+    simulation would ignore."""
     wanted, driver_class = _read(name, mode, **keywords)
     if not issubclass(driver_class, Driver):
         return _plain(wanted, driver_class)

@@ -1,7 +1,8 @@
-"""The caller's one thread: a trio loop with a node and a mesh, shared by every robot of the process.
+"""The caller's one thread: a trio loop with a node and a mesh, shared by every robot of the
+process.
 
-It is a daemon thread: when the script ends, by whatever cause, nothing here keeps the process (or a lease)
-alive, and the trees see their caller's end and make the robots safe.
+It is a daemon thread: when the script ends, by whatever cause, nothing here keeps the process (or a
+lease) alive, and the trees see their caller's end and make the robots safe.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ T = TypeVar("T")
 LEAVE_S = 0.08
 """How long the end of a script waits for the loop."""
 SWITCH_S = 0.0001
-"""How long a thread that computes may keep the interpreter's lock from the loop, which lets go of it at each of its
-system calls and wants it back. With Python's own 5 ms a setpoint beside a policy that computes was 23 ms off its
-time (p99), a stop 12 ms late; with this 3 and 3. Two threads that both compute pay for it: 5 to 10 % (measured)."""
+"""How long a thread that computes may keep the interpreter's lock from the loop, which lets go of
+it at each of its system calls and wants it back. With Python's own 5 ms a setpoint beside a policy
+that computes was 23 ms off its time (p99), a stop 12 ms late; with this 3 and 3. Two threads that
+both compute pay for it: 5 to 10 % (measured)."""
 
 _callers = itertools.count(1)
 
@@ -65,8 +67,8 @@ class Portal:
                 await trio.sleep_forever()
 
     def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
-        """Start ``function(*args)`` in the loop; its result as a future of any thread. To cancel the future is to
-        cancel what runs."""
+        """Start ``function(*args)`` in the loop; its result as a future of any thread. To cancel
+        the future is to cancel what runs."""
         future: Future[T] = Future()
         scope = trio.CancelScope()
 
@@ -106,8 +108,8 @@ class Portal:
 
 @contextlib.asynccontextmanager
 async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, str]]:
-    """A node with a mesh for a process that starts robots: (node, nursery, endpoint). Raise ``OSError`` when too
-    few files may be opened for it and a robot."""
+    """A node with a mesh for a process that starts robots: (node, nursery, endpoint). Raise
+    ``OSError`` when too few files may be opened for it and a robot."""
     require(FOR_LOOP + FOR_ROBOT)
     number = next(_callers)  # a program may have several, in one loop or in many
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
@@ -137,8 +139,8 @@ def portal() -> Portal:
 
 
 def _leave_quickly(shared: Portal, pid: int) -> None:
-    """At the end of the script. The robots wait for our end: the interpreter's last collections, which would
-    walk everything that was ever imported, are spared (38 ms to 9 ms measured)."""
+    """At the end of the script. The robots wait for our end: the interpreter's last collections,
+    which would walk everything that was ever imported, are spared (38 ms to 9 ms measured)."""
     gc.freeze()
     if os.getpid() == pid:
         shared.leave()

@@ -1,5 +1,6 @@
-"""What a caller needs of the processes of one robot, on its own host or on another: to start or reach them, to ask
-them, to end. What is written to the robot, and by what right, is not decided here."""
+"""What a caller needs of the processes of one robot, on its own host or on another: to start or
+reach them, to ask them, to end. What is written to the robot, and by what right, is not decided
+here."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from .plan import Plan
 
 CONNECT_S = 12.0
 LOOK_S = 0.02
-"""Between two looks for a tree that starts. It has half a second to compute, which the looks should leave it."""
+"""Between two looks for a tree that starts. It has half a second to compute, which the looks should
+leave it."""
 
 
 class NotConnected(Exception):
@@ -33,8 +35,8 @@ def unreachable(verb: str, failure: Exception) -> Refused:
 
 
 class Patience(NamedTuple):
-    """How long an answer may take, in seconds. ``command_s``: a command that has not reached the wire by then never
-    will."""
+    """How long an answer may take, in seconds. ``command_s``: a command that has not reached the
+    wire by then never will."""
 
     ask_s: float = 0.5
     status_s: float = 0.1
@@ -76,7 +78,8 @@ class Processes(ABC):
 
     @abstractmethod
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs until the end. Raise ``NotConnected``, or ``OSError`` when the system does not let us."""
+        """``beside`` runs until the end. Raise ``NotConnected``, or ``OSError`` when the system
+        does not let us."""
 
     @abstractmethod
     async def end(self, lease: Lease | None) -> StopReport | Refused | None:
@@ -100,7 +103,8 @@ class Processes(ABC):
 
     @abstractmethod
     async def require_mesh(self) -> None:
-        """A robot that was to be reached from elsewhere and is not has not been started: ``NotConnected``."""
+        """A robot that was to be reached from elsewhere and is not has not been started:
+        ``NotConnected``."""
 
     @property
     @abstractmethod

@@ -1,7 +1,7 @@
 """``Robot(...)``: one robot with synchronous verbs, safe to call from any thread.
 
-The verbs and envelopes are those of the drivers page. Each call is a message to the robot's actors; nothing
-here touches hardware.
+The verbs and envelopes are those of the drivers page. Each call is a message to the robot's actors;
+nothing here touches hardware.
 """
 
 from __future__ import annotations
@@ -71,18 +71,19 @@ def Robot(  # a factory named as on the drivers page
 ) -> RealRobot:
     """A handle on one robot; nothing is started yet.
 
-    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected by
-    ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly one serial adapter
-    of the robot's kind is plugged in, else a simulation. ``port`` says where a real robot is;
-    ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=`` makes that twin a simulation you
-    have. ``at``: the robot is run by another host, which listens there (``"tls/arm.example:7447"``); ``mesh=``
-    has the certificate, ``tool_name`` its name there, and ``lifetime`` (seconds) is how long a setpoint of a
-    rollout lives on a slow network. ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept
-    for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
-    not this program) uses a verb or an action key that is guarded: by the driver, or by ``guarded``.
-    ``require_drill``: no motion without a stop drill that is younger (``"30d"``). ``mesh``: where other hosts reach
-    it; False: nowhere. ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be
-    accepted.
+    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected
+    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly
+    one serial adapter of the robot's kind is plugged in, else a simulation. ``port`` says where a
+    real robot is; ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=``
+    makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
+    there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,
+    and ``lifetime`` (seconds) is how long a setpoint of a rollout lives on a slow network.
+    ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a
+    policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
+    not this program) uses a verb or an action key that is guarded: by the driver, or by
+    ``guarded``. ``require_drill``: no motion without a stop drill that is younger (``"30d"``).
+    ``mesh``: where other hosts reach it; False: nowhere. ``options`` are the driver's own. Raise
+    ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     wanted = plan(
         name,
@@ -105,10 +106,12 @@ def Robot(  # a factory named as on the drivers page
 
 
 class RealRobot(RobotTool):
-    """A robot behind its wire. Made by ``Robot(...)``. A strands-agents tool (``stream``, ``tool_spec``).
+    """A robot behind its wire. Made by ``Robot(...)``. A strands-agents tool (``stream``,
+    ``tool_spec``).
 
-    Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook) ``stream``, ``stop``
-    and ``get_status`` are to be awaited and do not block it; the others wait for their answer: milliseconds.
+    Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook)
+    ``stream``, ``stop`` and ``get_status`` are to be awaited and do not block it; the others wait
+    for their answer: milliseconds.
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset()
@@ -229,7 +232,8 @@ class RealRobot(RobotTool):
         return status is not None and status.connected and 0 <= status.age_s < 1.0
 
     def cleanup(self) -> Answer:
-        """Make the robot safe and end everything that was started for it. Harmless when called again."""
+        """Make the robot safe and end everything that was started for it. Harmless when called
+        again."""
         tree, self._opened, self._closed = self._tree, None, True
         if tree is None:
             return answers.success({"stopped": True, "reason": "nothing was running"})
@@ -252,22 +256,26 @@ class RealRobot(RobotTool):
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
         """One command: joints by name, in the driver's units. Refused with a reason, or written.
-        ``robot_name``: who it is meant for, where a program has several; another robot's is refused."""
+        ``robot_name``: who it is meant for, where a program has several; another robot's is
+        refused."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name):
             return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
     def release(self) -> Answer:
-        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched is held."""
+        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched
+        is held."""
         return self._verb(verbs.release, "release")
 
     def get_observation(self) -> dict[str, float]:
-        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when there is none."""
+        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when
+        there is none."""
         return self._observing.positions(self._get_observation())
 
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too: ``robot.release_sport_mode(attempts=3)``.
-        ``action``: a command that is written first; when it is refused, so is the service."""
+        """One of the driver's own services. Each is a method, too:
+        ``robot.release_sport_mode(attempts=3)``. ``action``: a command that is written first; when
+        it is refused, so is the service."""
         return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
@@ -287,7 +295,8 @@ class RealRobot(RobotTool):
         return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
     def resume(self) -> Answer:
-        """Lift a lockout, restart what has died, energise at the measured position. Restarts no motion."""
+        """Lift a lockout, restart what has died, energise at the measured position. Restarts no
+        motion."""
         return self._verb(verbs.resume, "resume")
 
     def run_policy(
@@ -299,8 +308,8 @@ class RealRobot(RobotTool):
         control_frequency: float | None = None,
         policy_object: Any = None,
     ) -> Answer:
-        """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable. Returns at
-        once; ``n_steps`` wins over ``duration`` (seconds)."""
+        """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
+        Returns at once; ``n_steps`` wins over ``duration`` (seconds)."""
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
         return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
@@ -314,8 +323,8 @@ class RealRobot(RobotTool):
         control_frequency: float | None = None,
         **options: Any,
     ) -> Answer:
-        """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another package) in a
-        process of its own, built there from ``options``. Returns at once."""
+        """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another
+        package) in a process of its own, built there from ``options``. Returns at once."""
         start = verbs.start_task(
             self._driver,
             policy_provider,
@@ -360,7 +369,8 @@ class RealRobot(RobotTool):
             return await asyncio.wrap_future(doing)
 
     def tree(self) -> dict[str, Any] | None:
-        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are none."""
+        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are
+        none."""
         tree = self._tree
         report = None if tree is None else self._call(tree.describe)
         return None if report is None else answers.tree(report)
@@ -381,7 +391,8 @@ class RealRobot(RobotTool):
         return self._call(answered, "status", verbs.get_status, tree)
 
     def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
-        """Inside a running asyncio loop: under way at once, to be awaited without blocking the loop."""
+        """Inside a running asyncio loop: under way at once, to be awaited without blocking the
+        loop."""
         if not answers.in_asyncio():
             return now()
         if self._tree is None:
@@ -395,10 +406,11 @@ class RealRobot(RobotTool):
 
 
 class SimRobot(RealRobot):
-    """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a simulation can do.
+    """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a
+    simulation can do.
 
-    It starts at its first use. ``transport="twin", sim=`` puts a real driver on its wire: joints that are energised
-    there follow the wire, and a command to them here is refused.
+    It starts at its first use. ``transport="twin", sim=`` puts a real driver on its wire: joints
+    that are energised there follow the wire, and a command to them here is refused.
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset(
@@ -411,22 +423,23 @@ class SimRobot(RealRobot):
         self._world = World(plan.twin_process)
 
     def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
-        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None for the whole
-        robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a ``RuntimeError``) that names the system
-        package when neither is there."""
+        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None
+        for the whole robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a
+        ``RuntimeError``) that names the system package when neither is there."""
         return self._call(self._world.render, width, height, camera)
 
     def view(self) -> None:
-        """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise ``SimulationError`` without a
-        display."""
+        """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise
+        ``SimulationError`` without a display."""
         self._call(self._world.view)
 
     def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Answer:
-        """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed. Answers with
-        ``position`` after them and ``sim_time_s``. A target that was sent before counts from the first step on, and
-        so does ``action``, joints by name as ``send_action`` takes them; when that is refused, no step passes.
-        ``get_observation`` follows within a control period. Deadlines, leases and rollouts are of the clock all the
-        same, and between calls the physics keeps to it."""
+        """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed.
+        Answers with ``position`` after them and ``sim_time_s``. A target that was sent before
+        counts from the first step on, and so does ``action``, joints by name as ``send_action``
+        takes them; when that is refused, no step passes. ``get_observation`` follows within a
+        control period. Deadlines, leases and rollouts are of the clock all the same, and between
+        calls the physics keeps to it."""
         return self.service("step", steps=steps, action=action)
 
     def reset(self) -> Answer:

@@ -1,4 +1,5 @@
-"""One robot's rollouts, as the caller has them: a policy of this process, or a named one in a process of its own.
+"""One robot's rollouts, as the caller has them: a policy of this process, or a named one in a
+process of its own.
 
 One at a time. It writes under the caller's lease; its status is the same wherever it runs.
 """
@@ -81,7 +82,8 @@ class Rollouts:
     async def start_task(
         self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
     ) -> TaskStatus | Refused:
-        """Run a named policy in a process of its own; for a robot of another host in this one. Returns at once."""
+        """Run a named policy in a process of its own; for a robot of another host in this one.
+        Returns at once."""
         async with self._writer.turn:
             refusal = await self._may_start("start_task")
             if refusal is not None:
@@ -99,8 +101,8 @@ class Rollouts:
         return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
 
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
-        """What was not answered in time must not be done late. The stop ends the lease that it would write under,
-        so that whatever began, or still begins, gets none."""
+        """What was not answered in time must not be done late. The stop ends the lease that it
+        would write under, so that whatever began, or still begins, gets none."""
         tasks.tell(StopTask())
         await self._hold()
         return Refused("timeout", f"start_task: {failure}; nothing of it will begin", "try again")
@@ -180,7 +182,8 @@ class Rollouts:
         return answer or await processes.make_safe(Reason.POLICY, processes.holder, False)
 
     async def end_overtaken(self) -> None:
-        """The lease is the caller's anew: a rollout from before has lost its own, whether it has noticed or not."""
+        """The lease is the caller's anew: a rollout from before has lost its own, whether it has
+        noticed or not."""
         if not (await self.task()).running:
             return
         tasks = self._processes.tasks

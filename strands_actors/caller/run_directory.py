@@ -1,8 +1,10 @@
-"""The directory where the robots of this user meet: sockets, and one note a robot on how to reach it.
+"""The directory where the robots of this user meet: sockets, and one note a robot on how to reach
+it.
 
-``$STRANDS_ACTORS_RUN``, else ``$XDG_RUNTIME_DIR/strands-actors``, else ``/tmp/strands-actors-<uid>``; for
-the user alone. A robot's name is its own for as long as a process holds its lock exclusively. Who looks whether one
-does tries a shared lock: when it gets that, the robot has ended.
+``$STRANDS_ACTORS_RUN``, else ``$XDG_RUNTIME_DIR/strands-actors``, else
+``/tmp/strands-actors-<uid>``; for the user alone. A robot's name is its own for as long as a
+process holds its lock exclusively. Who looks whether one does tries a shared lock: when it gets
+that, the robot has ended.
 """
 
 from __future__ import annotations
@@ -31,8 +33,8 @@ LOOK_S = 0.001
 
 
 class Note(msgspec.Struct):
-    """How to reach a robot's tree. ``problem``: why the note that lies there cannot be read; then the sockets are
-    those that it must have by its name."""
+    """How to reach a robot's tree. ``problem``: why the note that lies there cannot be read; then
+    the sockets are those that it must have by its name."""
 
     robot: str
     kind: str
@@ -65,8 +67,8 @@ def run_dir() -> Path:
 
 
 def data_dir() -> Path:
-    """What is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else ``$XDG_DATA_HOME/strands-actors``, else
-    ``~/.local/share/strands-actors``."""
+    """What is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else
+    ``$XDG_DATA_HOME/strands-actors``, else ``~/.local/share/strands-actors``."""
     named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
     if named:
         return Path(named)
@@ -155,8 +157,8 @@ def is_held(robot: str) -> bool:
 
 
 def notes() -> Iterator[Note]:
-    """The robots whose lock somebody holds; notes of others are removed. Raise ``OSError`` when the directory
-    cannot be used, and for no note in it."""
+    """The robots whose lock somebody holds; notes of others are removed. Raise ``OSError`` when the
+    directory cannot be used, and for no note in it."""
     directory = run_dir()
     for name in sorted(path.stem for path in directory.glob("*.json")):
         try:
@@ -197,6 +199,7 @@ def _is_endpoint(endpoint: str) -> bool:
 
 
 def _by_name(directory: Path, name: str, why: str) -> Note:
-    """Of a robot that runs and whose note says nothing: its sockets have their names all the same."""
+    """Of a robot that runs and whose note says nothing: its sockets have their names all the
+    same."""
     root, wire, mesh = (unix_endpoint(socket_path(directory, name, role)) for role in ("root", "wire", "mesh"))
     return Note(name, "unknown", 0, [root, wire], [mesh], f"its note {directory / name}.json cannot be read: {why}")

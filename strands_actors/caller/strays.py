@@ -1,7 +1,9 @@
-"""Trees that nobody can ask: their note or their sockets are gone, as when somebody cleared the run directory.
+"""Trees that nobody can ask: their note or their sockets are gone, as when somebody cleared the run
+directory.
 
-A root, and whatever was forked from it, shows its directory and name in the list of processes. That is how it is
-found; and it is stopped by its end, after which its wire makes the robot safe by itself. Linux alone tells.
+A root, and whatever was forked from it, shows its directory and name in the list of processes. That
+is how it is found; and it is stopped by its end, after which its wire makes the robot safe by
+itself. Linux alone tells.
 """
 
 from __future__ import annotations
@@ -35,8 +37,8 @@ def label_of(robot: str) -> str:
 
 
 def strays() -> list[Stray]:
-    """Of the robots that meet here: roots that no note tells of, and that do not just start. Nobody, where that
-    cannot be seen."""
+    """Of the robots that meet here: roots that no note tells of, and that do not just start.
+    Nobody, where that cannot be seen."""
     try:
         known = {note.robot: note.pid for note in notes()}
         labelled = dict(_labelled(label_of(""), standbys=False))
@@ -51,7 +53,8 @@ def strays() -> list[Stray]:
 
 
 def end(stray: Stray) -> bool:
-    """Kill the root. Whether all that was forked from it has ended since: its wire made the robot safe first."""
+    """Kill the root. Whether all that was forked from it has ended since: its wire made the robot
+    safe first."""
     try:
         fd = os.pidfd_open(stray.root)
     except ProcessLookupError:
@@ -75,8 +78,8 @@ def _is_gone(stray: Stray) -> bool:
 
 
 def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
-    """(pid, robot) of this user's processes whose label begins so. ``standbys``: those too, which make safe when
-    their root is gone, and must not be ended then."""
+    """(pid, robot) of this user's processes whose label begins so. ``standbys``: those too, which
+    make safe when their root is gone, and must not be ended then."""
     begin = prefix.encode()
     for entry in os.scandir("/proc"):
         if not entry.name.isdigit():

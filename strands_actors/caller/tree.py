@@ -1,7 +1,7 @@
 """The caller's end of one robot's tree, on trio: connects it, writes to it, stops it, resumes it.
 
-``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in ``_here`` is for any
-thread of the program but the loop's, and asks the gate from there.
+``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in
+``_here`` is for any thread of the program but the loop's, and asks the gate from there.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class RobotTree:
     # -- start and end
 
     async def connect(self, arm: bool = True) -> str | None:
-        """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is false: then
-        nothing is energised). None, or why not."""
+        """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is
+        false: then nothing is energised). None, or why not."""
         if self._processes.closed:
             return "connect: this robot was cleaned up. make a new one"
         try:
@@ -138,8 +138,8 @@ class RobotTree:
     # -- writing
 
     async def release(self) -> Refused | None:
-        """Give the lease up: others, on the mesh too, may then move the robot. A target that was latched is held.
-        The next command of ours takes the lease again, if nobody else has it."""
+        """Give the lease up: others, on the mesh too, may then move the robot. A target that was
+        latched is held. The next command of ours takes the lease again, if nobody else has it."""
         self._processes.require()
         refusal = await self.rollouts.refuse("release")
         if refusal is not None:
@@ -160,8 +160,8 @@ class RobotTree:
     async def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused:
-        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease. ``action``: a command
-        that is written first; when it is refused, so is the service."""
+        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease.
+        ``action``: a command that is written first; when it is refused, so is the service."""
         return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
 
     def perform_here(
@@ -182,7 +182,8 @@ class RobotTree:
     # -- stop and resume
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
-        """Make safe. When the wire does not answer, the root fences it and writes by its own path."""
+        """Make safe. When the wire does not answer, the root fences it and writes by its own
+        path."""
         stop = self._stopping(reason, lock)
         try:
             answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
@@ -212,8 +213,8 @@ class RobotTree:
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
-        """Lift a lockout, or start again what has died; energise at the measured position. No motion.
-        ``lift=False`` only energises: for who is no operator."""
+        """Lift a lockout, or start again what has died; energise at the measured position. No
+        motion. ``lift=False`` only energises: for who is no operator."""
         self._processes.require_open()
         async with self._starting:
             return await self._resume(lift)
@@ -236,7 +237,8 @@ class RobotTree:
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
 
     async def _energise(self, stops: int, lift: bool = True) -> Message | None:
-        """Have the gate arm, unless it was told to stop since (``stops``: how often it had been before)."""
+        """Have the gate arm, unless it was told to stop since (``stops``: how often it had been
+        before)."""
         if self._stops != stops:
             return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
         answer: Message | None = None
@@ -254,7 +256,8 @@ class RobotTree:
         return answer
 
     async def _watch_arming(self, asked: trio.CancelScope) -> None:
-        """A gate that dies takes the question with it: its successor, which does not arm, gives it away."""
+        """A gate that dies takes the question with it: its successor, which does not arm, gives it
+        away."""
         idle = 0
         while idle < 2:
             await trio.sleep(0.2)

@@ -1,4 +1,5 @@
-"""The processes of one robot's tree, as their caller has them: the twin's, where there is one, and the root."""
+"""The processes of one robot's tree, as their caller has them: the twin's, where there is one, and
+the root."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ from .twin_process import SIM, TwinProcessDown
 
 
 class TreeProcesses(Processes):
-    """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was started."""
+    """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was
+    started."""
 
     def __init__(self, node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> None:
         """``endpoint``: where ``node`` listens."""
@@ -62,7 +64,8 @@ class TreeProcesses(Processes):
     # -- start and end
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not start."""
+        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not
+        start."""
         require(FOR_ROBOT)
         plan = self.plan
         port = plan.port
@@ -120,7 +123,8 @@ class TreeProcesses(Processes):
                 arm_s=self.driver.timing.arm_s,
             )
         )
-        # Whom this one talks to is imported while the root does so, too: a third of what a script would wait for.
+        # Whom this one talks to is imported while the root does so, too: a third of what a script
+        # would wait for.
         from strands_actors.supervisors.gate.gate import Gate
         from strands_actors.supervisors.root.guardian import Guardian
         from strands_actors.supervisors.root.process import Root
@@ -238,7 +242,8 @@ class TreeProcesses(Processes):
         return answer if isinstance(answer, TreeReport) else None
 
     async def _answers(self) -> bool:
-        """Whether the root lives and still keeps a wire; once its restart budget is spent only a new tree helps."""
+        """Whether the root lives and still keeps a wire; once its restart budget is spent only a
+        new tree helps."""
         process = self._root_process
         if process is None or not process.alive:
             return False

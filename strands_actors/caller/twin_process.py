@@ -28,8 +28,8 @@ class TwinProcessDown(Exception):
 
 
 class TwinProcess:
-    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one; ``has_control``:
-    whether it can be simulated, too."""
+    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
+    ``has_control``: whether it can be simulated, too."""
 
     def __init__(self, twin: str, robot: str, has_control: bool = False) -> None:
         self.robot = robot

@@ -1,6 +1,8 @@
-"""The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents and MCP share.
+"""The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents
+and MCP share.
 
-They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope too.
+They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope
+too.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver, Observation, Reason
 from strands_actors.drivers import canonical_name
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
@@ -49,8 +51,8 @@ def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Ans
 
 
 def refuse_name(robot_name: object, plan: Plan, running_as: str) -> Answer | None:
-    """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the name
-    it runs by, and the names of its kind where it was given no name of its own."""
+    """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the
+    name it runs by, and the names of its kind where it was given no name of its own."""
     if robot_name is None or robot_name in (plan.tool_name, running_as):
         return None
     is_text = isinstance(robot_name, str) and robot_name
@@ -91,8 +93,8 @@ def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
 
 
 class Observing:
-    """Of one handle: observations as the drivers page has them. ``{}`` when there is none, and a line
-    in the log that says why, once for each reason."""
+    """Of one handle: observations as the drivers page has them. ``{}`` when there is none, and a
+    line in the log that says why, once for each reason."""
 
     def __init__(self) -> None:
         self._told = ""
@@ -146,8 +148,8 @@ async def release(tree: RobotTree) -> Answer:
 
 
 def require_service(handle: object, plan: Plan | None, name: str) -> None:
-    """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None while the handle
-    is not made yet."""
+    """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
+    while the handle is not made yet."""
     if plan is None or name not in plan.driver_class.SERVICES:
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
@@ -156,7 +158,7 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
-    if (reason := tree.driver.SERVICES[name].stops) is not None:
+    if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
@@ -164,10 +166,17 @@ async def service(
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
-    if (reason := tree.driver.SERVICES[name].stops) is not None:
+    if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
+
+
+def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
+    """Return the reason of a service that is an order to stop, else None. Unknown names are refused
+    later."""
+    known = tree.driver.SERVICES.get(name)
+    return None if known is None else known.stops
 
 
 def _performed(answer: Performed | Refused) -> Answer:
@@ -276,7 +285,8 @@ def _check_length(duration: object, n_steps: object, hz: object) -> None:
 
 
 def _choose_policy(policy: Any, policy_object: Any) -> Any:
-    """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there is none."""
+    """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there
+    is none."""
     if policy is not None and policy_object is not None:
         raise TypeError("policy and policy_object are both given. give one of them")
     chosen = policy if policy is not None else policy_object

@@ -1,4 +1,5 @@
-"""One caller's right to write to a robot: the lease, taken, kept alive and given up, and whose turn it is."""
+"""One caller's right to write to a robot: the lease, taken, kept alive and given up, and whose turn
+it is."""
 
 from __future__ import annotations
 
@@ -21,11 +22,12 @@ class Writer:
     """All methods belong to the trio loop of the tree."""
 
     def __init__(self, processes: Processes, liveness: Callable[[], tuple[bool, float]]) -> None:
-        """``liveness``: whether the caller's program lives, and how many seconds ago it last answered."""
+        """``liveness``: whether the caller's program lives, and how many seconds ago it last
+        answered."""
         self.lease: Lease | None = None
         self.turn = trio.Lock()
-        """One command of this caller at a time: the gate keeps the newest of those that wait, and each may take
-        the lease anew."""
+        """One command of this caller at a time: the gate keeps the newest of those that wait, and
+        each may take the lease anew."""
         self._processes = processes
         self._liveness = liveness
 

@@ -1,7 +1,7 @@
 """Axes as data: what a robot can be told, in which unit, and how far and how fast.
 
-Names, parsing, range and speed gates, the JSON of ``send_action``, tool schemas and dataset features are all
-derived from this one table. A driver declares parts; each part has axes.
+Names, parsing, range and speed gates, the JSON of ``send_action``, tool schemas and dataset
+features are all derived from this one table. A driver declares parts; each part has axes.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ class PartKind(enum.StrEnum):
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of an action. ``low``, ``high`` and ``speed`` are in ``unit``; ``speed`` is what the axis may
-    change in a second: its velocity, or of a velocity axis its acceleration; infinite: no limit."""
+    """One number of an action. ``low``, ``high`` and ``speed`` are in ``unit``; ``speed`` is what
+    the axis may change in a second: its velocity, or of a velocity axis its acceleration; infinite:
+    no limit."""
 
     key: str
     unit: str
@@ -79,8 +80,8 @@ def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
 
 
 def first_target(axes: Sequence[Axis], measured: Sequence[float]) -> tuple[float, ...]:
-    """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
-    jumps, and for velocity axes rest, so that nothing drives off."""
+    """Return the target from which a robot that was just armed goes on: the measured position, so
+    that nothing jumps, and for velocity axes rest, so that nothing drives off."""
     return tuple(
         axis.rest if axis.mode is AxisMode.VELOCITY else value for axis, value in zip(axes, measured, strict=True)
     )
@@ -95,8 +96,9 @@ def parse_action(
 ) -> tuple[tuple[float, ...], tuple[int, ...]] | Refused:
     """Return the whole target and the indices of the axes that ``action`` names.
 
-    ``x`` and ``x.pos`` name the same axis: not both at once. A position axis that is not named keeps its target,
-    a velocity axis that is not named rests. ``index``: position of each key in ``axes``.
+    ``x`` and ``x.pos`` name the same axis: not both at once. A position axis that is not named
+    keeps its target, a velocity axis that is not named rests. ``index``: position of each key in
+    ``axes``.
     """
     keys = ", ".join(index)
     if not action:
@@ -127,7 +129,8 @@ def parse_action(
 
 
 def finite(value: object) -> float | None:
-    """Return ``value`` as a finite float, else None: text, a bool, infinite, not a number, too large."""
+    """Return ``value`` as a finite float, else None: text, a bool, infinite, not a number, too
+    large."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

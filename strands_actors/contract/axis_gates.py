@@ -1,4 +1,5 @@
-"""Gates that follow from the table of axes: freshness, range and speed. Pure; nothing is ever clipped."""
+"""Gates that follow from the table of axes: freshness, range and speed. Pure; nothing is ever
+clipped."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ Axes = Sequence[Limited]
 def axis_gates(
     axes: Axes, state_ttl_s: float, *, oneshot_s: float | None = None, longest_s: float = 0.1
 ) -> tuple[GateCheck, ...]:
-    """Return the gates of a robot of axes, in the order in which they are asked: the first that refuses answers."""
+    """Return the gates of a robot of axes, in the order in which they are asked: the first that
+    refuses answers."""
     return (
         stale(axes, state_ttl_s),
         past_range(axes),
@@ -72,8 +74,8 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
 
 
 def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
-    """Refuse a target outside the range of its axis. ``rounding``: what numbers may lose on the way to the robot
-    and back, so that an axis at its end is within."""
+    """Refuse a target outside the range of its axis. ``rounding``: what numbers may lose on the way
+    to the robot and back, so that an axis at its end is within."""
     ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
@@ -110,10 +112,11 @@ def too_fast(
 ) -> GateCheck:
     """Refuse a step that the axis cannot follow.
 
-    A stream may step as far as the axis moves in its period, or since the last target that was accepted, times
-    ``tolerance``, since a period jitters; of a pause no more than ``longest_s`` counts, and nothing with
-    ``pause_counts`` off: for a controller that goes to each target in one period. A command on its own may step
-    as far as the axis moves in ``oneshot_s``; None: any distance, for a servo that limits its own speed.
+    A stream may step as far as the axis moves in its period, or since the last target that was
+    accepted, times ``tolerance``, since a period jitters; of a pause no more than ``longest_s``
+    counts, and nothing with ``pause_counts`` off: for a controller that goes to each target in one
+    period. A command on its own may step as far as the axis moves in ``oneshot_s``; None: any
+    distance, for a servo that limits its own speed.
     """
     speeds = tuple(axis.speed for axis in axes)
 
@@ -147,7 +150,8 @@ def too_fast(
 
 
 def show(value: float, unit: str, inwards: object = None) -> str:
-    """Return ``value`` with the digits of its unit; ``inwards`` (``math.floor`` or ``math.ceil``) rounds so."""
+    """Return ``value`` with the digits of its unit; ``inwards`` (``math.floor`` or ``math.ceil``)
+    rounds so."""
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     if not math.isfinite(value):
         return str(value)

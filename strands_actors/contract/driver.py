@@ -32,7 +32,8 @@ from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
 
 class Reason(enum.StrEnum):
-    """Why the robot is asked to be safe. A driver's table of fallbacks maps each to a safe state."""
+    """Why the robot is asked to be safe. A driver's table of fallbacks maps each to a safe
+    state."""
 
     EXPIRED = "expired"  # a streamed setpoint outlived its lifetime
     LEASE = "lease"  # the caller stopped answering
@@ -61,14 +62,16 @@ class Timing(msgspec.Struct, frozen=True):
     oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
     state_ttl_s: float = 0.3  # an observation older than this is no observation
     arm_s: float = 2.0  # longest time that ``Wire.arm`` may take
-    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's constructor keeps
-    # the interpreter's lock. So long the root waits before it calls the process frozen.
+    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for so long: an SDK's
+    # constructor keeps the interpreter's lock. So long the root waits before it calls the process
+    # frozen.
     silent_s: float = 0.0
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     heartbeat_ttl_s: float = 0.1  # without a heartbeat for so long, the other process counts as frozen
     realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
-    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a heartbeat: it is
-    # announced to the watchdog, and who takes longer counts as frozen. 0: they wait less than a heartbeat.
+    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a
+    # heartbeat: it is announced to the watchdog, and who takes longer counts as frozen. 0: they
+    # wait less than a heartbeat.
     call_s: float = 0.0
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
@@ -76,18 +79,20 @@ class Timing(msgspec.Struct, frozen=True):
 
 
 class Service(msgspec.Struct, frozen=True):
-    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name to default."""
+    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name
+    to default."""
 
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
     in_motion: bool = False  # may be asked for while a target stands
-    # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it began is live as a
-    # latched setpoint is, until a stop or the end of the lease. An older target is not sent again.
+    # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it
+    # began is live as a latched setpoint is, until a stop or the end of the lease. An older target
+    # is not sent again.
     moves: bool = False
-    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does: never refused,
-    # ahead of everything, and carried out by whoever is left.
+    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does:
+    # never refused, ahead of everything, and carried out by whoever is left.
     stops: Reason | None = None
 
 
@@ -123,28 +128,33 @@ class Permit(Protocol):
 
 
 class PermitDenied(Exception):
-    """The setpoint may not be written any more. Not an error of the wire; caught by the transport."""
+    """The setpoint may not be written any more. Not an error of the wire; caught by the
+    transport."""
 
 
 class WireDown(Exception):
-    """The wire cannot be used: not there, closed, or not answering. The text says what and what to do."""
+    """The wire cannot be used: not there, closed, or not answering. The text says what and what to
+    do."""
 
 
 class ProcessSpent(Exception):
-    """Only a new process can use this wire again: the SDK in this one hangs, or cannot be closed. Any call of a
-    ``Wire`` but ``make_safe`` may raise it. The root ends the process, makes the robot safe by its stop channel and
-    starts another; that is no failure of the tree. The text says why."""
+    """Only a new process can use this wire again: the SDK in this one hangs, or cannot be closed.
+    Any call of a ``Wire`` but ``make_safe`` may raise it. The root ends the process, makes the
+    robot safe by its stop channel and starts another; that is no failure of the tree. The text says
+    why."""
 
 
 class Wire(ABC):
     """All I/O of one robot's wire. Calls never overlap, but for ``serve`` and ``perform``.
 
-    A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's bound. A call
-    that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short deadline of its own."""
+    A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's
+    bound. A call that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short
+    deadline of its own."""
 
     interruptible: ClassVar[bool] = False
-    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land, settle), may be
-    cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes on with what it was told."""
+    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land,
+    settle), may be cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes
+    on with what it was told."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
@@ -153,56 +163,62 @@ class Wire(ABC):
 
     @abstractmethod
     async def arm(self, permit: Permit) -> Observation:
-        """Energise without a jump: goal := measured position first, then torque. ``permit.check()`` before
-        each motor is energised: a stop during bring-up wins. Return what was measured. Raise ``WireDown``;
-        what was energised before a failure the caller makes safe."""
+        """Energise without a jump: goal := measured position first, then torque. ``permit.check()``
+        before each motor is energised: a stop during bring-up wins. Return what was measured. Raise
+        ``WireDown``; what was energised before a failure the caller makes safe."""
 
     @abstractmethod
     async def read(self) -> Observation:
-        """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise ``WireDown``
-        only when the link itself is gone."""
+        """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise
+        ``WireDown`` only when the link itself is gone."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest sample for ``read``.
+        """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest
+        sample for ``read``.
 
-        Started after ``open``; ``started`` once the first ``read`` may come. Cancelled before ``close``; may return
-        when there is nothing to keep up. It writes no setpoint that ``write`` was not given, and none after
-        ``make_safe``. Raise ``WireDown`` when the link is gone, ``ProcessSpent`` as elsewhere."""
+        Started after ``open``; ``started`` once the first ``read`` may come. Cancelled before
+        ``close``; may return when there is nothing to keep up. It writes no setpoint that ``write``
+        was not given, and none after ``make_safe``. Raise ``WireDown`` when the link is gone,
+        ``ProcessSpent`` as elsewhere."""
         task_status.started()
 
     async def feed(self) -> None:  # noqa: B027  # most firmware has no watchdog to feed
-        """Feed the firmware's own watchdog, where it has one that setpoints alone do not feed. Called once per
-        control period, only when the gate and the transport have answered in this period. Raise ``WireDown``."""
+        """Feed the firmware's own watchdog, where it has one that setpoints alone do not feed.
+        Called once per control period, only when the gate and the transport have answered in this
+        period. Raise ``WireDown``."""
 
     @property
     def prompt(self) -> bool:
-        """Whether ``read`` and ``write`` would return now without waiting: the wire takes what has arrived, and
-        sends datagrams. Then no task is woken for them."""
+        """Whether ``read`` and ``write`` would return now without waiting: the wire takes what has
+        arrived, and sends datagrams. Then no task is woken for them."""
         return False
 
     @abstractmethod
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing before the bytes
-        leave, after any wait. Raise ``WireDown``."""
+        """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing
+        before the bytes leave, after any wait. Raise ``WireDown``."""
 
     @abstractmethod
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """Bring every motor to ``safe_state``. The first safe frame leaves before the first wait; every motor is
-        tried; each is reported as confirmed or not. Never raises: a dead link is a report of failures."""
+        """Bring every motor to ``safe_state``. The first safe frame leaves before the first wait;
+        every motor is tried; each is reported as confirmed or not. Never raises: a dead link is a
+        report of failures."""
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or closed), or before
-        it was ever up. Write to all that can still be written: what is open first, then a port or connection
-        opened for this. The first safe frame leaves before anything is asked, and needs no answer; only where the
-        frame itself could move the robot it asks first. Leave nothing open that would keep another wire from
-        opening. Never raises; may be cancelled wherever it waits; is called again until all motors confirm.
+        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or
+        closed), or before it was ever up. Write to all that can still be written: what is open
+        first, then a port or connection opened for this. The first safe frame leaves before
+        anything is asked, and needs no answer; only where the frame itself could move the robot it
+        asks first. Leave nothing open that would keep another wire from opening. Never raises; may
+        be cancelled wherever it waits; is called again until all motors confirm.
 
-        Default: nothing of its own, and the stop channel (``Driver.stop_channel`` without descriptors) is used."""
+        Default: nothing of its own, and the stop channel (``Driver.stop_channel`` without
+        descriptors) is used."""
         return ()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a stop cancels it.
-        ``permit.check()`` before each write. Raise ``WireDown``."""
+        """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a
+        stop cancels it. ``permit.check()`` before each write. Raise ``WireDown``."""
         raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
 
     def handover(self) -> Sequence[int]:
@@ -215,15 +231,16 @@ class Wire(ABC):
 
 
 class StopChannel(ABC):
-    """The root's own way to the hardware. Used only after the wire process has been fenced, and closed before
-    the wire is started again; by the wire process itself when its link is lost. Making one must not raise. It may
-    be asked to make safe again and again, until every motor has confirmed: what it was given may be dead, so it
-    finds the robot anew each time."""
+    """The root's own way to the hardware. Used only after the wire process has been fenced, and
+    closed before the wire is started again; by the wire process itself when its link is lost.
+    Making one must not raise. It may be asked to make safe again and again, until every motor has
+    confirmed: what it was given may be dead, so it finds the robot anew each time."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """What has to be done before the path is needed, and kept up until it is: discovery, a session.
-        ``started`` once it could be used at once; the wire does not count as up before. Runs until it is
-        cancelled, before ``close``, or returns when there is nothing to keep up. Raise ``WireDown``."""
+        """What has to be done before the path is needed, and kept up until it is: discovery, a
+        session. ``started`` once it could be used at once; the wire does not count as up before.
+        Runs until it is cancelled, before ``close``, or returns when there is nothing to keep up.
+        Raise ``WireDown``."""
         task_status.started()
 
     @abstractmethod
@@ -264,7 +281,8 @@ ConditionCheck = Callable[[Observation, int], Refused | None]
 class Condition(msgspec.Struct, frozen=True):
     """What must be true of the robot, whatever it is told, and what is done when it no longer is.
 
-    Each has a fallback of its own: a drone with a low battery lands, one whose link is weak hovers."""
+    Each has a fallback of its own: a drone with a low battery lands, one whose link is weak
+    hovers."""
 
     check: ConditionCheck
     reason: Reason = Reason.FAULT
@@ -283,7 +301,8 @@ class Driver(ABC):
     """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     WIRE: ClassVar[str] = ""
-    """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process imports it."""
+    """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process
+    imports it."""
     STOP_CHANNEL: ClassVar[str] = ""
     """``module:class`` of the stop channel, made as ``class(config, descriptors, clock)``."""
     TWIN: ClassVar[str]
@@ -308,21 +327,24 @@ class Driver(ABC):
     SERVICES: ClassVar[Mapping[str, Service]] = {}
     """What this robot can do beyond the common verbs: methods of its handle, by name."""
     BEFORE_MOTION: ClassVar[str] = ""
-    """Which of them must have been done, after each resume, before the robot takes commands: take off, stand up.
-    Empty: none. A drill and the kill matrix do it, too."""
+    """Which of them must have been done, after each resume, before the robot takes commands: take
+    off, stand up. Empty: none. A drill and the kill matrix do it, too."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
     """What an agent, an MCP client or a command from the mesh may ask."""
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
-    """What the robot has beyond its axes, and where it is published; the rest of what is read is in ``health``."""
+    """What the robot has beyond its axes, and where it is published; the rest of what is read is in
+    ``health``."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop
     never needs one, nor does a zero of a velocity axis."""
     TOPICS: ClassVar[Mapping[str, str]] = {}
-    """Guarded keys that go out on a ROS topic, and which: who has approved the topic has approved them."""
+    """Guarded keys that go out on a ROS topic, and which: who has approved the topic has approved
+    them."""
 
     robot: str
     parts: tuple[Part, ...] = ()
-    """The axes as data. ``declare`` takes them; a driver of another kind sets ``axes`` and ``ids`` itself."""
+    """The axes as data. ``declare`` takes them; a driver of another kind sets ``axes`` and ``ids``
+    itself."""
     axes: tuple[str, ...]
     ids: tuple[int, ...]  # motor id per axis
     table: tuple[Axis, ...] = ()
@@ -332,22 +354,24 @@ class Driver(ABC):
     firmware_watchdog: str  # what the firmware does alone when all of us are gone
     bound_s: float = 0.05  # published: from a death to the safe frame
     config: Any
-    """What ``WIRE`` and ``STOP_CHANNEL`` know of the robot: a frozen struct. Neither is given the driver itself."""
+    """What ``WIRE`` and ``STOP_CHANNEL`` know of the robot: a frozen struct. Neither is given the
+    driver itself."""
     gates: tuple[GateCheck, ...]
     conditions: tuple[Condition, ...] = ()
-    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them refuses. Those
-    that are ``always`` looked at also end a hold."""
+    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them
+    refuses. Those that are ``always`` looked at also end a hold."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Runs once, in the caller: check keywords, read files, return plain options for ``__init__``.
-        Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        """Runs once, in the caller: check keywords, read files, return plain options for
+        ``__init__``. Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
         return dict(options)
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Runs in the caller, before the tree is started: return the options with what only the robot, or a process
-        that may be killed, can tell. Asked again, it changes nothing. Raise ``WireDown``."""
+        """Runs in the caller, before the tree is started: return the options with what only the
+        robot, or a process that may be killed, can tell. Asked again, it changes nothing. Raise
+        ``WireDown``."""
         return dict(options)
 
     @abstractmethod
@@ -362,23 +386,26 @@ class Driver(ABC):
         self._index = {key: at for at, key in enumerate(self.axes)}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target: position axes that are not named keep ``state.target``, velocity axes rest."""
+        """Return the whole target: position axes that are not named keep ``state.target``, velocity
+        axes rest."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the keys of an action that may need approval: all but velocities at rest, which stop the robot."""
+        """Return the keys of an action that may need approval: all but velocities at rest, which
+        stop the robot."""
         at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
         keys = ((key, str(key).removesuffix(".pos")) for key in action)
         return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the target from which a robot that was just armed goes on: the measured position, so that nothing
-        jumps, and rest for velocity axes, so that nothing drives off."""
+        """Return the target from which a robot that was just armed goes on: the measured position,
+        so that nothing jumps, and rest for velocity axes, so that nothing drives off."""
         return first_target(self.table, observation.position) if self.parts else observation.position
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are some."""
+        """Pure. Only names and arguments that ``SERVICES`` declares pass, and counts that are
+        some."""
         known = self.SERVICES.get(service)
         if known is None:
             names = ", ".join(self.SERVICES) or "none"
@@ -399,13 +426,14 @@ class Driver(ABC):
         return None
 
     def preload(self) -> None:
-        """Import what ``stop_channel`` needs. Called in the root and in the wire process before they begin to beat:
-        on a busy machine an import takes longer than they may be silent."""
+        """Import what ``stop_channel`` needs. Called in the root and in the wire process before
+        they begin to beat: on a busy machine an import takes longer than they may be silent."""
         if self.STOP_CHANNEL:
             load(self.STOP_CHANNEL)
 
     def preload_wire(self) -> None:
-        """Import what ``open_wire`` needs. Called in the wire process alone: the root is spared SDKs."""
+        """Import what ``open_wire`` needs. Called in the wire process alone: the root is spared
+        SDKs."""
         if self.WIRE:
             load(self.WIRE)
 
@@ -415,8 +443,9 @@ class Driver(ABC):
         return wire
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors`` empty: nothing
-        was handed over, or it was closed since; then the path opens what it needs by itself, when it is used."""
+        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors``
+        empty: nothing was handed over, or it was closed since; then the path opens what it needs by
+        itself, when it is used."""
         channel: StopChannel = load(self.STOP_CHANNEL)(self.config, descriptors, clock)
         return channel
 
@@ -431,18 +460,18 @@ class Driver(ABC):
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the twin's model,
-        radians or metres. Default: the same."""
+        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the
+        twin's model, radians or metres. Default: the same."""
         return ((0.0, 1.0),) * len(self.axes)
 
     def travel(self) -> dict[str, tuple[float, float]]:
-        """Each axis' range as its calibration found it, in the driver's units, lower end first. Empty when there is
-        no calibration; default: there is none."""
+        """Each axis' range as its calibration found it, in the driver's units, lower end first.
+        Empty when there is no calibration; default: there is none."""
         return {}
 
     def energised(self, safe_state: str) -> bool:
-        """Return whether the robot stays ready in this state, so that the next setpoint moves it again: motors keep
-        torque, or a base stands at velocity zero."""
+        """Return whether the robot stays ready in this state, so that the next setpoint moves it
+        again: motors keep torque, or a base stands at velocity zero."""
         return safe_state in ("hold", "zero")
 
 

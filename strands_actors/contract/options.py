@@ -1,4 +1,5 @@
-"""Constructor keywords of a driver as a msgspec struct: types, ranges and meanings stand once, in the annotation.
+"""Constructor keywords of a driver as a msgspec struct: types, ranges and meanings stand once, in
+the annotation.
 
 ::
 
@@ -28,8 +29,8 @@ Options = TypeVar("Options", bound=DriverOptions)
 
 
 def option(about: str, *, secret: bool = False, **constraints: Any) -> msgspec.Meta:
-    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length`` ... A value
-    that is ``secret`` is never shown, recorded or hashed."""
+    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``,
+    ``min_length`` ... A value that is ``secret`` is never shown, recorded or hashed."""
     return msgspec.Meta(description=about, extra={"secret": secret}, **constraints)
 
 
@@ -54,8 +55,8 @@ def meanings(options: type[DriverOptions]) -> dict[str, str]:
 
 
 def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
-    """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the nearest, and
-    ``ValueError`` for a value that is not accepted, with what would be."""
+    """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the
+    nearest, and ``ValueError`` for a value that is not accepted, with what would be."""
     known = [field.encode_name for field in msgspec.structs.fields(options)]
     wanted = {name: value for name, value in given.items() if name in known or name not in ALWAYS}
     if unknown := [name for name in wanted if name not in known]:

@@ -1,7 +1,7 @@
 """The safe states a robot can be brought to, in order of severity, and which reason leads to which.
 
-A later member gives up more than an earlier one. An order to be safe is never answered by an earlier state than
-the one that was asked for.
+A later member gives up more than an earlier one. An order to be safe is never answered by an
+earlier state than the one that was asked for.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ _ORDER = {state: at for at, state in enumerate(SafeState)}
 
 
 def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> None:
-    """Check that each reason leads to a safe state. Raise ``ValueError`` that names what is missing or misspelt."""
+    """Check that each reason leads to a safe state. Raise ``ValueError`` that names what is missing
+    or misspelt."""
     if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
         raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
     known = [str(state) for state in SafeState]

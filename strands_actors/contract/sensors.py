@@ -1,7 +1,9 @@
-"""Sensors that a robot has, as its driver declares them: what is published on which topic, under which field.
+"""Sensors that a robot has, as its driver declares them: what is published on which topic, under
+which field.
 
-What is not declared is not published there; it still stands in ``health``. Field names are those of the reference's
-subscribers (``rpy``, ``gyro``, ``accel``; ``pct``), so that a program written for them reads every robot.
+What is not declared is not published there; it still stands in ``health``. Field names are those of
+the reference's subscribers (``rpy``, ``gyro``, ``accel``; ``pct``), so that a program written for
+them reads every robot.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class Sensor(msgspec.Struct, frozen=True):
             raise ValueError(f"sensor: no topic {self.topic!r}. Use one of {', '.join(TOPICS_HZ)}")
 
     def read(self, sensors: Mapping[str, Row]) -> dict[str, float | list[float | None] | None]:
-        """Return what the robot reports now, by field: a number, or a list of several; unknown numbers are None."""
+        """Return what the robot reports now, by field: a number, or a list of several; unknown
+        numbers are None."""
         told: dict[str, float | list[float | None] | None] = {}
         for field, name in self.fields.items():
             row = sensors.get(name)

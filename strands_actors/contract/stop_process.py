@@ -22,6 +22,7 @@ import msgspec
 import trio
 
 from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.processes.identity import take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from .driver import MotorReport, StopChannel, WireDown
@@ -228,6 +229,7 @@ class _Frames:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     _end_with_parent(args["parent"])
+    take_name(args["channel"].rpartition(":")[2], "stop")
     config = msgspec.convert(args["config"], load(args["config_class"]))
     channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
     trio.run(_answer, channel, _Frames(sock))

@@ -1,7 +1,8 @@
-"""What those who are not the robot's own program may ask of it: an agent, an MCP client, a command from the mesh.
+"""What those who are not the robot's own program may ask of it: an agent, an MCP client, a command
+from the mesh.
 
-A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of seven things that every
-robot knows; what differs is its name, its inputs and the action they make.
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of seven
+things that every robot knows; what differs is its name, its inputs and the action they make.
 """
 
 from __future__ import annotations

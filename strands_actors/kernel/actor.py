@@ -1,13 +1,14 @@
 """An actor: state that only its own ``receive`` touches, one message at a time.
 
-The annotation of ``receive`` *is* the protocol: the kernel reads the union from it, builds the decoder
-of the inbox, and answers anything else with a typed refusal, never with an exception in the actor::
+The annotation of ``receive`` *is* the protocol: the kernel reads the union from it, builds the
+decoder of the inbox, and answers anything else with a typed refusal, never with an exception in the
+actor::
 
     class Gate(Actor):
         def receive(self, message: Setpoint | Stop) -> Accepted | Refused | StopReport: ...
 
-A synchronous ``receive`` is the fast path; an asynchronous one may wait. An answer that is not known yet
-is given later: return ``self.context.defer()`` and ``send`` on what it holds.
+A synchronous ``receive`` is the fast path; an asynchronous one may wait. An answer that is not
+known yet is given later: return ``self.context.defer()`` and ``send`` on what it holds.
 """
 
 from __future__ import annotations
@@ -61,8 +62,9 @@ class Actor:
         raise NotImplementedError
 
     def is_prompt(self, message: Any) -> bool:
-        """Of an actor whose ``receive`` is asynchronous: whether it would return now without waiting for anything.
-        Such a message can be handled in the turn of whoever sent it (``dispatch``)."""
+        """Of an actor whose ``receive`` is asynchronous: whether it would return now without
+        waiting for anything. Such a message can be handled in the turn of whoever sent it
+        (``dispatch``)."""
         return False
 
 
@@ -77,8 +79,9 @@ class Context:
         self.address = cell.address
         self.reply: ReplyTo | None = None
         self.received_ns = self.clock.now_ns()
-        """When the present message was taken up; before the first one, when this incarnation began. A handler
-        that reads the time here and nowhere else is a function of its state, the message and this."""
+        """When the present message was taken up; before the first one, when this incarnation began.
+        A handler that reads the time here and nowhere else is a function of its state, the message
+        and this."""
         self.deferrals = 0
 
     @property
@@ -100,7 +103,8 @@ class Context:
         return Deferred(self.reply, self, self.deferrals)
 
     def saw(self, value: object) -> None:
-        """For a recorder: what a handler has just read of the world beside its message, or written into it."""
+        """For a recorder: what a handler has just read of the world beside its message, or written
+        into it."""
         if (instrument := self.node.instrument) is not None:
             instrument.saw(self.address, value)
 
@@ -119,8 +123,9 @@ class Context:
 
     @contextlib.contextmanager
     def until_urgent(self) -> Iterator[None]:
-        """Leave the block, wherever it waits, when an urgent message comes for this actor: a handler that waits for
-        a slow robot does not keep a stop waiting. What the block assigns may then be missing."""
+        """Leave the block, wherever it waits, when an urgent message comes for this actor: a
+        handler that waits for a slow robot does not keep a stop waiting. What the block assigns may
+        then be missing."""
         mailbox = self._cell.mailbox
         with trio.CancelScope() as scope:
             mailbox.on_urgent = scope.cancel
@@ -132,7 +137,8 @@ class Context:
                 mailbox.on_urgent = None
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Ticker:
-        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is given back."""
+        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is
+        given back."""
         put, dispatch, address = self._cell.mailbox.put, self.node.dispatch, self.address
 
         def tick(now_ns: int) -> None:
@@ -222,7 +228,8 @@ class Cell:
         self.mailbox.wake()
 
     def work(self, until_ns: int) -> bool:
-        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor raises."""
+        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor
+        raises."""
         urgent, queue = self.mailbox.urgent, self.mailbox.queue
         now_ns, instrument = self.node.clock.now_ns, self.node.instrument
         context, receive = self.actor.context, self.actor.receive

@@ -66,8 +66,8 @@ class Answer:
 
 
 class Deadlines:
-    """Asks of one duration expire in the order they were made: a queue per duration, one sweeper task.
-    (``trio.fail_after`` around each ask costs twice the ask.)"""
+    """Asks of one duration expire in the order they were made: a queue per duration, one sweeper
+    task. (``trio.fail_after`` around each ask costs twice the ask.)"""
 
     def __init__(self) -> None:
         self._queues: dict[float, deque[Answer]] = {}

@@ -38,8 +38,8 @@ class Clock(Protocol):
         ...
 
     def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
-        """Yield now_ns once per period. Ticks that were missed are skipped, never made up for. Who leaves
-        the loop before he is cancelled closes it (``contextlib.aclosing``)."""
+        """Yield now_ns once per period. Ticks that were missed are skipped, never made up for. Who
+        leaves the loop before he is cancelled closes it (``contextlib.aclosing``)."""
         ...
 
 
@@ -92,7 +92,8 @@ _TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
 def _timerfd(period_s: float) -> int | None:
-    """A periodic timerfd, or None where the system has none. ctypes: the os module has it from 3.13 on."""
+    """A periodic timerfd, or None where the system has none. ctypes: the os module has it from 3.13
+    on."""
     if not sys.platform.startswith("linux"):
         return None
     libc = ctypes.CDLL(None, use_errno=True)

@@ -1,8 +1,8 @@
 """What travels between nodes: one frame format for links and meshes.
 
 A frame is a msgpack array ``[to, kind, cid, sender, reply_to, body]``. The body stays raw until the
-receiving actor's own decoder reads it, so a frame for nobody, or with a body of the wrong type, costs
-nothing but a refusal.
+receiving actor's own decoder reads it, so a frame for nobody, or with a body of the wrong type,
+costs nothing but a refusal.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Whose turn it is: who runs in a node's loop also runs the idle actors that it has just given mail.
+"""Whose turn it is: who runs in a node's loop also runs the idle actors that it has just given
+mail.
 
 One pass of trio's scheduler costs more than most messages (4 us and a system call against 1). A setpoint goes
 through three actors and a keepalive through four, 500 times a second; so a message to an actor that waits does
@@ -6,8 +7,8 @@ not wake the actor's own task, but is handled in its place, at the end of the tu
 sender's handler has returned. What an actor sees is the same: one message at a time, in the same order, never
 from within a handler; and what it raises is its own.
 
-Only handlers that wait for nothing are run so: synchronous ones, and what an actor calls prompt. A turn gives
-way after ``LONGEST_NS`` or ``BURST``: who still has mail is woken.
+Only handlers that wait for nothing are run so: synchronous ones, and what an actor calls prompt. A
+turn gives way after ``LONGEST_NS`` or ``BURST``: who still has mail is woken.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class Worker(Protocol):
     """An actor as a turn sees it."""
 
     def help(self, until_ns: int) -> bool:
-        """Handle what is there, until ``until_ns``; whether that was all. Raises nothing of the actor's own."""
+        """Handle what is there, until ``until_ns``; whether that was all. Raises nothing of the
+        actor's own."""
         ...
 
     def wake(self) -> None:
@@ -84,8 +86,8 @@ class InlineDispatch:
 
     @types.coroutine
     def of(self, handler: Coroutine[Any, Any, Any]) -> Generator[Any, Any, Any]:
-        """Await ``handler``: what it runs in one go is a turn. When it waits, who got mail is woken instead of
-        helped: among them may be who ends its wait, which trio does not know of yet."""
+        """Await ``handler``: what it runs in one go is a turn. When it waits, who got mail is woken
+        instead of helped: among them may be who ends its wait, which trio does not know of yet."""
         resume, value = handler.send, None
         while True:
             self._depth += 1

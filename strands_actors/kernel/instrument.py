@@ -1,6 +1,7 @@
 """What a recorder is told of the actors of a node. While there is none, all it costs is an ``if``.
 
-An instrument is called from inside the handlers: it notes and returns. It does not wait, encode or raise.
+An instrument is called from inside the handlers: it notes and returns. It does not wait, encode or
+raise.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from .messages import Message, Refused
 
 
 class Instrument(Protocol):
-    """Set as ``Node.instrument``. Addresses are those of actors of the node, messages are frozen."""
+    """Set as ``Node.instrument``. Addresses are those of actors of the node, messages are
+    frozen."""
 
     def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
-        """An actor takes a message up; what follows of the same actor is what it makes of it. ``asked``: somebody
-        waits for the answer."""
+        """An actor takes a message up; what follows of the same actor is what it makes of it.
+        ``asked``: somebody waits for the answer."""
         ...
 
     def answered(self, address: str, answer: Message | None) -> None: ...

@@ -1,9 +1,10 @@
 """The mailbox: one reader, many senders, three lanes.
 
-``put`` never waits, so messages of one sender arrive in the order sent. Urgent messages are looked at
-before *each* other message: a stop waits for at most the one handler that runs (12 us measured behind
-10 000 queued messages, against 242 ms in a plain queue). ``latest`` messages occupy one place per sender
-and type, whose content is replaced: a slow reader sees the newest setpoint, never a backlog.
+``put`` never waits, so messages of one sender arrive in the order sent. Urgent messages are looked
+at before *each* other message: a stop waits for at most the one handler that runs (12 us measured
+behind 10 000 queued messages, against 242 ms in a plain queue). ``latest`` messages occupy one
+place per sender and type, whose content is replaced: a slow reader sees the newest setpoint, never
+a backlog.
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ SUPERSEDED = Refused("superseded", "a newer message of the same sender took this
 
 
 class Mailbox:
-    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a mesh.
+    """Lanes and a single waiter. Not thread-safe: other threads and processes come in through a
+    mesh.
 
-    ``offer``: called when a message comes while the reader waits; True: it will be read without waking the reader,
-    or the reader woken after all."""
+    ``offer``: called when a message comes while the reader waits; True: it will be read without
+    waking the reader, or the reader woken after all."""
 
     __slots__ = ("_offer", "_slots", "_waiter", "capacity", "conflated", "idle", "on_urgent", "queue", "urgent")
 
@@ -70,7 +72,8 @@ class Mailbox:
         self._slots: dict[tuple[str, type], Slot] = {}
         self._waiter: trio.lowlevel.Task | None = None
         self.on_urgent: Callable[[], object] | None = None
-        """Called when an urgent message comes while a handler runs: ``Context.until_urgent`` sets it."""
+        """Called when an urgent message comes while a handler runs: ``Context.until_urgent`` sets
+        it."""
 
     def __len__(self) -> int:
         return len(self.urgent) + len(self.queue)
@@ -123,7 +126,8 @@ class Mailbox:
         return slot
 
     def take_up(self) -> bool:
-        """What was offered is taken up now. Whether the reader waits, so that somebody may read in its place."""
+        """What was offered is taken up now. Whether the reader waits, so that somebody may read in
+        its place."""
         self.idle = self._waiter is not None
         return self.idle
 

@@ -67,7 +67,8 @@ class Router:
         self.instrument: Instrument | None = None
         """Told what the actors of this node do, while somebody records them."""
         self.linked: frozenset[str] = frozenset()
-        """Addresses that are reached by a link or not at all: on a mesh anybody could claim them."""
+        """Addresses that are reached by a link or not at all: on a mesh anybody could claim
+        them."""
         self._links: set[Way] = set()
         self._routes: dict[str, Way] = {}
         self._watchers: dict[str, set[str]] = {}

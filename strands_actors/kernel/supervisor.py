@@ -1,7 +1,7 @@
 """Supervision: what is started again when a child ends, and when to stop trying.
 
-A child is an async function that says ``task_status.started()`` once it is up and then runs until it is
-cancelled. What it *is* (an actor, a process, another supervisor) does not matter here.
+A child is an async function that says ``task_status.started()`` once it is up and then runs until
+it is cancelled. What it *is* (an actor, a process, another supervisor) does not matter here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class BudgetSpent(Exception):
 
 @dataclass(frozen=True)
 class ChildSpec:
-    """``permanent``: always restarted; ``transient``: only after a failure; ``temporary``: never."""
+    """``permanent``: always restarted; ``transient``: only after a failure; ``temporary``:
+    never."""
 
     name: str
     run: Callable[..., Awaitable[None]]
@@ -38,8 +39,8 @@ class ChildSpec:
 
 @dataclass(frozen=True)
 class Budget:
-    """At most ``restarts`` within ``within_s``; the pause before each restart doubles from ``backoff_s``
-    while failures follow each other within ``within_s``."""
+    """At most ``restarts`` within ``within_s``; the pause before each restart doubles from
+    ``backoff_s`` while failures follow each other within ``within_s``."""
 
     restarts: int = 3
     within_s: float = 5.0
@@ -80,7 +81,8 @@ class Supervisor:
         return {child.spec.name: max(0, child.starts - 1) for child in self._children}
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Raise ``BudgetSpent`` when a child keeps failing; return when every child has ended for good."""
+        """Raise ``BudgetSpent`` when a child keeps failing; return when every child has ended for
+        good."""
         self._ended, ended = trio.open_memory_channel[_End](float("inf"))
         async with trio.open_nursery() as nursery:
             try:
@@ -92,7 +94,8 @@ class Supervisor:
                 await self._stop(self._children)
 
     async def _supervise(self, nursery: trio.Nursery, ended: trio.MemoryReceiveChannel[_End]) -> None:
-        # Ends are counted, not looked up: several children may have ended before the first is dealt with.
+        # Ends are counted, not looked up: several children may have ended before the first is dealt
+        # with.
         while self._running:
             child, scope, error = await ended.receive()
             self._running -= 1
@@ -143,7 +146,8 @@ class Supervisor:
         await up.event.wait()
 
     async def _run_child(self, child: _Child, scope: trio.CancelScope, done: trio.Event, up: _Up) -> None:
-        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse order.
+        # Shielded: when the supervisor is cancelled its children are stopped one by one, in reverse
+        # order.
         error: BaseException | None = None
         try:
             with scope:
@@ -169,7 +173,8 @@ _End = tuple[_Child, trio.CancelScope, BaseException | None]
 
 
 class _Up:
-    """A child's ``task_status``. One that fails before it is up lets its supervisor go on to decide."""
+    """A child's ``task_status``. One that fails before it is up lets its supervisor go on to
+    decide."""
 
     def __init__(self) -> None:
         self.event = trio.Event()

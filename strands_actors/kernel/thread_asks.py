@@ -1,7 +1,9 @@
-"""A thread without a loop asks an actor of another process over the mesh, and is woken by the answer itself.
+"""A thread without a loop asks an actor of another process over the mesh, and is woken by the
+answer itself.
 
-A verb that goes by the loop of its process wakes a thread there and is woken in turn. Here the thread that calls
-puts its question on zenoh, and zenoh's own thread that brings the answer releases it.
+A verb that goes by the loop of its process wakes a thread there and is woken in turn. Here the
+thread that calls puts its question on zenoh, and zenoh's own thread that brings the answer releases
+it.
 """
 
 from __future__ import annotations
@@ -32,8 +34,9 @@ class _Waiting:
 
 
 class ThreadAsks:
-    """The questions of one process's threads. ``reply_to``: the key on which answers come, all of them; who waits
-    for which is told by its number, so that an answer that comes too late is nobody's.
+    """The questions of one process's threads. ``reply_to``: the key on which answers come, all of
+    them; who waits for which is told by its number, so that an answer that comes too late is
+    nobody's.
 
     All methods are of any thread."""
 
@@ -53,8 +56,8 @@ class ThreadAsks:
         decode: Callable[[msgspec.Raw], Message | None],
         deadline_s: float,
     ) -> Message | None:
-        """Send by ``put`` (address, frame; False: nobody is there) and wait. Raise ``AskTimeout``, or
-        ``Unreachable``. A refusal is an answer."""
+        """Send by ``put`` (address, frame; False: nobody is there) and wait. Raise ``AskTimeout``,
+        or ``Unreachable``. A refusal is an answer."""
         if self._pid != os.getpid():
             raise Unreachable("this process was forked from the one that opened the robot. open it here anew")
         cid = next(self._cids)

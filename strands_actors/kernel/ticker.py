@@ -1,9 +1,9 @@
 """A ticker that stands back while something else brings its ticks.
 
-A wake-up with nothing to do costs a process more than what is done at most ticks. Where messages come as often as
-a ticker ticks, its work can be done along with theirs, and all that is left to it is to notice that they stay away:
-it waits for a deadline that each of them moves on, which takes no system call. When none came for ``LAPSE`` periods
-it ticks by its timer again.
+A wake-up with nothing to do costs a process more than what is done at most ticks. Where messages
+come as often as a ticker ticks, its work can be done along with theirs, and all that is left to it
+is to notice that they stay away: it waits for a deadline that each of them moves on, which takes no
+system call. When none came for ``LAPSE`` periods it ticks by its timer again.
 """
 
 from __future__ import annotations

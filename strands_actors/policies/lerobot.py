@@ -1,11 +1,11 @@
 """The provider ``lerobot_local``: a checkpoint of lerobot, run in the policy's own process.
 
-A checkpoint is a folder as lerobot >= 0.4 saves one: configuration, weights, and the two processors that normalise
-what goes in and out. It is given positions and the instruction; one that also wants images, or a state of another
-size, is refused. Nothing is downloaded here.
+A checkpoint is a folder as lerobot >= 0.4 saves one: configuration, weights, and the two processors
+that normalise what goes in and out. It is given positions and the instruction; one that also wants
+images, or a state of another size, is refused. Nothing is downloaded here.
 
-What its numbers mean no checkpoint says: it depends on how its data were recorded (``use_degrees`` of lerobot's
-arms, whose default differs by arm and version). So ``units`` has no default:
+What its numbers mean no checkpoint says: it depends on how its data were recorded (``use_degrees``
+of lerobot's arms, whose default differs by arm and version). So ``units`` has no default:
 
 ``degrees``      (or whatever the driver's own unit is) the numbers are the driver's own. They mean the same only
                  under the calibration of the arm that recorded: it says where zero is.
@@ -26,8 +26,8 @@ GRIPPER = "gripper"
 
 
 class Scale:
-    """Between the driver's units and -100..100 (the gripper: 0..100) of lerobot, which bounds both. ``travel``:
-    each axis' calibrated range in the driver's units."""
+    """Between the driver's units and -100..100 (the gripper: 0..100) of lerobot, which bounds both.
+    ``travel``: each axis' calibrated range in the driver's units."""
 
     def __init__(self, axes: Sequence[str], travel: Mapping[str, Sequence[float]]) -> None:
         self._ranges = [(0.0 if axis == GRIPPER else -100.0, *travel[axis]) for axis in axes]
@@ -48,11 +48,11 @@ def _onto(value: float, low: float, high: float, new_low: float, new_high: float
 
 
 class LerobotLocal:
-    """The checkpoint, loaded. Raise ``ValueError`` for one that cannot drive these axes; what lerobot raises while
-    it loads passes.
+    """The checkpoint, loaded. Raise ``ValueError`` for one that cannot drive these axes; what
+    lerobot raises while it loads passes.
 
-    ``pretrained_name_or_path``: a folder. ``device``: where it runs, ``cpu``, ``cuda``, ``mps``. ``unit`` and
-    ``travel``: the driver's, from the tree.
+    ``pretrained_name_or_path``: a folder. ``device``: where it runs, ``cpu``, ``cuda``, ``mps``.
+    ``unit`` and ``travel``: the driver's, from the tree.
     """
 
     provider_name = "lerobot_local"
@@ -80,12 +80,14 @@ class LerobotLocal:
         _check(config, self._axes, folder)
         config.device = self._device = device
         self._prepare = prepare_observation_for_inference
-        # Strict: lerobot only logs weights that are missing or left over, and runs what it made up for them.
+        # Strict: lerobot only logs weights that are missing or left over, and runs what it made up
+        # for them.
         self._policy = get_policy_class(config.type).from_pretrained(folder, config=config, strict=True)
         self._into, self._out_of = make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides={"device_processor": {"device": device}}
         )
-        # A policy that remembers observations has to see each; of any other, what it plans on one is a chunk.
+        # A policy that remembers observations has to see each; of any other, what it plans on one
+        # is a chunk.
         remembers = getattr(config, "n_obs_steps", 1) != 1
         self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
 
@@ -97,8 +99,9 @@ class LerobotLocal:
     def get_actions_sync(
         self, observation: Mapping[str, float], instruction: str, **_: Any
     ) -> list[dict[str, float]]:
-        """``n_action_steps`` actions, by ``select_action`` as in lerobot's own control loop: it runs the model once
-        and hands out its plan. ``predict_action_chunk`` of some policies reads queues that only it fills."""
+        """``n_action_steps`` actions, by ``select_action`` as in lerobot's own control loop: it
+        runs the model once and hands out its plan. ``predict_action_chunk`` of some policies reads
+        queues that only it fills."""
         import numpy as np
 
         state = [observation[axis] for axis in self._axes]

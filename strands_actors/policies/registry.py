@@ -1,4 +1,5 @@
-"""Policies by name. Each is built in a process of its own, from ``module:factory`` and plain options.
+"""Policies by name. Each is built in a process of its own, from ``module:factory`` and plain
+options.
 
 Another package adds one by the entry point group ``strands_actors.policies``.
 """
@@ -33,7 +34,8 @@ PROVIDERS = {
 }
 
 DEFAULT_PROVIDER = "lerobot_local"
-"""As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a moving arm."""
+"""As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a
+moving arm."""
 
 
 def list_providers() -> dict[str, Provider]:
@@ -45,8 +47,8 @@ def list_providers() -> dict[str, Provider]:
 
 
 def choose_provider(name: str, host: str, port: int | None, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """``module:factory`` of a provider, and its options. A name in that form is taken as it is. Raise
-    ``ValueError`` with what would be accepted."""
+    """``module:factory`` of a provider, and its options. A name in that form is taken as it is.
+    Raise ``ValueError`` with what would be accepted."""
     known = list_providers()
     provider = Provider(name) if ":" in str(name) else known.get(name)
     if provider is None:
@@ -75,8 +77,8 @@ def robot_facts(where: str, driver: Driver) -> dict[str, Any]:
 
 
 class Mock:
-    """The drivers page's mock: chunks of 8 actions 0.02 s apart, amplitude 0.5 in the driver's units around
-    where each axis was first seen, f_j = 0.3 + 0.15 j Hz, phase j pi/3."""
+    """The drivers page's mock: chunks of 8 actions 0.02 s apart, amplitude 0.5 in the driver's
+    units around where each axis was first seen, f_j = 0.3 + 0.15 j Hz, phase j pi/3."""
 
     CHUNK = 8
     DT_S = 0.02
@@ -121,8 +123,8 @@ class Mock:
 class Sine:
     """A slow sine on every axis, eased into from where the axis was first seen. One action a call.
 
-    ``amplitude`` and ``center`` in the driver's units; the center of an axis that is not named is where it was
-    first seen. ``spread``: how far each axis is ahead of the one before, in turns.
+    ``amplitude`` and ``center`` in the driver's units; the center of an axis that is not named is
+    where it was first seen. ``spread``: how far each axis is ahead of the one before, in turns.
     """
 
     def __init__(

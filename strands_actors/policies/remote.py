@@ -1,14 +1,15 @@
 """The provider ``remote``: a policy served over WebSocket, by anything that speaks what follows.
 
-One request a chunk, one answer a request, each one WebSocket message: msgpack in a binary message, or JSON in a
-text message (``encoding="json"``). A server answers in kind.
+One request a chunk, one answer a request, each one WebSocket message: msgpack in a binary message,
+or JSON in a text message (``encoding="json"``). A server answers in kind.
 
     request   {"observation": {joint: number}, "instruction": text, "axes": [joint], "hz": control rate}
     answer    {"actions": [{joint: number}, ...]}      a chunk, in the driver's units, executed at the control rate
            or {"error": text}                          which ends the rollout
 
-Every wait is bounded: ``timeout_s`` for connecting and for each answer. A server that is slower than the buffered
-chunk lasts ends the rollout before that: the last setpoint expires and the robot holds.
+Every wait is bounded: ``timeout_s`` for connecting and for each answer. A server that is slower
+than the buffered chunk lasts ends the rollout before that: the last setpoint expires and the robot
+holds.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class Chunk(msgspec.Struct):
 
 
 class Remote:
-    """The client. Raise ``ConnectionError`` when the server is not there, goes away or answers anything else, and
-    ``TimeoutError`` when it does not answer in time."""
+    """The client. Raise ``ConnectionError`` when the server is not there, goes away or answers
+    anything else, and ``TimeoutError`` when it does not answer in time."""
 
     provider_name = "remote"
 
@@ -57,7 +58,8 @@ class Remote:
         self._where = f"ws://{host}:{port}/{path.removeprefix('/')}"
         self._opened = contextlib.ExitStack()
         try:
-            # No proxy: it is a robot's policy, near by, and what the environment says is meant for browsing.
+            # No proxy: it is a robot's policy, near by, and what the environment says is meant for
+            # browsing.
             opening = connect(self._where, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None)
             self._socket = self._opened.enter_context(opening)
         except TimeoutError as error:

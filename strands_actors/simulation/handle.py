@@ -3,9 +3,9 @@
     world = World(robot.twin process)
     picture = await world.render(640, 480, None)
 
-Its process is the robot's twin. The simulated robot comes through its simulation control, without gates; a real
-driver comes through its wire (``transport="twin", sim=``). Both move the same joints: whatever is energised on
-the wire follows the wire, the rest follows the simulation.
+Its process is the robot's twin. The simulated robot comes through its simulation control, without
+gates; a real driver comes through its wire (``transport="twin", sim=``). Both move the same joints:
+whatever is energised on the wire follows the wire, the rest follows the simulation.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class SimulationError(RuntimeError):
 
 
 class World:
-    """One simulation. Starts its process when it is needed; every method may raise ``SimulationError``."""
+    """One simulation. Starts its process when it is needed; every method may raise
+    ``SimulationError``."""
 
     def __init__(self, twin_process: TwinProcess) -> None:
         self._twin_process = twin_process

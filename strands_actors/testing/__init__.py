@@ -6,7 +6,8 @@
 ``run_virtual``, ``open_inline_tree``   a whole tree in one process, in virtual time
 ``FakeDriver``, ``FakeHardware``        a robot in memory
 
-The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_twin`` and ``strands_robot``.
+The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_twin`` and
+``strands_robot``.
 """
 
 from .bench import Bench, NotMoving

@@ -1,6 +1,7 @@
 """A robot to break: its twin, and a caller that moves it, as processes of their own.
 
-The twin is kept from cell to cell, and so is the caller where it has not been broken itself; a new one is forked.
+The twin is kept from cell to cell, and so is the caller where it has not been broken itself; a new
+one is forked.
 """
 
 from __future__ import annotations
@@ -71,7 +72,8 @@ class Caller:
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
     def line(self) -> dict[str, Any]:
-        """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for ``START_S``."""
+        """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for
+        ``START_S``."""
         deadline_s = time.monotonic() + START_S
         while not (text := self._next_line(deadline_s)).startswith(b"{"):
             pass  # a vendor's library prints there, too
@@ -112,8 +114,8 @@ class Caller:
 
 
 class Bench:
-    """``driver_class``: of a robot that this package does not know by itself. ``far``: how far the first joint
-    moves, in the driver's units."""
+    """``driver_class``: of a robot that this package does not know by itself. ``far``: how far the
+    first joint moves, in the driver's units."""
 
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
         self.robot = robot
@@ -198,11 +200,13 @@ class Bench:
         }
 
     def queue(self, caller: Caller, victim: int = 0) -> Queue:
-        """Who may stand in line for a processor from now on: the tree, its caller, the robot and this process."""
+        """Who may stand in line for a processor from now on: the tree, its caller, the robot and
+        this process."""
         return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
 
     def _wait_for_silence(self) -> None:
-        """Until nobody of the tree before writes any more: its processes were killed one after the other."""
+        """Until nobody of the tree before writes any more: its processes were killed one after the
+        other."""
         deadline_s, tail, last_ns = time.monotonic() + 2.0, self.log.tail(), 0
         while time.monotonic() < deadline_s:
             last_ns = max((entry.t_ns for entry in tail.new() if entry.sender == "host"), default=last_ns)

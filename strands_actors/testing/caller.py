@@ -1,10 +1,11 @@
 """The script of a caller that moves a robot, and obeys on standard input.
 
-``main`` is told ``robot``, ``port``, ``driver`` (``module:Class``, or empty),
-``motion`` (``loop``: it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a
-policy of this process), ``far`` (how far, in the driver's units) and ``trigger`` (see ``testing.policies``). It
-prints one JSON line, the robot's tree, when the robot moves. Lines it obeys: ``exception``, ``exit``, ``spin``;
-``stop`` (prints the report); ``again MOTION`` (resumes, moves, prints the tree).
+``main`` is told ``robot``, ``port``, ``driver`` (``module:Class``, or empty), ``motion`` (``loop``:
+it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a policy of
+this process), ``far`` (how far, in the driver's units) and ``trigger`` (see ``testing.policies``).
+It prints one JSON line, the robot's tree, when the robot moves. Lines it obeys: ``exception``,
+``exit``, ``spin``; ``stop`` (prints the report); ``again MOTION`` (resumes, moves, prints the
+tree).
 """
 
 from __future__ import annotations

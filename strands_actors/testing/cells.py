@@ -1,4 +1,5 @@
-"""One cell of the kill matrix: break one process of a moving robot in one way, and read the wire."""
+"""One cell of the kill matrix: break one process of a moving robot in one way, and read the
+wire."""
 
 from __future__ import annotations
 
@@ -44,12 +45,14 @@ PATIENCE_S = 5.0
 AWAY_S = 1.0
 """How long a robot is frozen or its cable out: longer than any wire takes to notice."""
 SICK_S = 0.15
-"""How long a robot has its fault before it is stopped: many replies are affected, the link is not given up yet."""
+"""How long a robot has its fault before it is stopped: many replies are affected, the link is not
+given up yet."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the wire showed. Times in milliseconds, from the fault (the death it led to, its end, or the stop)."""
+    """What the wire showed. Times in milliseconds, from the fault (the death it led to, its end, or
+    the stop)."""
 
     victim: str
     fault: str
@@ -73,9 +76,10 @@ class Outcome:
 
     @property
     def disturbed(self) -> bool:
-        """Safe, and late because of the machine: its processes stood in line for longer than ``DISTURBED_MS``,
-        and without that it would have kept its bound. Or safe on another safe state: a process that got no
-        processor looked frozen before the fault did. A trial that is not safe is never excused."""
+        """Safe, and late because of the machine: its processes stood in line for longer than
+        ``DISTURBED_MS``, and without that it would have kept its bound. Or safe on another safe
+        state: a process that got no processor looked frozen before the fault did. A trial that is
+        not safe is never excused."""
         explained = self.stood_ms > DISTURBED_MS and self.safe_ms - self.stood_ms <= self.bound_ms
         return self.safe and (bool(self.instead) or (self.late and explained))
 
@@ -87,8 +91,8 @@ def _motion(cell: Cell, driver: Driver) -> str:
 
 
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise ``NotMoving``
-    when it cannot be made to move."""
+    """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise
+    ``NotMoving`` when it cannot be made to move."""
     breaks = _break_robot if cell.victim is Victims.TWIN else _break_process
     motion = _motion(cell, bench.driver)
 
@@ -99,7 +103,8 @@ def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
 
 
 def persevere(bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool) -> Outcome:
-    """A trial of a caller whose robot moves. ``drop``: that caller is not used again. Raise ``NotMoving``."""
+    """A trial of a caller whose robot moves. ``drop``: that caller is not used again. Raise
+    ``NotMoving``."""
     for attempt in range(STARTS):
         try:
             return _once(bench, motion, trial, drop)
@@ -239,7 +244,8 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
 
 
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
-    """Freeze the robot, or pull its cable, for a while; when it was back, and who stands in line since."""
+    """Freeze the robot, or pull its cable, for a while; when it was back, and who stands in line
+    since."""
     leave, come_back = (
         (bench.twin.pause, bench.twin.go_on) if fault is Faults.FREEZE else (bench.twin.unplug, bench.twin.plug)
     )
@@ -262,7 +268,8 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 
 
 def require_motion(log: WireLog, broken_ns: int) -> None:
-    """Raise ``NotMoving`` when the robot was at rest when it was broken: a busy machine may have had it held."""
+    """Raise ``NotMoving`` when the robot was at rest when it was broken: a busy machine may have
+    had it held."""
     last = ""
     for entry in log.entries():
         if entry.t_ns >= broken_ns:
@@ -311,7 +318,8 @@ def read(
 
 
 def told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
-    """With its story, where somebody will want to know it: the log itself is gone with the next trial."""
+    """With its story, where somebody will want to know it: the log itself is gone with the next
+    trial."""
     return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
@@ -337,5 +345,6 @@ async def _until(look: Callable[[], T | None]) -> T:
 
 
 def is_safe_state(entry: Entry, safe_state: str) -> bool:
-    """Whether a safe frame brings the whole robot to ``safe_state``; on a wire that does not say, each does."""
+    """Whether a safe frame brings the whole robot to ``safe_state``; on a wire that does not say,
+    each does."""
     return entry.safe_state is None or entry.safe_state == safe_state

@@ -44,7 +44,8 @@ from .registering import where_is
 from .twin import Twin
 
 SLACK_MS = 400.0
-"""A check is no measurement: it leaves room for a busy machine. ``strands-actors matrix`` measures."""
+"""A check is no measurement: it leaves room for a busy machine. ``strands-actors matrix``
+measures."""
 
 CELLS = (
     (Victims.CALLER, Faults.KILL),
@@ -116,8 +117,9 @@ def conformance(
 ) -> list[Check]:
     """The checks of one driver class on one of its robots (default: the first).
 
-    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of them). ``twin``:
-    whether to run those that start processes. ``far``: how far its first axis may be moved there, in its units.
+    ``good``: an action it accepts when everything is well (default: the first axis at 0, or all of
+    them). ``twin``: whether to run those that start processes. ``far``: how far its first axis may
+    be moved there, in its units.
     """
     subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good, twin)
     checks = [
@@ -147,7 +149,8 @@ def conformance(
 
 
 class _SharedBench:
-    """One bench for the kill cells of a driver: opened by the first, closed by the last, or with the process."""
+    """One bench for the kill cells of a driver: opened by the first, closed by the last, or with
+    the process."""
 
     def __init__(self, subject: _Subject, far: float | None, users: int) -> None:
         self._new = partial(Bench, subject.robot, subject.cls, far)
@@ -214,8 +217,8 @@ class _Subject:
         assert (again.axes, again.ids) == (self.driver.axes, self.driver.ids), "built anew it has other axes"
 
     def names(self) -> None:
-        """What a driver names exists, and is given a frozen config: a wire that could reach its driver would need
-        all that the driver needs."""
+        """What a driver names exists, and is given a frozen config: a wire that could reach its
+        driver would need all that the driver needs."""
         cls = self.cls
         for member, kind in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):
             name = getattr(cls, member)

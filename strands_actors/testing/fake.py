@@ -1,4 +1,5 @@
-"""A robot in memory: two axes, a wire that can be slow, silent or gone, and a record of what was written.
+"""A robot in memory: two axes, a wire that can be slow, silent or gone, and a record of what was
+written.
 
 It stands for any driver where the tree itself is tested, in virtual time too.
 """
@@ -34,8 +35,8 @@ LIMIT = 100.0
 
 
 class Written(NamedTuple):
-    """One frame on the fake wire. ``kind``: setpoint, safe, enable, or read (of a handshake); ``path``: wire or
-    second."""
+    """One frame on the fake wire. ``kind``: setpoint, safe, enable, or read (of a handshake);
+    ``path``: wire or second."""
 
     t_ns: int
     kind: str
@@ -95,7 +96,8 @@ HARDWARE: dict[str, FakeHardware] = {}
 
 
 class FakeDriver(Driver):
-    """Position robot with the table of fallbacks of an arm: hold when a writer is late, limp for the rest."""
+    """Position robot with the table of fallbacks of an arm: hold when a writer is late, limp for
+    the rest."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"

@@ -1,7 +1,9 @@
-"""Robots in memory of the kinds that a position arm is not: a base, a drone, and a robot behind slow HTTP.
+"""Robots in memory of the kinds that a position arm is not: a base, a drone, and a robot behind
+slow HTTP.
 
-They are drivers as an author writes them, on the contract alone, and stand for their kind where the tree itself is
-tested, in virtual time too. The robot behind each is a ``Peer``: what it was sent, and what it does with that.
+They are drivers as an author writes them, on the contract alone, and stand for their kind where the
+tree itself is tested, in virtual time too. The robot behind each is a ``Peer``: what it was sent,
+and what it does with that.
 """
 
 from __future__ import annotations
@@ -147,8 +149,8 @@ class FakeBase(_Kind):
 
 
 class FakeDrone(_Kind):
-    """Hovers when a writer is late, lands for every other reason, motors off for an e-stop. Arming does not take
-    off. Its battery lands it, whoever flies."""
+    """Hovers when a writer is late, lands for every other reason, motors off for an e-stop. Arming
+    does not take off. Its battery lands it, whoever flies."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_drone",)
     PARTS = (
@@ -200,7 +202,8 @@ class FakeHttp(_Kind):
 
 
 class KindWire(Wire):
-    """Keeps the newest sample in the background, so that a reading is given at once, however slow the answers."""
+    """Keeps the newest sample in the background, so that a reading is given at once, however slow
+    the answers."""
 
     def __init__(self, config: KindConfig, clock: Clock) -> None:
         self._config = config

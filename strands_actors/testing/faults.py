@@ -1,6 +1,8 @@
-"""What can break, who can break, what the wire must show then, which requirements that proves. Tables only.
+"""What can break, who can break, what the wire must show then, which requirements that proves.
+Tables only.
 
-A cell is one victim with one fault. Each of ``Victims`` x ``Faults`` exists; one that makes no sense says why.
+A cell is one victim with one fault. Each of ``Victims`` x ``Faults`` exists; one that makes no
+sense says why.
 """
 
 from __future__ import annotations
@@ -63,7 +65,8 @@ ROBOT_FAULTS = (
 LIVING = (Faults.FREEZE, Faults.SPIN)
 """Faults that leave the process there."""
 RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
-"""Faults of the robot during which nothing can be written: measured from their end. The others: from a stop."""
+"""Faults of the robot during which nothing can be written: measured from their end. The others:
+from a stop."""
 CONFIRMED = (Faults.SLOW, Faults.LATE_REPLY)
 """Faults of the robot in which a stop must be confirmed by every motor all the same."""
 
@@ -134,7 +137,8 @@ def proves(victim: Victims, fault: Faults) -> tuple[str, ...]:
 
 
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
-    """Published: the driver's after a death or a stop; after a freeze or a spin what has to lapse before it too."""
+    """Published: the driver's after a death or a stop; after a freeze or a spin what has to lapse
+    before it too."""
     if victim == Victims.TWIN:
         return RETURN_S if fault in RETURNING else driver.bound_s
     if fault not in LIVING:

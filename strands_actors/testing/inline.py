@@ -1,4 +1,5 @@
-"""A robot's whole tree in one process, on one trio loop: under ``MockClock`` it runs in virtual time."""
+"""A robot's whole tree in one process, on one trio loop: under ``MockClock`` it runs in virtual
+time."""
 
 from __future__ import annotations
 
@@ -70,8 +71,8 @@ async def open_inline_tree(
     driver: Driver | None = None,
     locks: Locks | None = None,
 ) -> AsyncIterator[InlineTree]:
-    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on ``hardware``.
-    ``locks``: where an e-stop's lock is kept; None: nowhere."""
+    """The tree of a robot, connected and disarmed: of ``driver``, else of a ``FakeDriver`` on
+    ``hardware``. ``locks``: where an e-stop's lock is kept; None: nowhere."""
     hardware = hardware or FakeHardware()
     port = f"fake-{next(_ports)}"
     HARDWARE[port] = hardware

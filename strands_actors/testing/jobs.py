@@ -1,7 +1,7 @@
 """Several benches side by side, each a ``worker`` process, until every cell has its trials.
 
-Orders are a few trials of one cell. A worker keeps its robot as long as there are orders for it; a robot that runs
-before everything else (``Timing.realtime``) has one bench only, and the first.
+Orders are a few trials of one cell. A worker keeps its robot as long as there are orders for it; a
+robot that runs before everything else (``Timing.realtime``) has one bench only, and the first.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The kill cells of one robot, from the command line.
 
-``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median and worst,
-and ends with code 1 when one was unsafe or later than its published bound.
+``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median
+and worst, and ends with code 1 when one was unsafe or later than its published bound.
 """
 
 from __future__ import annotations

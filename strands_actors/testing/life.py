@@ -1,5 +1,6 @@
-"""One short life of a robot, for ``check_driver``: ``python -m strands_actors.testing.life JSON`` with ``robot``,
-``port`` and ``driver``. Ends with code 0 and a line on what was seen, or with what went wrong."""
+"""One short life of a robot, for ``check_driver``: ``python -m strands_actors.testing.life JSON``
+with ``robot``, ``port`` and ``driver``. Ends with code 0 and a line on what was seen, or with what
+went wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""One trial of a pair: break two processes of a moving robot, one shortly after the other, and read the wire."""
+"""One trial of a pair: break two processes of a moving robot, one shortly after the other, and read
+the wire."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from .pairs import APART_S, Members, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """As ``cells.run_cell``. Which of the two comes first, and how much later the other one does, is drawn."""
+    """As ``cells.run_cell``. Which of the two comes first, and how much later the other one does,
+    is drawn."""
     apart_s = random.uniform(0.0, APART_S)
 
     def trial(caller: Caller) -> Outcome:

@@ -1,4 +1,5 @@
-"""Two processes break within a moment of each other: who with whom, what the wire must show then. Tables only."""
+"""Two processes break within a moment of each other: who with whom, what the wire must show then.
+Tables only."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ APART_S = 0.05
 
 
 class Members(enum.StrEnum):
-    """Processes of a tree. The standby is none of ``Victims``: alone it changes nothing that the wire shows."""
+    """Processes of a tree. The standby is none of ``Victims``: alone it changes nothing that the
+    wire shows."""
 
     CALLER = "caller"
     POLICY = "policy"
@@ -94,7 +96,8 @@ _ENDED = _LIVING | {Members.CALLER: Reason.CALLER, Members.POLICY: Reason.POLICY
 
 
 def _decisive(pair: Pair) -> dict[Members, tuple[Faults, Reason]]:
-    """The faults that the wire shows: those that stop the robot; when none does, those that hold it."""
+    """The faults that the wire shows: those that stop the robot; when none does, those that hold
+    it."""
     found: dict[Members, tuple[Faults, Reason]] = {
         member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[member])
         for member, fault in pair.faults
@@ -111,8 +114,8 @@ def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:
 
 
 def pair_bound_s(driver: Driver, pair: Pair) -> float:
-    """Published, from the later of the two faults. Root and wire: the standby's. All others: the longer one of the
-    two alone, since somebody is left who acts."""
+    """Published, from the later of the two faults. Root and wire: the standby's. All others: the
+    longer one of the two alone, since somebody is left who acts."""
     timing = driver.timing
     if set(pair.members) == _LAST_TWO:
         frozen = pair.way is not Ways.KILLS

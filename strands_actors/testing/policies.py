@@ -11,8 +11,8 @@ from strands_actors.supervisors.introspection import fall
 
 
 class Faulty(Sine):
-    """A ``Sine`` until the file ``trigger`` appears; then its content happens: exception, exit or spin.
-    The time it happened goes to ``<trigger>.t`` (CLOCK_MONOTONIC nanoseconds)."""
+    """A ``Sine`` until the file ``trigger`` appears; then its content happens: exception, exit or
+    spin. The time it happened goes to ``<trigger>.t`` (CLOCK_MONOTONIC nanoseconds)."""
 
     def __init__(self, axes: Sequence[str], trigger: str, amplitude: float = 10.0, hz: float = 0.5) -> None:
         super().__init__(axes, amplitude, hz)

@@ -1,6 +1,8 @@
-"""How long processes stood in line for a processor: whether a late trial shows the robot's tree, or the machine.
+"""How long processes stood in line for a processor: whether a late trial shows the robot's tree, or
+the machine.
 
-Linux tells (``/proc/<pid>/task/<tid>/schedstat``); elsewhere nobody stood in line, and a late trial is late.
+Linux tells (``/proc/<pid>/task/<tid>/schedstat``); elsewhere nobody stood in line, and a late trial
+is late.
 """
 
 from __future__ import annotations
@@ -11,12 +13,13 @@ from collections.abc import Iterable, Iterator
 from strands_actors.kernel.health.processor import Standing, standing
 
 DISTURBED_MS = 10.0
-"""Less than that is no disturbance: on an idle machine, too, a process waits a little for its turn."""
+"""Less than that is no disturbance: on an idle machine, too, a process waits a little for its
+turn."""
 
 
 class Queue:
-    """Of some processes, from now on. ``mortal``: one that may end before the others are asked: ``look`` at it
-    meanwhile. Any other that ends, or begins, counts as never having waited."""
+    """Of some processes, from now on. ``mortal``: one that may end before the others are asked:
+    ``look`` at it meanwhile. Any other that ends, or begins, counts as never having waited."""
 
     def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
         self._before = {pid: dict(_threads(pid)) for pid in pids}

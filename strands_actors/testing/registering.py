@@ -26,7 +26,8 @@ def register(where: str, robot: str) -> None:
 
 
 def prepare(robot: str, where: str) -> None:
-    """Have the driver of ``robot`` imported; ``where``: of one that has to be registered, else empty."""
+    """Have the driver of ``robot`` imported; ``where``: of one that has to be registered, else
+    empty."""
     if where:
         register(where, robot)
     else:

@@ -1,7 +1,9 @@
-"""Callers are forked from a process that has imported everything: a third of a second of imports less for each.
+"""Callers are forked from a process that has imported everything: a third of a second of imports
+less for each.
 
-The template has one thread, no session and no robot; all it does is fork. A caller is a session of its own, as one
-started from a shell is, and runs from the top of the interpreter: it ends as a script does, by whatever way.
+The template has one thread, no session and no robot; all it does is fork. A caller is a session of
+its own, as one started from a shell is, and runs from the top of the interpreter: it ends as a
+script does, by whatever way.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ _MAX_REQUEST = 65536
 
 
 class Forked:
-    """A process that the template forked. The template does not wait for its children: a number is free at once."""
+    """A process that the template forked. The template does not wait for its children: a number is
+    free at once."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -48,8 +51,8 @@ class Forked:
 
 
 class Template:
-    """``environment``: of the callers. ``robot``, ``where`` (``module:Class``, or empty): whose driver they
-    import."""
+    """``environment``: of the callers. ``robot``, ``where`` (``module:Class``, or empty): whose
+    driver they import."""
 
     def __init__(self, environment: Mapping[str, str], robot: str, where: str, errors: Path) -> None:
         self._errors = errors
@@ -70,7 +73,8 @@ class Template:
         return self._process.pid
 
     def fork(self, wanted: Mapping[str, Any], stdin: int, stdout: int, stderr: int) -> Forked:
-        """A caller with these descriptors, told ``wanted``. Raise ``RuntimeError`` when the template is gone."""
+        """A caller with these descriptors, told ``wanted``. Raise ``RuntimeError`` when the
+        template is gone."""
         request = json.dumps(wanted).encode()
         assert len(request) < _MAX_REQUEST
         with contextlib.suppress(BrokenPipeError):
@@ -92,8 +96,8 @@ class Template:
 
 
 def serve(sock: socket.socket) -> dict[str, Any]:
-    """Fork for each request; return in the child, with what it is to do. Ends when nobody can ask any more, and the
-    last child with it: one that spins, as it was told to, would never notice."""
+    """Fork for each request; return in the child, with what it is to do. Ends when nobody can ask
+    any more, and the last child with it: one that spins, as it was told to, would never notice."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel collects them
     sock.sendall(b"ready")
     last = -1
@@ -120,8 +124,8 @@ def serve(sock: socket.socket) -> dict[str, Any]:
 
 
 def _descriptor_of(pid: int) -> int:
-    """By which a child can be killed, and nobody who has got its number since; -1: it is gone, or the
-    system has none (macOS)."""
+    """By which a child can be killed, and nobody who has got its number since; -1: it is gone, or
+    the system has none (macOS)."""
     try:
         return os.pidfd_open(pid)
     except (AttributeError, ProcessLookupError):

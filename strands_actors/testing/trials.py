@@ -1,7 +1,9 @@
-"""Trials as they come, one JSON line each, in a file that a later run continues: an ended run loses nothing.
+"""Trials as they come, one JSON line each, in a file that a later run continues: an ended run loses
+nothing.
 
-A run begins with a line on what it measures: code, machine, Python. Only a run that would measure the same may
-continue the file; or one that says what is different, and for which cells: these it measures anew.
+A run begins with a line on what it measures: code, machine, Python. Only a run that would measure
+the same may continue the file; or one that says what is different, and for which cells: these it
+measures anew.
 """
 
 from __future__ import annotations
@@ -47,8 +49,9 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """What is measured, and with how many benches side by side. ``again``: cells whose trials before it do not
-    count, ``wire-exit`` or ``so101/wire-exit``; ``why`` that is so, and the other cells' trials still count."""
+    """What is measured, and with how many benches side by side. ``again``: cells whose trials
+    before it do not count, ``wire-exit`` or ``so101/wire-exit``; ``why`` that is so, and the other
+    cells' trials still count."""
 
     subject: dict[str, str]
     jobs: int
@@ -67,7 +70,8 @@ def cell_named(victim: str, fault: str) -> Cell | Pair:
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """The end of an order to a bench. ``problem``: why there are fewer trials; empty: there are not."""
+    """The end of an order to a bench. ``problem``: why there are fewer trials; empty: there are
+    not."""
 
     problem: str = ""
 

@@ -32,8 +32,8 @@ _REGISTER = "from strands_actors.testing.registering import register; register({
 
 
 class Twin:
-    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line. ``driver``: its
-    class, when that is no part of this package."""
+    """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line.
+    ``driver``: its class, when that is no part of this package."""
 
     def __init__(
         self, robot: str, directory: Path, fault: str | None = None, driver: type[Driver] | None = None

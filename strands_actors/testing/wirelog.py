@@ -1,4 +1,5 @@
-"""The twin's log of the wire: what a safety test reads, instead of the program's opinion of itself."""
+"""The twin's log of the wire: what a safety test reads, instead of the program's opinion of
+itself."""
 
 from __future__ import annotations
 
@@ -61,8 +62,8 @@ class WireLog:
         return Tail(self.path)
 
     def story(self, since_ns: int) -> str:
-        """What the wire shows from then on, for people: each kind with its first time in ms, runs of one kind as
-        one, the last ``RUNS`` of them. What a robot answers is left out."""
+        """What the wire shows from then on, for people: each kind with its first time in ms, runs
+        of one kind as one, the last ``RUNS`` of them. What a robot answers is left out."""
         runs: list[tuple[str, float, int]] = []
         for entry in self.entries(since_ns):
             if entry.sender == "robot" and entry.kind == "read":
@@ -82,7 +83,8 @@ class WireLog:
         return next(iter(self.host("safe", since_ns)), None)
 
     def safe_within(self, since_ns: int, bound_s: float) -> float:
-        """Seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the bound."""
+        """Seconds from ``since_ns`` to the first safe frame. Raise ``AssertionError`` beyond the
+        bound."""
         safe = self.first_safe(since_ns)
         assert safe is not None, "no safe frame on the wire"
         took_s = (safe.t_ns - since_ns) / 1e9
@@ -90,8 +92,8 @@ class WireLog:
         return took_s
 
     def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
-        """Setpoints behind the first safe frame after ``since_ns``, in the order of the wire: frames that were
-        read at once share their time."""
+        """Setpoints behind the first safe frame after ``since_ns``, in the order of the wire:
+        frames that were read at once share their time."""
         seen_safe, count = False, 0
         for entry in self.entries(since_ns):
             if entry.sender != "host" or (until_ns is not None and entry.t_ns >= until_ns):
@@ -102,12 +104,14 @@ class WireLog:
         return count
 
     def no_setpoint_after_safe(self, since_ns: int, until_ns: int | None = None) -> None:
-        """Raise ``AssertionError`` when a setpoint follows the first safe frame, or there is none."""
+        """Raise ``AssertionError`` when a setpoint follows the first safe frame, or there is
+        none."""
         count = self.setpoints_after_safe(since_ns, until_ns)
         assert count == 0, f"{count} setpoints after the safe frame"
 
     def silent_after(self, t_ns: int, *kinds: str) -> None:
-        """Raise ``AssertionError`` when the host wrote anything from then on; of these kinds, if any are given."""
+        """Raise ``AssertionError`` when the host wrote anything from then on; of these kinds, if
+        any are given."""
         for entry in self.entries(t_ns):
             if entry.sender == "host" and (not kinds or entry.kind in kinds):
                 late_ms = (entry.t_ns - t_ns) / 1e6

@@ -1,7 +1,7 @@
 """One bench of a matrix, as a process: ``python -m strands_actors.testing.worker``.
 
-Reads orders on standard input, one JSON line each (``Order``), and writes one for each trial, then ``Done``. It
-keeps the bench while orders are for the same robot. The end of its input is its end.
+Reads orders on standard input, one JSON line each (``Order``), and writes one for each trial, then
+``Done``. It keeps the bench while orders are for the same robot. The end of its input is its end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from .trials import Done, Trial, cell_named, encode, trial
 
 
 class Order(msgspec.Struct, frozen=True):
-    """``trials`` of one cell. ``driver``: ``module:Class`` of a robot that this package does not know, or empty."""
+    """``trials`` of one cell. ``driver``: ``module:Class`` of a robot that this package does not
+    know, or empty."""
 
     robot: str
     driver: str

@@ -13,8 +13,8 @@ SHOWN = 100
 
 
 def plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as its text, to be
-    refused by name."""
+    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as
+    its text, to be refused by name."""
     return {str(key)[:SHOWN]: _plain_value(value) for key, value in action.items()}
 
 
@@ -32,7 +32,8 @@ def _plain_value(value: Any) -> Any:
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:
-    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to the driver."""
+    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to
+    the driver."""
     if value is None or isinstance(value, str):
         return value and value[:SHOWN]
     item = getattr(value, "item", None)

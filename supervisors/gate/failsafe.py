@@ -4,9 +4,9 @@ This table *is* the machine: the gate steps it, the property tests drive it, the
 with no row in a mode changes nothing there. ``raises`` says whether the epoch rises: what was prepared in
 an older epoch is refused at the wire.
 
-A late or lost writer (``HOLDING_REASONS``) is a HOLD when the driver's safe state for it keeps the motors
-energised. Everything else is a STOP, whatever its safe state: a gripper that keeps its grip is disarmed all the
-same, and only a resume lets it move again. An e-stop is a stop that also locks.
+A late or lost writer (``HOLDING_REASONS``) is a HOLD when the driver's safe state for it keeps the
+motors energised. Everything else is a STOP, whatever its safe state: a gripper that keeps its grip
+is disarmed all the same, and only a resume lets it move again. An e-stop is a stop that also locks.
 
 A tree that ends (``ENDING_REASONS``) stops for good: ENDING and ENDED have no row for a resume.
 """
@@ -121,7 +121,8 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     (Mode.ENDING, Event.LINK_UP): _END,
     (Mode.ENDING, Event.STOP): _END,
     (Mode.ENDING, Event.END): _END,
-    # What is confirmed stays so, since nothing can be energised any more: an END finds nothing to do.
+    # What is confirmed stays so, since nothing can be energised any more: an END finds nothing to
+    # do.
     (Mode.ENDED, Event.LINK_UP): _ENDED,
     (Mode.ENDED, Event.STOP): _ENDED,
 }

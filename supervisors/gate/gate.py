@@ -1,4 +1,5 @@
-"""The gate. Every writer, local or on the mesh, comes through here; ``admission`` says what is let through.
+"""The gate. Every writer, local or on the mesh, comes through here; ``admission`` says what is let
+through.
 
 It holds the failsafe state, the one lease, and the last observation. It reads no clock: what it decides follows
 from its memory, the message, and when that was taken up. It never waits: a stop is answered when the transport
@@ -61,8 +62,9 @@ _STOP_AGAIN_NS = round(0.5 * NS)
 
 
 class Gate(Actor):
-    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it had. ``cause``:
-    what led there. ``no_standby``: why nothing may be energised, until the root says that there is a standby."""
+    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it
+    had. ``cause``: what led there. ``no_standby``: why nothing may be energised, until the root
+    says that there is a standby."""
 
     def __init__(
         self,
@@ -272,7 +274,8 @@ class Gate(Actor):
     # -- time
 
     def _look(self, now_ns: int, admitted: bool = False) -> None:
-        """At what may have ended what is live. ``admitted``: the robot's conditions have just been looked at."""
+        """At what may have ended what is live. ``admitted``: the robot's conditions have just been
+        looked at."""
         live_until = self._live_until_ns
         if live_until > 0 and now_ns >= live_until:
             self._trip(Reason.EXPIRED, "the setpoint expired")
@@ -282,7 +285,8 @@ class Gate(Actor):
             self._look_at_conditions(now_ns, live=True)
 
     def _look_at_conditions(self, now_ns: int, live: bool) -> None:
-        """End what is live, or with the conditions that are always looked at a hold, when one is not true."""
+        """End what is live, or with the conditions that are always looked at a hold, when one is
+        not true."""
         if self._observation is None:
             return
         broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
@@ -310,7 +314,8 @@ class Gate(Actor):
         return StopReport(message.reason, safe_state, self._state.epoch, True, ())
 
     def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
-        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do for it."""
+        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do
+        for it."""
         safe_state = safe_state or self._driver.fallbacks[reason]
         if reason in failsafe.ENDING_REASONS:
             event = Event.END
@@ -358,7 +363,8 @@ class Gate(Actor):
                 self._aim_where_held(report, self._observation)
 
     def _answer_stops(self) -> None:
-        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk."""
+        """Those that are done: reported by the wire and, of an e-stop, with its lock on the
+        disk."""
         report, waiting = self._last_stop, self._stops
         if report is None:
             return

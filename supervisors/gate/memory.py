@@ -15,8 +15,8 @@ from .lease import Leases
 
 
 class GateMemory(msgspec.Struct, frozen=True):
-    """All that a gate's decisions depend on, beside the message and when it was taken up: its attributes of these
-    names."""
+    """All that a gate's decisions depend on, beside the message and when it was taken up: its
+    attributes of these names."""
 
     state: failsafe.State
     leases: Leases

@@ -1,4 +1,5 @@
-"""Whether a command from the mesh may be looked at: read, typed, fresh, not too many. Pure: no clock, no I/O."""
+"""Whether a command from the mesh may be looked at: read, typed, fresh, not too many. Pure: no
+clock, no I/O."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ class Clocks:
         return name
 
     def refuse(self, sender: str, clock: str, deadline_ns: int, now_ns: int) -> Refused | None:
-        """None when the command is dated by our clock and its time has neither passed nor is far away."""
+        """None when the command is dated by our clock and its time has neither passed nor is far
+        away."""
         name, expires_ns = self._read.get(sender, ("", 0))
         if clock != name or now_ns >= expires_ns:
             why = f"{sender} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"

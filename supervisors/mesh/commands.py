@@ -1,11 +1,12 @@
-"""Commands from the mesh: read, checked, and handed to the gate, which decides as for every other writer.
+"""Commands from the mesh: read, checked, and handed to the gate, which decides as for every other
+writer.
 
-They wait below the interpreter, in a ring that keeps the newest, and are taken from it at a bounded rate: a flood
-costs the root next to nothing and delays no stop (which has keys of its own). Idle, the ring is looked at ten times
-a second; for a while after each command a hundred times.
+They wait below the interpreter, in a ring that keeps the newest, and are taken from it at a bounded
+rate: a flood costs the root next to nothing and delays no stop (which has keys of its own). Idle,
+the ring is looked at ten times a second; for a while after each command a hundred times.
 
-Whoever comes over the mesh to a robot that holds must resume it first: a link that was cut and has healed moves
-nothing.
+Whoever comes over the mesh to a robot that holds must resume it first: a link that was cut and has
+healed moves nothing.
 """
 
 from __future__ import annotations
@@ -183,8 +184,8 @@ class Commands(Actor):
 
     async def _move(self, move: mesh_json.Move) -> dict[str, Any] | Refused:
         if move.epoch != self._lease.epoch:
-            # The gate compares with the present epoch, which anybody can read in the telemetry: on the mesh it must
-            # also be the one that the lease came with.
+            # The gate compares with the present epoch, which anybody can read in the telemetry: on
+            # the mesh it must also be the one that the lease came with.
             return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
             return not_approved("move", names, "on the mesh there is nobody to ask")
@@ -228,8 +229,8 @@ def _no_answer(answer: Message | None) -> Refused:
 
 
 def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
-    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because somebody on the
-    mesh wanted it to. ``resumed_epoch``: in which that was last so."""
+    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because
+    somebody on the mesh wanted it to. ``resumed_epoch``: in which that was last so."""
     if status.locked_by:
         return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
     if status.mode not in WRITABLE:

@@ -1,12 +1,13 @@
-"""The gateway: by which callers of other hosts reach the gate, with the messages that everybody tells it.
+"""The gateway: by which callers of other hosts reach the gate, with the messages that everybody
+tells it.
 
-It decides what their being elsewhere calls for, and nothing else: whether a command is dated by the robot's clock,
-in time, under a lease of its own sender, and not one too many. What may be done to the robot is for the gate to
-say, as for every other writer. Who may reach the gateway at all is decided by the certificate (``mesh/access.py``),
-below the interpreter.
+It decides what their being elsewhere calls for, and nothing else: whether a command is dated by the
+robot's clock, in time, under a lease of its own sender, and not one too many. What may be done to
+the robot is for the gate to say, as for every other writer. Who may reach the gateway at all is
+decided by the certificate (``mesh/access.py``), below the interpreter.
 
-Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``); a stop has a key of its own, and
-waits for nothing.
+Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``); a stop has a key
+of its own, and waits for nothing.
 """
 
 from __future__ import annotations
@@ -73,8 +74,8 @@ TREE_S = 0.5
 
 
 class FromOutside:
-    """The way of frames from other hosts into the root's node, and of answers back. Answers alone: the node tells
-    nobody there anything."""
+    """The way of frames from other hosts into the root's node, and of answers back. Answers alone:
+    the node tells nobody there anything."""
 
     def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
         at = addresses.of(robot)
@@ -228,7 +229,8 @@ class Gateway(Actor):
         return lease
 
     async def _release(self, message: Release) -> Message | None:
-        """The hold with which a rollout ends is its writer's own wish: no loss, from which one has to resume."""
+        """The hold with which a rollout ends is its writer's own wish: no loss, from which one has
+        to resume."""
         answer = await self._gate.ask(message, ASK_S)
         status = await self._gate.ask(GetStatus(), ASK_S)
         if isinstance(status, Status) and not isinstance(answer, Refused):
@@ -255,8 +257,8 @@ class Gateway(Actor):
 
 
 class GatewayStop(Actor):
-    """Stops for callers of other hosts. Whoever may reach the gateway may stop, however often, with or without a
-    lease."""
+    """Stops for callers of other hosts. Whoever may reach the gateway may stop, however often, with
+    or without a lease."""
 
     def __init__(self, robot: str, deadlines: StopDeadlines) -> None:
         self._at = addresses.of(robot)

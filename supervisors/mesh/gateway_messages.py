@@ -1,7 +1,9 @@
-"""What a caller of another host tells a robot's gateway, and is told: msgpack, as between all actors.
+"""What a caller of another host tells a robot's gateway, and is told: msgpack, as between all
+actors.
 
-Who commands from afar shares no clock with the robot. It reads the robot's clock first (``Sync``), and dates every
-command by that reading (``Dated``): what comes later than it was meant is refused, however long it was on its way.
+Who commands from afar shares no clock with the robot. It reads the robot's clock first (``Sync``),
+and dates every command by that reading (``Dated``): what comes later than it was meant is refused,
+however long it was on its way.
 """
 
 from __future__ import annotations
@@ -13,14 +15,15 @@ Datable = Setpoint | Acquire | Beat | Release | Resume | Perform
 
 
 class Sync(Message, frozen=True):
-    """Read the robot's clock. ``session``: of an earlier reading, which goes on; empty: there is none yet."""
+    """Read the robot's clock. ``session``: of an earlier reading, which goes on; empty: there is
+    none yet."""
 
     session: str = ""
 
 
 class Synced(Message, frozen=True):
-    """``session``: who may write by a lease of this session is known by it; keep it to yourself. ``robot_ns``: the
-    robot's clock, CLOCK_MONOTONIC of its host, when this was sent."""
+    """``session``: who may write by a lease of this session is known by it; keep it to yourself.
+    ``robot_ns``: the robot's clock, CLOCK_MONOTONIC of its host, when this was sent."""
 
     session: str
     robot_ns: int
@@ -29,8 +32,8 @@ class Synced(Message, frozen=True):
 
 
 class Dated(Message, frozen=True):
-    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock. Times within ``message`` are of
-    that clock, too."""
+    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock. Times within
+    ``message`` are of that clock, too."""
 
     session: str
     deadline_ns: int

@@ -1,7 +1,7 @@
 """The robot's place on the mesh: telemetry, commands and safety orders, in the root process.
 
-They are supervised by themselves: what breaks here is started again, and if that does not help the robot goes on
-without, under its local caller.
+They are supervised by themselves: what breaks here is started again, and if that does not help the
+robot goes on without, under its local caller.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""What the process of a named policy reaches on the mesh: the gate of its robot, which answers it. Nothing else.
+"""What the process of a named policy reaches on the mesh: the gate of its robot, which answers it.
+Nothing else.
 
-The wire listens for it on a socket of its own, so that who comes in there is known to be a policy, whatever it says
-of itself. The rules are zenoh's, applied before Python sees a byte.
+The wire listens for it on a socket of its own, so that who comes in there is known to be a policy,
+whatever it says of itself. The rules are zenoh's, applied before Python sees a byte.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from strands_actors.kernel.node import PREFIX
 from strands_actors.supervisors import addresses
 
 WRITER = "a policy process"
-"""What the gate knows it as. There is one at a time: the root ends the last one, and has the gate end its lease,
-before it starts the next."""
+"""What the gate knows it as. There is one at a time: the root ends the last one, and has the gate
+end its lease, before it starts the next."""
 
 
 def node_name(robot: str, pid: int) -> str:

@@ -1,11 +1,12 @@
 """Stop, e-stop and resume from the mesh, and the audit of what became of the robot.
 
-Any sample on ``strands/safety/estop`` is an e-stop, readable or not: who may put one there is for the mesh's access
-rules to say. Each one is followed by a stop of its own, at most ``STOPS_PER_S`` of them, so that a flood of them
-cannot build up a backlog behind which a resume would wait.
+Any sample on ``strands/safety/estop`` is an e-stop, readable or not: who may put one there is for
+the mesh's access rules to say. Each one is followed by a stop of its own, at most ``STOPS_PER_S``
+of them, so that a flood of them cannot build up a backlog behind which a resume would wait.
 
-The stop for an e-stop leaves in the very thread on which zenoh brings the order, while this process's loop sleeps
-or does something else; what becomes of it, and all that could not leave so, is the loop's.
+The stop for an e-stop leaves in the very thread on which zenoh brings the order, while this
+process's loop sleeps or does something else; what becomes of it, and all that could not leave so,
+is the loop's.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What is said on the mesh: keys, schemas and JSON, for both of its ends.
 
-Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``peer_id``, ``t``, ``joints``), so
-that a subscriber written for it can read ours. Wall-clock seconds are ``t`` and ``timestamp``; whatever decides
-something is CLOCK_MONOTONIC nanoseconds of the robot's host.
+Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``peer_id``, ``t``,
+``joints``), so that a subscriber written for it can read ours. Wall-clock seconds are ``t`` and
+``timestamp``; whatever decides something is CLOCK_MONOTONIC nanoseconds of the robot's host.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from strands_actors.kernel.node import PREFIX
 MAX_COMMAND_BYTES = 16 * 1024
 MAX_SAFETY_BYTES = 4 * 1024
 MAX_MESSAGE_BYTES = 128 * 1024
-"""Anything larger is dropped before it is put together; up to here a refusal says how large it was."""
+"""Anything larger is dropped before it is put together; up to here a refusal says how large it
+was."""
 
 ESTOP_KEY = f"{PREFIX}/safety/estop"
 RESUME_KEY = f"{PREFIX}/safety/resume"
@@ -78,8 +79,9 @@ class Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
 
 
 class Dated(Command, frozen=True):
-    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock; ``clock`` is what the robot
-    answered to a ``sync`` of the same sender: without it the sender cannot know that clock."""
+    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock; ``clock`` is what
+    the robot answered to a ``sync`` of the same sender: without it the sender cannot know that
+    clock."""
 
     clock: Name
     deadline_ns: int
@@ -102,8 +104,8 @@ class Acquire(Dated, frozen=True):
 
 
 class Beat(Dated, frozen=True):
-    """Keeps the lease, for a second. Not answered. ``answered_ago_s``: when the thread that commands last did
-    anything but compute; negative: not since the last beat."""
+    """Keeps the lease, for a second. Not answered. ``answered_ago_s``: when the thread that
+    commands last did anything but compute; negative: not since the last beat."""
 
     lease: int
     answered_ago_s: Annotated[float, msgspec.Meta(ge=-1.0, le=60.0)] = 0.0
@@ -114,7 +116,8 @@ class Release(Command, frozen=True):
 
 
 class Move(Dated, frozen=True):
-    """A target by joint. ``latched``: kept for as long as the lease is, otherwise until the deadline."""
+    """A target by joint. ``latched``: kept for as long as the lease is, otherwise until the
+    deadline."""
 
     targets: Annotated[dict[Text, float | bool | Text | None], msgspec.Meta(min_length=1, max_length=64)]
     lease: int
@@ -144,8 +147,8 @@ ACTIONS: dict[str, type[Command]] = {
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):
-    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless it names one
-    robot; a resume names one, and is dated as a command is."""
+    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless
+    it names one robot; a resume names one, and is dated as a command is."""
 
     sender_id: str = ""
     turn_id: str = ""

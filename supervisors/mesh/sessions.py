@@ -1,4 +1,5 @@
-"""Who commands a robot from other hosts: who has read its clock, and whose leases are whose. No clock, no I/O."""
+"""Who commands a robot from other hosts: who has read its clock, and whose leases are whose. No
+clock, no I/O."""
 
 from __future__ import annotations
 
@@ -11,11 +12,13 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
 CLOCK_TTL_S = 30.0
-"""A clock that was read is good for this long: two quartzes drift apart by 0.1 ms a second at worst."""
+"""A clock that was read is good for this long: two quartzes drift apart by 0.1 ms a second at
+worst."""
 
 _MAX_SESSIONS = 64
 _MAX_LEASES = 8
-"""Kept of each session: its own, and that of a rollout under it; those before are no longer good."""
+"""Kept of each session: its own, and that of a rollout under it; those before are no longer
+good."""
 
 
 class Session(msgspec.Struct):

@@ -51,7 +51,8 @@ class Tick(Message, frozen=True):
 
 
 class Telemetry(Actor):
-    """``task`` and ``counts`` tell what the root knows itself: the task's status, and figures for health."""
+    """``task`` and ``counts`` tell what the root knows itself: the task's status, and figures for
+    health."""
 
     def __init__(
         self,

@@ -1,12 +1,13 @@
 """The guardian keeps the wire group, and holds the stop channel to the hardware.
 
-When the wire process stops beating: write the safe frame by the root's own descriptors, then **fence** the wire
-(SIGKILL, and wait for its end: a paused owner that resumes would write again), then write again and have every
-motor confirm it. The first frame is for a root that dies in between: before it the wire is alive and acts when its
-root is gone, after it the robot has been told.
+When the wire process stops beating: write the safe frame by the root's own descriptors, then
+**fence** the wire (SIGKILL, and wait for its end: a paused owner that resumes would write again),
+then write again and have every motor confirm it. The first frame is for a root that dies in
+between: before it the wire is alive and acts when its root is gone, after it the robot has been
+told.
 
-What is not confirmed is tried again: for a while before the next wire is started, closed; when there is no next
-one, because the tree ends, for ``LINGER_S``.
+What is not confirmed is tried again: for a while before the next wire is started, closed; when
+there is no next one, because the tree ends, for ``LINGER_S``.
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, p
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
-"""From a wire process' start to its first heartbeat: a quarter of a second of computing, half for one that
-imports an SDK, on a machine that gives it a tenth of a processor. One that is stopped is noticed at once, and
-one that has handed its port over is listened to as if it had beaten: what it may have energised waits for no
-deadline."""
+"""From a wire process' start to its first heartbeat: a quarter of a second of computing, half for
+one that imports an SDK, on a machine that gives it a tenth of a processor. One that is stopped is
+noticed at once, and one that has handed its port over is listened to as if it had beaten: what it
+may have energised waits for no deadline."""
 RENEW_PAUSE_S = 0.05
 END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
@@ -74,8 +75,8 @@ class Place(Protocol):
 
     @property
     def left_safe(self) -> bool:
-        """Whether it has ended by itself, after it had read back every motor and obeyed nobody since. Not by its
-        own word in a message: a message can be forged."""
+        """Whether it has ended by itself, after it had read back every motor and obeyed nobody
+        since. Not by its own word in a message: a message can be forged."""
         ...
 
     async def ended(self) -> str:
@@ -83,8 +84,9 @@ class Place(Protocol):
         ...
 
     async def fence(self) -> bool:
-        """Return when it can never write again, and what it said before has been heard; whether its end was seen.
-        After a second in which it was not it runs no code of its own, but a system call of its may not be over."""
+        """Return when it can never write again, and what it said before has been heard; whether its
+        end was seen. After a second in which it was not it runs no code of its own, but a system
+        call of its may not be over."""
         ...
 
     def let_go(self) -> None:
@@ -109,11 +111,12 @@ class StandbyPlace(Protocol):
 
 
 class Guardian(Actor):
-    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to it, and returns
-    its place. ``gate`` is told when one of the processes that ``writers`` names has been stopped, and when the
-    lock of an e-stop is kept by the ``keeper``. ``on_report`` is told what became of each attempt to make the robot
-    safe, ``on_dying`` of a writer that has been killed and waits for a processor to die on. ``standby``: None in
-    tests of one process. ``owed``: what the standby has to know of the wire."""
+    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to
+    it, and returns its place. ``gate`` is told when one of the processes that ``writers`` names has
+    been stopped, and when the lock of an e-stop is kept by the ``keeper``. ``on_report`` is told
+    what became of each attempt to make the robot safe, ``on_dying`` of a writer that has been
+    killed and waits for a processor to die on. ``standby``: None in tests of one process. ``owed``:
+    what the standby has to know of the wire."""
 
     def __init__(
         self,
@@ -300,13 +303,15 @@ class Guardian(Actor):
         return refusal
 
     def lose_standby(self, why: str) -> None:
-        """What moves goes on: root and wire are both there. Nothing is armed before there is another."""
+        """What moves goes on: root and wire are both there. Nothing is armed before there is
+        another."""
         self.context.note(Happened("there is no standby", why))
         if self._place is not None:
             self._gate.tell(StandbyIs(f"{why}; another is being started"))
 
     def begin_standby(self) -> None:
-        """A new one has begun. The wire that is open hands over again; one that is not does when it opens."""
+        """A new one has begun. The wire that is open hands over again; one that is not does when it
+        opens."""
         if self._place is not None and self._stop_channel is not None:
             self._transport.tell(HandOverAgain())
 
@@ -352,14 +357,15 @@ class Guardian(Actor):
     # -- the end of the tree
 
     def leave(self) -> None:
-        """The tree ends: no new wire. One that is not confirmed safe is made so for as long as ``LINGER_S``."""
+        """The tree ends: no new wire. One that is not confirmed safe is made so for as long as
+        ``LINGER_S``."""
         self._leaving = True
         self._again.set()
 
     async def end(self, reason: Reason, by: str, confirmed: bool) -> None:
-        """End the wire, after ``leave``, and return when the robot has been made safe once (``reported``), or was.
-        ``confirmed``: the gate's own stop was. Then the wire ends by itself, and its exit code says whether that
-        still holds; else it is fenced."""
+        """End the wire, after ``leave``, and return when the robot has been made safe once
+        (``reported``), or was. ``confirmed``: the gate's own stop was. Then the wire ends by
+        itself, and its exit code says whether that still holds; else it is fenced."""
         place = self._place
         if place is not None and confirmed:
             self._released = True
@@ -377,8 +383,8 @@ class Guardian(Actor):
     # -- one life of the wire group after the other
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """The supervisor's child: one life of the wire group, and another whenever its process is spent. Always
-        raises ``WireBroken`` or ``Cancelled``."""
+        """The supervisor's child: one life of the wire group, and another whenever its process is
+        spent. Always raises ``WireBroken`` or ``Cancelled``."""
         while True:
             if self._leaving:
                 task_status.started()
@@ -448,10 +454,12 @@ class Guardian(Actor):
         self.idle.set()
 
     async def _fence_place(self, place: Place) -> bool:
-        """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a safe robot.
+        """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a
+        safe robot.
 
-        Only where the wire is broken. A root that ends while its wire is well fences first: that wire could write
-        a setpoint after the safe frame. The wire would make safe by itself if the root died before the fence."""
+        Only where the wire is broken. A root that ends while its wire is well fences first: that
+        wire could write a setpoint after the safe frame. The wire would make safe by itself if the
+        root died before the fence."""
         async with trio.open_nursery() as nursery:
             if self._stop_channel is not None and place.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
@@ -462,8 +470,9 @@ class Guardian(Actor):
         return fenced
 
     async def _insist(self, epoch: int, for_s: float) -> None:
-        """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree ends. What was
-        safe by the gate's word is written to once: a motor that says nothing may be one that is not there."""
+        """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree
+        ends. What was safe by the gate's word is written to once: a motor that says nothing may be
+        one that is not there."""
         was_safe = self._confirmed
         began_s = trio.current_time()
         for pause_s in pauses_s():
@@ -483,7 +492,8 @@ class Guardian(Actor):
         if self._stop_channel is not None:
             motors = await attempt(self._stop_channel, self._driver, safe_state)
         elif not self._confirmed:
-            # This wire had not come so far as to energise anything, and what the one before left is as it was.
+            # This wire had not come so far as to energise anything, and what the one before left is
+            # as it was.
             motors = await attempt_anew(self._driver, self.context.clock, safe_state)
         self._confirmed = all_safe(motors)
         if self._confirmed:

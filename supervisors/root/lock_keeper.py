@@ -1,7 +1,9 @@
-"""Keeps the lock of an e-stop on the disk while the robot is locked: in a thread, since a disk may be slow.
+"""Keeps the lock of an e-stop on the disk while the robot is locked: in a thread, since a disk may
+be slow.
 
-It belongs to the root, which hears of every lock: of the wire, and of a fence that the wire does not survive. The
-safe frames wait for nothing here; who reports that the robot is locked waits until the lock is kept.
+It belongs to the root, which hears of every lock: of the wire, and of a fence that the wire does
+not survive. The safe frames wait for nothing here; who reports that the robot is locked waits until
+the lock is kept.
 """
 
 from __future__ import annotations

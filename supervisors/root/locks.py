@@ -1,8 +1,9 @@
 """The lock of an e-stop, as a file: it outlives the tree it was put on, the script, and a reboot.
 
-One file for each robot and port in one directory of this user. A robot is locked by a file of its name, whatever
-the port, and by one of its port, whatever the name. Both stand in the file's own name, so that it is known for whom
-a file counts even when its content cannot be read. Such a file locks, too.
+One file for each robot and port in one directory of this user. A robot is locked by a file of its
+name, whatever the port, and by one of its port, whatever the name. Both stand in the file's own
+name, so that it is known for whom a file counts even when its content cannot be read. Such a file
+locks, too.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class Lock(NamedTuple):
 
 
 class Locks:
-    """Of one robot. ``port``: empty for a twin or a simulation, which is known by its name alone."""
+    """Of one robot. ``port``: empty for a twin or a simulation, which is known by its name
+    alone."""
 
     def __init__(self, directory: Path, robot: str, port: str = "") -> None:
         self._directory = directory

@@ -1,7 +1,7 @@
 """The root process: robot supervisor, guardian, tasks. Tiny: no numpy, no SDK, no user code.
 
-It belongs to the process that started it. When that one ends, for whatever reason, the robot is made safe
-and the whole tree goes.
+It belongs to the process that started it. When that one ends, for whatever reason, the robot is
+made safe and the whole tree goes.
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class Unconfirmed:
 
 
 class Ahead(NamedTuple):
-    """What was forked while this process had one thread; and the page that it shares with two of them."""
+    """What was forked while this process had one thread; and the page that it shares with two of
+    them."""
 
     spawner: Spawner
     wire: ForkedAhead  # the first one; when another is needed, this process has threads
@@ -218,7 +219,8 @@ class Tree:
         return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
 
     def instrument_keeper(self) -> InstrumentKeeper:
-        """For who wants to record the root's actors: what is said of the wire and of tasks, less the heartbeats."""
+        """For who wants to record the root's actors: what is said of the wire and of tasks, less
+        the heartbeats."""
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
         description = without_secrets(self.args["driver"], type(driver))
@@ -273,7 +275,8 @@ class Tree:
         run: Callable[..., Awaitable[None]],
         task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
     ) -> None:
-        """Run a part of the root. When it fails the tree ends, in order: the robot is made safe first."""
+        """Run a part of the root. When it fails the tree ends, in order: the robot is made safe
+        first."""
         try:
             await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
         except Exception as error:
@@ -288,7 +291,8 @@ class Tree:
         try:
             await self.supervisor.run()
         except* BudgetSpent as spent:
-            # Each end of the wire was made safe by the guardian; it stays so, once every motor has confirmed it.
+            # Each end of the wire was made safe by the guardian; it stays so, once every motor has
+            # confirmed it.
             self.failed = describe(spent)
             await self.guardian.insist()
 
@@ -305,8 +309,8 @@ class Tree:
     # -- the end
 
     def _see_dying(self, pid: int) -> None:
-        """Who was killed has ended: what it waits for is a processor to die on, for tens of milliseconds on a busy
-        machine."""
+        """Who was killed has ended: what it waits for is a processor to die on, for tens of
+        milliseconds on a busy machine."""
         if pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the caller was killed")
         elif self.tasks.status.running:
@@ -320,9 +324,9 @@ class Tree:
             self._shutdown.set()
 
     async def _leave(self) -> None:
-        """The gate's own stop first, then the end of the wire; the guardian writes again unless that stop was
-        confirmed and the wire has ended by itself since. As long as a motor is not confirmed this process stays,
-        for ``LINGER_S``, and tries."""
+        """The gate's own stop first, then the end of the wire; the guardian writes again unless
+        that stop was confirmed and the wire has ended by itself since. As long as a motor is not
+        confirmed this process stays, for ``LINGER_S``, and tries."""
         reason, by = self._end
         self.guardian.leave()
         report = await self._stop_by_gate(reason, by)

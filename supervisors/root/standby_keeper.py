@@ -33,7 +33,8 @@ START_S = 5.0
 SILENT_S = 0.3
 """A standby that has not beaten for so long is frozen; nothing that moves depends on it."""
 LET_GO_S = 0.3
-"""For a standby to close its stop channel, before the next wire opens the port: it is ended then."""
+"""For a standby to close its stop channel, before the next wire opens the port: it is ended
+then."""
 MARGIN_S = 0.3
 """Of ``Timing.handover_s``: what is left of it when a standby that does not answer is given up."""
 AGAIN_S = (0.0, 0.1, 0.5, 1.0)
@@ -44,8 +45,8 @@ ASK_AGAIN_S = 0.005
 
 
 class StandbyKeeper:
-    """``args``: the standby's. ``on_lost(why)``: there is none from now on. ``on_begun``: one has begun, and needs
-    to be given a stop channel."""
+    """``args``: the standby's. ``on_lost(why)``: there is none from now on. ``on_begun``: one has
+    begun, and needs to be given a stop channel."""
 
     def __init__(
         self,
@@ -175,7 +176,8 @@ class StandbyKeeper:
     # -- its stop channel
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
-        """Give it a way to the hardware; None when it could use that at once. Waits for one that begins."""
+        """Give it a way to the hardware; None when it could use that at once. Waits for one that
+        begins."""
         refusal = Refused("no_standby", "there is no standby process", "wait until another has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:

@@ -1,7 +1,8 @@
 """Making a robot safe without its wire process: one attempt, and how often there is another.
 
-The guardian does so after a fence, a wire process whose root is gone when its own chain could not. What an attempt
-does not confirm is tried again: a cable comes back, a servo that was talked over hears the next frame.
+The guardian does so after a fence, a wire process whose root is gone when its own chain could not.
+What an attempt does not confirm is tried again: a cable comes back, a servo that was talked over
+hears the next frame.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from strands_actors.supervisors.deadlines import StopDeadlines
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
 """Pauses between attempts; the last one goes on."""
 INSIST_S = 2.0
-"""How long the guardian tries before it starts the next wire all the same, which then goes on with it. A serial
-port is open in one process only, and it is the wire that can tell a person which motor is missing."""
+"""How long the guardian tries before it starts the next wire all the same, which then goes on with
+it. A serial port is open in one process only, and it is the wire that can tell a person which motor
+is missing."""
 LINGER_S = 60.0
 """How long a process without a caller or root stays for a robot that is not confirmed safe."""
 
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[MotorReport, ...]:
-    """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not reached."""
+    """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not
+    reached."""
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
         with trio.fail_after(within_s):
@@ -40,7 +43,8 @@ async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[M
 async def attempt_anew(
     driver: Driver, clock: Clock, safe_state: str, descriptors: Sequence[int] = ()
 ) -> tuple[MotorReport, ...]:
-    """As ``attempt``, by a path that is made for it. ``descriptors``: what a wire handed over, if one did."""
+    """As ``attempt``, by a path that is made for it. ``descriptors``: what a wire handed over, if
+    one did."""
     motors = not_reached(driver, "the way to the hardware was lost")
     try:
         path = driver.stop_channel(descriptors, clock)

@@ -1,9 +1,11 @@
-"""A process that the system has stopped (SIGSTOP, Ctrl-Z, a debugger) cannot say so, and need not be waited for.
+"""A process that the system has stopped (SIGSTOP, Ctrl-Z, a debugger) cannot say so, and need not
+be waited for.
 
-A writer that falls silent may only be slow: a policy that holds the interpreter's lock sends nothing for tens of
-milliseconds, and its setpoints have a lifetime for that. That a process is *stopped* the system tells at once. So
-what a stopped writer left behind ends after a few looks, not after its lifetime: 16 instead of 100 ms for legs.
-A few, not one, because a profiler stops a process for a moment at each sample.
+A writer that falls silent may only be slow: a policy that holds the interpreter's lock sends
+nothing for tens of milliseconds, and its setpoints have a lifetime for that. That a process is
+*stopped* the system tells at once. So what a stopped writer left behind ends after a few looks, not
+after its lifetime: 16 instead of 100 ms for legs. A few, not one, because a profiler stops a
+process for a moment at each sample.
 """
 
 from __future__ import annotations
@@ -21,8 +23,8 @@ LOOKS = 3
 
 
 def noticed_s(timing: Timing) -> float:
-    """Published: from the stop of a process to what it becomes. Infinite where the system does not tell (macOS):
-    there the lifetime of what it wrote has to lapse."""
+    """Published: from the stop of a process to what it becomes. Infinite where the system does not
+    tell (macOS): there the lifetime of what it wrote has to lapse."""
     return (LOOKS + 1) * LOOK_EVERY * timing.tick_s if CAN_TELL else math.inf
 
 

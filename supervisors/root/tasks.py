@@ -1,4 +1,5 @@
-"""Named policies, each in a process of its own: the root's part (``Tasks``) and the process itself."""
+"""Named policies, each in a process of its own: the root's part (``Tasks``) and the process
+itself."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ from strands_actors.supervisors.policy import Policy
 from .guardian import Guardian
 
 STOP_S = 0.3
-"""A policy process that has not ended its rollout by then is killed, a wire that has not held a robot fenced; of a
-robot that needs longer than most to be safe, so much later."""
+"""A policy process that has not ended its rollout by then is killed, a wire that has not held a
+robot fenced; of a robot that needs longer than most to be safe, so much later."""
 LAST_WORDS_S = 0.05
 """For the last status to leave."""
 
@@ -61,8 +62,8 @@ class Tasks(Actor):
         label: str = "",
         safe_s: float = USUAL_SAFE_S,
     ) -> None:
-        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``: what
-        the robot's driver says that a stop may take."""
+        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``:
+        what the robot's driver says that a stop may take."""
         self._label = label
         self._robot = robot
         self._start_process = start

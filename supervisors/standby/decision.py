@@ -1,7 +1,7 @@
 """What the standby does, by what it sees of root and wire. A table; no I/O, no clock.
 
-As long as one of the two runs, that one makes the robot safe, and the standby waits. Nobody writes before all who
-could write at the same time have ended: what is only silent is fenced first.
+As long as one of the two runs, that one makes the robot safe, and the standby waits. Nobody writes
+before all who could write at the same time have ended: what is only silent is fenced first.
 """
 
 from __future__ import annotations

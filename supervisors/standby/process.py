@@ -1,7 +1,8 @@
 """The standby process: makes the robot safe when neither root nor wire is left.
 
-It has a session of its own and ignores every signal that can be ignored: it ends by its root's order (SIGKILL), or
-by itself when nothing is left to do. It holds a stop channel of its own, ready before anything is armed.
+It has a session of its own and ignores every signal that can be ignored: it ends by its root's
+order (SIGKILL), or by itself when nothing is left to do. It holds a stop channel of its own, ready
+before anything is armed.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.
 UNCONFIRMED = 4
 """Exit code when a motor did not confirm the safe state."""
 NO_CHANNEL = 5
-"""Exit code when the way to the hardware was lost: another standby is started, and looks for one."""
+"""Exit code when the way to the hardware was lost: another standby is started, and looks for
+one."""
 GONE_S = 10.0
 """A port to which nothing could be written for so long is gone."""
 LOCK_S = 1.0
@@ -109,7 +111,8 @@ class Standby(Actor):
     # -- what is watched
 
     def _watch_over(self, message: WatchOver) -> None:
-        """The root, and the wire that lives now. ``descriptors``: the page, then a pidfd of each."""
+        """The root, and the wire that lives now. ``descriptors``: the page, then a pidfd of
+        each."""
         page, *pidfds = message.descriptors
         if self._words is None:
             self._words = words_of(page)
@@ -184,7 +187,8 @@ class Standby(Actor):
         self._decide()
 
     async def _make_safe(self, root: _Seen, wire: _Seen) -> None:
-        """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are over."""
+        """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are
+        over."""
         safe_state = self._driver.fallbacks[Reason.WIRE]
         why = "; ".join(_told(process) for process in (root, wire))
         attempts, motors = 0, tuple[MotorReport, ...]()

@@ -1,5 +1,5 @@
-"""What a standby leaves in the run directory: a report of what it did, for the next robot of that name; and, while
-it lives, a lock, for which the next robot waits.
+"""What a standby leaves in the run directory: a report of what it did, for the next robot of that
+name; and, while it lives, a lock, for which the next robot waits.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _REPORT_BYTES = 64 * 1024
 
 
 class StandbyReport(msgspec.Struct, frozen=True):
-    """``over``: it does nothing more. ``port``: empty for a twin, which is known by the robot's name alone. ``at``:
-    ISO 8601, UTC, of the file; filled in by who reads it."""
+    """``over``: it does nothing more. ``port``: empty for a twin, which is known by the robot's
+    name alone. ``at``: ISO 8601, UTC, of the file; filled in by who reads it."""
 
     robot: str
     port: str
@@ -74,10 +74,12 @@ def _unreadable(path: Path, why: str) -> StandbyReport:
 
 
 class LifeLock:
-    """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name and port."""
+    """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name
+    and port."""
 
     def __init__(self, path: Path, port: str) -> None:
-        """Take it. Raise ``BlockingIOError`` when another process has it, ``OSError`` when there is no place."""
+        """Take it. Raise ``BlockingIOError`` when another process has it, ``OSError`` when there is
+        no place."""
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,4 +1,5 @@
-"""How root and wire look, by their ends and heartbeats. No I/O and no clock: it is told what was seen, and when."""
+"""How root and wire look, by their ends and heartbeats. No I/O and no clock: it is told what was
+seen, and when."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ Look = Callable[[], Standing | None]
 
 
 def silent_s(timing: Timing) -> float:
-    """Published: how long both must be silent before the standby acts. Twice the time after which root
-    and wire notice each other's silence: whoever of the two is left comes first."""
+    """Published: how long both must be silent before the standby acts. Twice the time after which
+    root and wire notice each other's silence: whoever of the two is left comes first."""
     return 2 * timing.heartbeat_ttl_s
 
 
@@ -31,7 +32,8 @@ def look_s(timing: Timing) -> float:
 
 
 class Watched:
-    """One process. ``look`` asks how it stands with the processor: a process that waits for one is not silent."""
+    """One process. ``look`` asks how it stands with the processor: a process that waits for one is
+    not silent."""
 
     def __init__(self, timing: Timing, look: Look = lambda: None, began_ns: int = 0) -> None:
         self._detector = FailureDetector(silent_s(timing), look_s(timing), look)

@@ -1,7 +1,7 @@
 """The wire group: gate, watchdog and transport, in one loop, with nothing else in it.
 
-If one of the three breaks, the group ends as a whole and the guardian takes over: half a chain is never
-repaired in place.
+If one of the three breaks, the group ends as a whole and the guardian takes over: half a chain is
+never repaired in place.
 """
 
 from __future__ import annotations
@@ -64,8 +64,9 @@ async def run_group(
     no_standby: str = "",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see ``Watchdog``; ``made`` is
-    given the transport. ``owed``, ``no_standby``: see ``Transport`` and ``Gate``."""
+    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see
+    ``Watchdog``; ``made`` is given the transport. ``owed``, ``no_standby``: see ``Transport`` and
+    ``Gate``."""
     at = addresses.of(robot)
     transport = Transport(
         driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST, owed
@@ -298,8 +299,9 @@ async def _beat(heartbeat: Heartbeat, clock: Clock, tick_s: float) -> None:
 
 
 async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:
-    """The root is gone, and gate and transport could not make safe, or have failed: go past them, again and again
-    until every motor confirms it or ``LINGER_S`` are over. Whether they did. ``transports``: the one that ran."""
+    """The root is gone, and gate and transport could not make safe, or have failed: go past them,
+    again and again until every motor confirms it or ``LINGER_S`` are over. Whether they did.
+    ``transports``: the one that ran."""
     safe_state = driver.fallbacks[Reason.ROOT]
     descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):

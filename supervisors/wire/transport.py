@@ -1,13 +1,13 @@
 """The transport is the only writer of the wire.
 
-It checks epoch and deadline immediately before each write, through the permit that the wire calls as the
-last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at once. It
-reports every write, reads observations with their age, and opens the wire again, with backoff, when it was
-lost; it never arms by itself.
+It checks epoch and deadline immediately before each write, through the permit that the wire calls
+as the last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at
+once. It reports every write, reads observations with their age, and opens the wire again, with
+backoff, when it was lost; it never arms by itself.
 
-A link that was lost while something was energised is made safe before anything else is done with it: at the
-loss, before each attempt to open it again, and at every stop, on whatever can still be written (``Wire.reach``).
-None of that waits for a handshake, and a stop cuts a handshake short.
+A link that was lost while something was energised is made safe before anything else is done with
+it: at the loss, before each attempt to open it again, and at every stop, on whatever can still be
+written (``Wire.reach``). None of that waits for a handshake, and a stop cuts a handshake short.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ REACH_MARGIN_S = 0.25
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
-"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been connected, too."""
+"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been
+connected, too."""
 
 SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
 """Safe states that take seconds to reach. An e-stop that comes meanwhile is not held up by them."""
@@ -74,7 +75,8 @@ _PROMPT = (Write, Cycle)
 
 
 class _Permit:
-    """A setpoint may leave while its epoch is the present one, its deadline ahead, and no stop waits."""
+    """A setpoint may leave while its epoch is the present one, its deadline ahead, and no stop
+    waits."""
 
     __slots__ = ("_deadline_ns", "_epoch", "_transport")
 
@@ -122,8 +124,8 @@ class _Serving:
 
 
 class Transport(Actor):
-    """``owes``: an earlier wire left something energised, or nobody has confirmed that it did not. ``owed``: where
-    that is noted, for a standby."""
+    """``owes``: an earlier wire left something energised, or nobody has confirmed that it did not.
+    ``owed``: where that is noted, for a standby."""
 
     def __init__(
         self,
@@ -277,7 +279,8 @@ class Transport(Actor):
             self._owed.safe_state = False
 
     async def _reach(self, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
-        """Make safe what can be written although there is no link. Empty: it was not done in time."""
+        """Make safe what can be written although there is no link. Empty: it was not done in
+        time."""
         if self._lost is None:
             self._lost = self._driver.open_wire(self.context.clock)
         passed_s = (self.context.clock.now_ns() - began_ns) / NS
@@ -397,8 +400,8 @@ class Transport(Actor):
             self._gate.tell(LinkUp(facts, observation))
 
     def descriptors(self) -> tuple[int, ...]:
-        """Of the wire that is open, as its root was handed them; for who makes safe when this actor does not run
-        any more, and owns them."""
+        """Of the wire that is open, as its root was handed them; for who makes safe when this actor
+        does not run any more, and owns them."""
         wire = self._wire or self._lost
         return () if wire is None else tuple(os.dup(fd) for fd in wire.handover())
 
@@ -475,7 +478,8 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
-        """A bounded operation: tell the watchdog, so that its silence is no sign of death, and when it is over."""
+        """A bounded operation: tell the watchdog, so that its silence is no sign of death, and when
+        it is over."""
         until_ns = self.context.clock.now_ns() + round(at_most_s * NS)
         self._watchdog.tell(Cycled(number, until_ns))
         try:
@@ -485,7 +489,8 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _silent(self) -> Iterator[None]:
-        """An SDK may keep the interpreter's lock, and with it this whole process: only the root can wait then."""
+        """An SDK may keep the interpreter's lock, and with it this whole process: only the root can
+        wait then."""
         silent_s = self._driver.timing.silent_s
         if not silent_s:
             yield

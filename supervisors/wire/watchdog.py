@@ -1,16 +1,17 @@
 """The watchdog owns time: it re-sends, expires and beats, each only when earned.
 
 Every tick it probes the gate; the gate looks at its deadlines and answers. Every cycle it asks the
-transport to read, and to re-send the last setpoint when one is due, *only if* in this period the writer
-(its lifetime and lease stand, says the gate), the gate (it answered) and the transport (it answered the
-last cycle) are all alive. A frozen link in that chain therefore stops the keepalive by itself.
+transport to read, and to re-send the last setpoint when one is due, *only if* in this period the
+writer (its lifetime and lease stand, says the gate), the gate (it answered) and the transport (it
+answered the last cycle) are all alive. A frozen link in that chain therefore stops the keepalive by
+itself.
 
-To the root it beats on the same condition, without the writer: a wire process whose gate or transport does
-not answer is fenced from outside, whatever it believes of itself.
+To the root it beats on the same condition, without the writer: a wire process whose gate or
+transport does not answer is fenced from outside, whatever it believes of itself.
 
-A stream of setpoints that is as quick as its ticks brings them along (``Ticker``): with each that it accepts
-the gate looks at its deadlines and says so, as if it had been probed. When none comes the watchdog ticks by
-itself again.
+A stream of setpoints that is as quick as its ticks brings them along (``Ticker``): with each that
+it accepts the gate looks at its deadlines and says so, as if it had been probed. When none comes
+the watchdog ticks by itself again.
 
 It reads no clock: what it does follows from its memory, the message, and when that was taken up.
 """
@@ -67,8 +68,9 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it has.
-    ``heartbeat``: shared with the root. ``root`` tells how its process stands with the processor."""
+    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it
+    has. ``heartbeat``: shared with the root. ``root`` tells how its process stands with the
+    processor."""
 
     def __init__(
         self,
@@ -164,8 +166,8 @@ class Watchdog(Actor):
         self._transport.tell(Cycle(self._cycle, resend, answered))
 
     def _chain_answered(self, now_ns: int) -> bool:
-        """Gate and transport have both been heard within the heartbeat's lifetime, or the transport said until
-        when it is busy."""
+        """Gate and transport have both been heard within the heartbeat's lifetime, or the transport
+        said until when it is busy."""
         gate_ns, transport_ns = self._answers_ns
         limit_ns = now_ns - self._heartbeat_ttl_ns // 2 - self._cycle_ns
         return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
@@ -177,8 +179,8 @@ class Watchdog(Actor):
         self.context.me.tell(Leave(why))
 
     async def _leave(self, why: str) -> None:
-        """Nobody is left who could fence us: make safe, then end. Asked again, a gate with nothing energised has
-        nothing to do, and any other one tries again."""
+        """Nobody is left who could fence us: make safe, then end. Asked again, a gate with nothing
+        energised has nothing to do, and any other one tries again."""
         confirmed = False
         try:
             for _ in range(ASKS):

@@ -1,4 +1,5 @@
-"""A model for strands-agents that says what it was told to say, and keeps what it hears. No network."""
+"""A model for strands-agents that says what it was told to say, and keeps what it hears. No
+network."""
 
 from __future__ import annotations
 

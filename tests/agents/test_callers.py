@@ -1,4 +1,5 @@
-"""Who calls a robot: asyncio loops, notebooks, trio programs; before, while and after there is one."""
+"""Who calls a robot: asyncio loops, notebooks, trio programs; before, while and after there is
+one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``strands-actors mcp``, with the official client at the other end of its standard input and output."""
+"""``strands-actors mcp``, with the official client at the other end of its standard input and
+output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Policies by name and from afar: who is chosen, what they are told, and a real server at the other end."""
+"""Policies by name and from afar: who is chosen, what they are told, and a real server at the other
+end."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ Answer = Callable[[dict[str, Any]], dict[str, Any] | bytes | None]
 
 @contextlib.contextmanager
 def server(answer: Answer) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """A policy server of somebody else: its port, and the requests it got. It answers in kind; None: not at all."""
+    """A policy server of somebody else: its port, and the requests it got. It answers in kind;
+    None: not at all."""
     requests: list[dict[str, Any]] = []
     done = threading.Event()
 

@@ -94,8 +94,8 @@ class Command:
 
 
 class RobotProcess:
-    """A user's script: a connected robot that obeys line by line. ``expected``: in what it says when it connects,
-    when all is not well."""
+    """A user's script: a connected robot that obeys line by line. ``expected``: in what it says
+    when it connects, when all is not well."""
 
     def __init__(self, command: Command, expected: str | None = None) -> None:
         self._environment = command.environment

@@ -1,4 +1,5 @@
-"""The demo as a person runs it: it proves its safety by its exit code, and leaves nothing behind."""
+"""The demo as a person runs it: it proves its safety by its exit code, and leaves nothing
+behind."""
 
 from __future__ import annotations
 

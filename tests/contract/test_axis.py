@@ -104,7 +104,8 @@ def test_saf_014_a_stream_steps_as_far_as_the_axis_moves() -> None:
 
 
 def test_saf_014_a_pause_can_count_for_nothing() -> None:
-    """For a controller that goes to each target in one period, however long ago the last one was."""
+    """For a controller that goes to each target in one period, however long ago the last one
+    was."""
     after_a_pause = state(stream=True, period_s=0.008, since_ns=5 * 10**9)
     step = Candidate((0.1 + 0.05, 0.2, 0.0, 0.0), (0,))
     assert too_fast(TABLE, longest_s=0.1)(step, after_a_pause) is None

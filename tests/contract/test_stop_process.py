@@ -1,4 +1,5 @@
-"""A stop channel in a process of its own: whatever the SDK does there, the root gets an answer in time."""
+"""A stop channel in a process of its own: whatever the SDK does there, the root gets an answer in
+time."""
 
 from __future__ import annotations
 

@@ -237,7 +237,8 @@ class Theirs(Feetech):
 
 @pytest.fixture
 def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three of other people's are installed: a good one, one that raises and one that is no driver."""
+    """Three of other people's are installed: a good one, one that raises and one that is no
+    driver."""
     module = ModuleType("their_drivers")
     module.__dict__.update(Theirs=Theirs, Half=Half)
     monkeypatch.setitem(sys.modules, "their_drivers", module)

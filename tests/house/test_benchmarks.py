@@ -1,5 +1,5 @@
-"""The benchmarks' short form runs, beside the peers that the tests install. No test asserts a speed: figures are in
-docs/benchmarks.md."""
+"""The benchmarks' short form runs, beside the peers that the tests install. No test asserts a
+speed: figures are in docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ FAST = ("tell", "ask", "urgent", "virtual")
 
 @pytest.mark.parametrize("name", FAST)
 def test_a_short_form_gives_the_figures_that_its_goals_judge(name: str) -> None:
-    """How fast is for docs/benchmarks.md to say, and for a quiet machine: here the question has to run."""
+    """How fast is for docs/benchmarks.md to say, and for a quiet machine: here the question has to
+    run."""
     question = house.questions()[name].among(*INSTALLED)
     assert question.goals and question.short
     verdicts = house.run(question, rounds=1, short=True).verdicts(question.goals)

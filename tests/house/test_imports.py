@@ -1,5 +1,5 @@
-"""Dependencies run one way, downhill: surfaces -> supervisors -> contract, kernel <- drivers. Kept by reading
-the code."""
+"""Dependencies run one way, downhill: surfaces -> supervisors -> contract, kernel <- drivers. Kept
+by reading the code."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
 
 
 def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
-    """Return what a module imports: when it is loaded, later in a function, and for type checkers alone."""
+    """Return what a module imports: when it is loaded, later in a function, and for type checkers
+    alone."""
     yield from _walk(ast.parse(source), name if is_package else name.rpartition(".")[0], is_lazy=False)
 
 

@@ -1,4 +1,5 @@
-"""Root, wire and standby stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an import."""
+"""Root, wire and standby stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an
+import."""
 
 from __future__ import annotations
 

@@ -26,7 +26,8 @@ NEEDED = (
 
 
 def build(kind: str, source: Path, into: Path) -> Path:
-    """As ``python -m build --no-isolation`` does it: the backend, in a process of its own, in ``source``."""
+    """As ``python -m build --no-isolation`` does it: the backend, in a process of its own, in
+    ``source``."""
     script = f"import sys; from hatchling.build import build_{kind}; print(build_{kind}(sys.argv[1]))"
     command = [sys.executable, "-c", script, str(into)]
     done = subprocess.run(command, cwd=source, capture_output=True, text=True, check=False)

@@ -1,4 +1,5 @@
-"""The ways two nodes can be joined. ``here`` asks, ``there`` hosts; ``sever`` makes ``there`` go away."""
+"""The ways two nodes can be joined. ``here`` asks, ``there`` hosts; ``sever`` makes ``there`` go
+away."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class Pair:
     nursery: trio.Nursery
 
     async def host(self, name: str, factory: Callable[[], Actor], node: Node | None = None) -> Cell:
-        """Run an actor (there, unless said otherwise) and wait until the other node can reach it."""
+        """Run an actor (there, unless said otherwise) and wait until the other node can reach
+        it."""
         node = node or self.there
         cell = node.cell(f"r/actor/{name}", factory)
         await self.nursery.start(cell.run)
@@ -67,7 +69,8 @@ class Pair:
 
 
 async def reachable(node: Node, address: str) -> None:
-    """Wait until ``address`` answers; which of the two nodes learns of the other first is not told."""
+    """Wait until ``address`` answers; which of the two nodes learns of the other first is not
+    told."""
     with trio.fail_after(PATIENCE_S):
         while True:
             with suppress(Unreachable):

@@ -1,4 +1,5 @@
-"""What the kernel's tests share: running on trio, a few messages, an actor that records what it reads."""
+"""What the kernel's tests share: running on trio, a few messages, an actor that records what it
+reads."""
 
 from __future__ import annotations
 

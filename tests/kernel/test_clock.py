@@ -1,4 +1,5 @@
-"""Time: ticks keep to their grid and skip what was missed, in virtual time exactly, in real time nearly."""
+"""Time: ticks keep to their grid and skip what was missed, in virtual time exactly, in real time
+nearly."""
 
 from __future__ import annotations
 
@@ -64,7 +65,8 @@ async def test_real_ticks_do_not_drift(real_clock: Clock) -> None:
             if len(seen) == 25:
                 break
             await trio.sleep(0.025)
-    # 24 periods are 1.2 s; with the work added they would be 1.8 s. A busy machine may skip a few ticks.
+    # 24 periods are 1.2 s; with the work added they would be 1.8 s. A busy machine may skip a few
+    # ticks.
     assert 1150 * MS <= seen[-1] - seen[0] < 1500 * MS
 
 

@@ -1,4 +1,5 @@
-"""SAF-015: a process that ends for any reason is gone at once; nothing of ours keeps it or its lease alive."""
+"""SAF-015: a process that ends for any reason is gone at once; nothing of ours keeps it or its
+lease alive."""
 
 from __future__ import annotations
 
@@ -115,8 +116,9 @@ def run_script(path: Path, ending: str) -> subprocess.Popen[str]:
 
 
 async def end(process: subprocess.Popen[str], sig: signal.Signals) -> float:
-    """Signal it; seconds until it was gone. An interrupt that comes just before the interpreter begins to wait
-    does not end that wait (it has looked already): as at a terminal, it is then sent again."""
+    """Signal it; seconds until it was gone. An interrupt that comes just before the interpreter
+    begins to wait does not end that wait (it has looked already): as at a terminal, it is then sent
+    again."""
     while True:
         sent_ns = time.monotonic_ns()
         process.send_signal(sig)

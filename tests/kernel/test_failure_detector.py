@@ -28,9 +28,9 @@ def lost_after_ms(
     stopped: bool = False,
     stolen: tuple[float, ...] = (),
 ) -> int:
-    """When a peer that has fallen silent counts as lost, from the share of its time it computes and stands in
-    line. ``counted``: the system counts waits as they go, not only once they are over. ``stolen``: the share of
-    each processor's time that the hypervisor takes, told in its steps."""
+    """When a peer that has fallen silent counts as lost, from the share of its time it computes and
+    stands in line. ``counted``: the system counts waits as they go, not only once they are over.
+    ``stolen``: the share of each processor's time that the hypervisor takes, told in its steps."""
     now_ms = 0
 
     def look() -> Standing:
@@ -190,7 +190,8 @@ def test_of_one_thread() -> None:
 
 
 def test_a_suspected_process_comes_with_what_the_hypervisor_took_from_each_processor() -> None:
-    """As proc(5) tells it: the eighth figure behind a processor's name, in hundredths of a second."""
+    """As proc(5) tells it: the eighth figure behind a processor's name, in hundredths of a
+    second."""
     with open("/proc/stat") as stat:
         rows = [line.split() for line in stat if line.startswith("cpu") and line[3].isdigit()]
     seen = suspected(os.getpid())

@@ -1,5 +1,5 @@
-"""Which part of the heap a collection leaves alone, and until when. In processes of their own: it is the
-interpreter's state."""
+"""Which part of the heap a collection leaves alone, and until when. In processes of their own: it
+is the interpreter's state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Actors that are run in the turn of who sent them mail: the same messages, the same order, their own failures."""
+"""Actors that are run in the turn of who sent them mail: the same messages, the same order, their
+own failures."""
 
 from __future__ import annotations
 
@@ -167,7 +168,8 @@ async def test_who_asks_and_asks_lets_others_run_too() -> None:
 
 
 class Slow(Actor):
-    """Asynchronous; prompt for numbers, unless they are negative. Keeps what it was told, and in whose task."""
+    """Asynchronous; prompt for numbers, unless they are negative. Keeps what it was told, and in
+    whose task."""
 
     def __init__(self, log: list[tuple[int, bool]], liar: bool = False) -> None:
         self.log, self.liar = log, liar

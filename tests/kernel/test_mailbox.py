@@ -107,7 +107,8 @@ def test_a_mailbox_holds_a_thousand_by_default() -> None:
 
 
 class MailboxAgainstModel(RuleBasedStateMachine):
-    """Any mix of senders and lanes: order per sender, newest of the latest, nothing lost or doubled."""
+    """Any mix of senders and lanes: order per sender, newest of the latest, nothing lost or
+    doubled."""
 
     def __init__(self) -> None:
         super().__init__()

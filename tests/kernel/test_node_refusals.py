@@ -1,4 +1,5 @@
-"""What one node refuses of the other, and what becomes of descriptors, however the two are joined."""
+"""What one node refuses of the other, and what becomes of descriptors, however the two are
+joined."""
 
 from __future__ import annotations
 

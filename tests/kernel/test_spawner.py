@@ -1,4 +1,5 @@
-"""The process that starts others: what it starts, and what becomes of a start when it is frozen or dead."""
+"""The process that starts others: what it starts, and what becomes of a start when it is frozen or
+dead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Supervision in virtual time: who is started again, when, how often, and in which order all ends."""
+"""Supervision in virtual time: who is started again, when, how often, and in which order all
+ends."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ class Failed(Exception):
 
 @dataclass
 class Life:
-    """One incarnation: up at once, or after ``up_s``; ends after ``lasts_s``, with or without an error."""
+    """One incarnation: up at once, or after ``up_s``; ends after ``lasts_s``, with or without an
+    error."""
 
     lasts_s: float = float("inf")
     error: BaseException | None = None
@@ -380,7 +382,8 @@ async def test_supervisors_nest_and_a_spent_budget_is_the_parents_matter() -> No
 
 @virtual_time
 async def test_an_actor_keeps_its_mailbox_and_loses_its_state() -> None:
-    """What waited is handled by the next incarnation; the message that broke it is not tried again."""
+    """What waited is handled by the next incarnation; the message that broke it is not tried
+    again."""
     async with running_node() as (node, nursery):
         logs: list[list[Message]] = []
 

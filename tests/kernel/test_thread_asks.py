@@ -1,4 +1,5 @@
-"""A thread asks an actor of another process by itself, and has the answer to its own question or none."""
+"""A thread asks an actor of another process by itself, and has the answer to its own question or
+none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A ticker that something else ticks for: it stands back meanwhile, and is there when that stays away."""
+"""A ticker that something else ticks for: it stands back meanwhile, and is there when that stays
+away."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""``python -m tests.kill.restarts N``: the actors of root and wire in one process, in virtual time. A policy is
-started and ends, N times, and before that a tenth as often. Prints the process's own memory before and after (kB).
+"""``python -m tests.kill.restarts N``: the actors of root and wire in one process, in virtual time.
+A policy is started and ends, N times, and before that a tenth as often. Prints the process's own
+memory before and after (kB).
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""SAF-003, SAF-008: a wire process that keeps dying ends with a safe robot that stays so until asked."""
+"""SAF-003, SAF-008: a wire process that keeps dying ends with a safe robot that stays so until
+asked."""
 
 from __future__ import annotations
 

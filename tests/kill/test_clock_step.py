@@ -1,8 +1,10 @@
-"""The wall's clock is set by an hour while a robot moves, for every process of its tree and for the caller.
+"""The wall's clock is set by an hour while a robot moves, for every process of its tree and for the
+caller.
 
-``time.time`` and ``time.time_ns`` are replaced in each of them: to set the machine's own clock is not for a test.
-(``test_no_part_of_the_tree_reads_the_wall_clock`` finds who else would read it.) The kernel's stamps on what a
-robot on legs sends keep the old time here, which is harder than a clock that is really set.
+``time.time`` and ``time.time_ns`` are replaced in each of them: to set the machine's own clock is
+not for a test. (``test_no_part_of_the_tree_reads_the_wall_clock`` finds who else would read it.)
+The kernel's stamps on what a robot on legs sends keep the old time here, which is harder than a
+clock that is really set.
 """
 
 from __future__ import annotations
@@ -37,8 +39,8 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 
 @pytest.fixture
 def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
-    """Set the wall's clock of this process, and of those it starts, by so many seconds. Returns who has this clock:
-    what was started by exec; forks of it have it too."""
+    """Set the wall's clock of this process, and of those it starts, by so many seconds. Returns who
+    has this clock: what was started by exec; forks of it have it too."""
     at = tmp_path / "by_s"
     at.write_text("0")
     (tmp_path / "site").mkdir()
@@ -62,7 +64,8 @@ def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int]
 def test_saf_001_a_clock_that_is_set_by_an_hour_stops_nothing(
     strands_robot: Start, set_clock: Callable[[int], list[int]], step_s: int
 ) -> None:
-    """A single command of an arm stands as long as its caller's lease, and is repeated on the wire."""
+    """A single command of an arm stands as long as its caller's lease, and is repeated on the
+    wire."""
     arm, twin = strands_robot("so101")
     began_ns = time.monotonic_ns()
     assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"

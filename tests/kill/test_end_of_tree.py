@@ -1,4 +1,5 @@
-"""SAF-018: a tree that ends obeys nobody any more and leaves nothing energised. Real processes, the wire's log."""
+"""SAF-018: a tree that ends obeys nobody any more and leaves nothing energised. Real processes, the
+wire's log."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ DELAYS_S = (0.0, 0.004, 0.008, 0.012, 0.016)
 
 
 class Operator(threading.Thread):
-    """Presses resume so long after the first safe frame since ``since_ns``, past everybody but the gate."""
+    """Presses resume so long after the first safe frame since ``since_ns``, past everybody but the
+    gate."""
 
     def __init__(self, run_dir: Path, robot: str, log: WireLog, delay_s: float) -> None:
         super().__init__()

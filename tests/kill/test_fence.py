@@ -1,5 +1,5 @@
-"""SAF-002: a frozen wire process that is let go again finds itself dead. SAF-003, SAF-016: and the root may die, or
-one of its actors find nobody to ask, just then."""
+"""SAF-002: a frozen wire process that is let go again finds itself dead. SAF-003, SAF-016: and the
+root may die, or one of its actors find nobody to ask, just then."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The target is latched and its caller lives on: without the fence, the wire would re-send it."""
+    """The target is latched and its caller lives on: without the fence, the wire would re-send
+    it."""
     log = WireLog(tmp_path / "wire.ndjson")
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     with Robot("so101", mode="real", transport="twin") as arm:
@@ -46,7 +47,8 @@ def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
 
 
 def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_robot: Start) -> None:
-    """It is killed at the very death of the wire that it fences: the frame before the fence is out."""
+    """It is killed at the very death of the wire that it fences: the frame before the fence is
+    out."""
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
     tree = arm.tree()
@@ -67,7 +69,8 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
 
 
 def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
-    """Neither policy nor gate answers the root, which has the stop channel: it is needed just then."""
+    """Neither policy nor gate answers the root, which has the stop channel: it is needed just
+    then."""
     arm, twin = strands_robot("so101")
     started = arm.start_task("wave", policy_provider="tests.kill.sitting:Sitting")
     assert started["status"] == "success", started

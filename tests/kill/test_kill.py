@@ -1,8 +1,9 @@
-"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: any one process, or the robot itself, breaks in
-any way, and the wire shows the safe state. The short form of the kill matrix: each cell once.
+"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: any one process, or the robot
+itself, breaks in any way, and the wire shows the safe state. The short form of the kill matrix:
+each cell once.
 
-Real processes, real wires. The bounds here leave room for a busy machine; the published ones are held by
-``strands-actors matrix --repeats 50``.
+Real processes, real wires. The bounds here leave room for a busy machine; the published ones are
+held by ``strands-actors matrix --repeats 50``.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ HARDEST = (
     "crazyflie",
     "unitree_go2",
 )
-"""Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by hand."""
+"""Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by
+hand."""
 
 CELLS = [
     (robot, cell)
@@ -43,7 +45,8 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next begins."""
+    """The one bench in use. Cells come robot by robot: the one before is ended when the next
+    begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():

@@ -1,4 +1,5 @@
-"""SAF-010: a start_task that was not answered in time starts nothing later. Real processes, by the wire's log."""
+"""SAF-010: a start_task that was not answered in time starts nothing later. Real processes, by the
+wire's log."""
 
 from __future__ import annotations
 
@@ -62,8 +63,8 @@ def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robo
 def test_saf_010_a_task_whose_caller_has_given_up_moves_nothing(
     strands_robot: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The root answers, and too late: what it has begun by then is ended, and gets no lease. It is given no
-    deadline here, so that it does begin."""
+    """The root answers, and too late: what it has begun by then is ended, and gets no lease. It is
+    given no deadline here, so that it does begin."""
     arm, twin = strands_robot("so101")
     began_ns = time.monotonic_ns()
     monkeypatch.setattr(rollouts, "START_S", 1e-4)

@@ -1,4 +1,5 @@
-"""SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and its short form.
+"""SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and
+its short form.
 
 Real processes, real wires. Bounds leave room for a busy machine; the published ones are held by
 ``strands-actors matrix --pairs``.
@@ -41,7 +42,8 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next begins."""
+    """The one bench in use. Cells come robot by robot: the one before is ended when the next
+    begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():
@@ -72,7 +74,7 @@ def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:
         assert pair.why_not == (gripper.ROLLOUTS if Members.POLICY in pair.members else "")
 
 
-@pytest.mark.parametrize("pair", pairs_of(driver_of("so101")), ids=str)
+@pytest.mark.parametrize("pair", [*pairs_of(driver_of("so101"))], ids=str)
 def test_a_pair_is_found_by_what_its_trials_are_called(pair: Pair) -> None:
     found = cell_named(pair.victim, pair.fault)
     assert isinstance(found, Pair) and (found.members, found.way) == (pair.members, pair.way)

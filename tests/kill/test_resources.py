@@ -1,6 +1,6 @@
-"""What runs out: descriptors, in the root and in the caller; memory, by restarts of a policy. (Memory of a policy:
-``test_failures.py``; the disk: ``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock:
-``test_clock_step.py``.)
+"""What runs out: descriptors, in the root and in the caller; memory, by restarts of a policy.
+(Memory of a policy: ``test_failures.py``; the disk:
+``test_a_full_disk_ends_the_recording_and_nothing_else``; the clock: ``test_clock_step.py``.)
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
 REAL_RESTARTS = int(os.environ.get("STRANDS_ACTORS_REAL_RESTARTS", "60"))
 GROWTH = 1.05
 WARM_UP = 100
-"""Restarts until the allocator of a wire has settled: it grows by 0.5 MB in the first hundred sessions of policies
-that it lets in, and by 0.15 MB in the next three hundred."""
+"""Restarts until the allocator of a wire has settled: it grows by 0.5 MB in the first hundred
+sessions of policies that it lets in, and by 0.15 MB in the next three hundred."""
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 

@@ -1,6 +1,8 @@
-"""SAF-016: root and wire break within a moment, and the standby makes the robot safe. Real processes, real wires.
+"""SAF-016: root and wire break within a moment, and the standby makes the robot safe. Real
+processes, real wires.
 
-One robot on a serial port, whose descriptor the standby has; one on a network, where it connects anew.
+One robot on a serial port, whose descriptor the standby has; one on a network, where it connects
+anew.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ SETTLE_S = 0.5
 
 @pytest.fixture
 def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Twin, dict[str, int]]]]:
-    """An armed robot with a command that stands, and its processes. All of them are ended afterwards."""
+    """An armed robot with a command that stands, and its processes. All of them are ended
+    afterwards."""
     known: list[int] = []
 
     def start(kind: str) -> tuple[RealRobot, Twin, dict[str, int]]:
@@ -93,7 +96,8 @@ def test_saf_016_root_and_wire_break_and_the_standby_makes_safe(
 def test_saf_016_a_wire_that_dies_before_it_has_made_safe_leaves_the_standby(
     moving: Callable[[str], Any], strands_run_dir: Path
 ) -> None:
-    """Its root is gone and one servo is mute, so that the wire goes on trying. Until then the standby waits."""
+    """Its root is gone and one servo is mute, so that the wire goes on trying. Until then the
+    standby waits."""
     _, twin, found = moving("so101")
     twin.fault("garbage:5")
     time.sleep(0.1)

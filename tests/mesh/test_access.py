@@ -141,7 +141,8 @@ def stop_s(robot: RealRobot, twin: Twin) -> float:
 def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
     who: str, keys: Path, port: int, twin: Twin
 ) -> None:
-    """Of a viewer, who may send none of them, and of an operator, who may: they are forged all the same."""
+    """Of a viewer, who may send none of them, and of an operator, who may: they are forged all the
+    same."""
     seconds = float(os.environ.get("STRANDS_ACTORS_FLOOD_S", "2"))
     here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "robot"))
     robot = Robot("so101", mode="real", port=twin.port, mesh=here)

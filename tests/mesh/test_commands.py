@@ -129,7 +129,8 @@ def test_saf_001_a_stale_or_undated_move_is_refused() -> None:
 
 @pytest.mark.parametrize("skew_s", [-3600.0, 7.0, 1e6])
 def test_a_sender_on_another_clock_is_understood(skew_s: float) -> None:
-    """Between hosts: the deadline that counts is the robot's, and it is never later than was meant."""
+    """Between hosts: the deadline that counts is the robot's, and it is never later than was
+    meant."""
 
     async def test() -> None:
         def theirs_ns() -> int:

@@ -1,4 +1,5 @@
-"""The gateway: what comes from another host reaches the gate dated, in time, from its own sender, or not at all."""
+"""The gateway: what comes from another host reaches the gate dated, in time, from its own sender,
+or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``Robot(..., at=)``: a robot of another host by the same handle, over TLS and a cable that can be cut."""
+"""``Robot(..., at=)``: a robot of another host by the same handle, over TLS and a cable that can be
+cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A robot's clock is read over a network; a time that is told to the robot is never later than meant."""
+"""A robot's clock is read over a network; a time that is told to the robot is never later than
+meant."""
 
 from __future__ import annotations
 

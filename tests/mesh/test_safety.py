@@ -180,7 +180,8 @@ def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
 
 
 def test_a_stop_is_waited_for_as_long_as_the_robot_says_that_it_takes() -> None:
-    """It has told that it heard: who ordered the stop then waits for its driver's deadlines, not for their own."""
+    """It has told that it heard: who ordered the stop then waits for its driver's deadlines, not
+    for their own."""
 
     async def test() -> None:
         async with robot_on_mesh(FakeHardware(confirm_s=1.0)) as (robot, _, _), mesh() as client:

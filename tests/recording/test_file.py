@@ -1,4 +1,5 @@
-"""The file: opens with mcap's own reader, shows what happened, and is refused in one line when it is damaged."""
+"""The file: opens with mcap's own reader, shows what happened, and is refused in one line when it
+is damaged."""
 
 from __future__ import annotations
 

@@ -94,7 +94,8 @@ def steps_of(arm: RealRobot) -> int:
 
 
 def roll_out(arm: RealRobot, steps: int) -> None:
-    """A policy in a process of its own. On a busy machine it may be late, and end: then it is started again."""
+    """A policy in a process of its own. On a busy machine it may be late, and end: then it is
+    started again."""
 
     def far_enough() -> bool:
         if steps_of(arm) < 0:
@@ -112,7 +113,8 @@ def move(arm: RealRobot, times: int) -> None:
 
 
 def until_recorded(path: Path, arm: RealRobot) -> None:
-    """Commands, until some must be in the file: what goes on when nobody listens would not let it grow so."""
+    """Commands, until some must be in the file: what goes on when nobody listens would not let it
+    grow so."""
     size = path.stat().st_size
     until(
         lambda: arm.send_action({"gripper": 20.0})["status"] == "success" and path.stat().st_size > size + 30_000,
@@ -265,7 +267,8 @@ def test_bad_files_are_one_line(run: tuple[Path, str], tmp_path: Path, capsys: p
 
 
 def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is given up, the arm moves on, a stop is as quick as ever; thawed, it goes on behind a gap."""
+    """It is given up, the arm moves on, a stop is as quick as ever; thawed, it goes on behind a
+    gap."""
     log = WireLog(tmp_path / "wire.ndjson")
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     path = tmp_path / "run.mcap"

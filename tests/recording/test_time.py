@@ -1,4 +1,5 @@
-"""The kernel stamps when a message is taken up; the gate and the watchdog know no other time or state."""
+"""The kernel stamps when a message is taken up; the gate and the watchdog know no other time or
+state."""
 
 from __future__ import annotations
 

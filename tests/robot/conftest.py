@@ -18,7 +18,8 @@ NewArm = Callable[..., RealRobot]
 
 @pytest.fixture(scope="session")
 def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
-    """One for all tests: starting it takes longer than most of them. Where its joints are the tests inherit."""
+    """One for all tests: starting it takes longer than most of them. Where its joints are the tests
+    inherit."""
     with Twin("so101", tmp_path_factory.mktemp("twin")) as process:
         yield process
 

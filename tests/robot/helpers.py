@@ -66,8 +66,8 @@ def holds(log: WireLog, since_ns: int = 0) -> list[Entry]:
 
 
 def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
-    """The goal with which each servo was armed: of a frame of its own, where it had been measured just before, and
-    before its torque was turned on."""
+    """The goal with which each servo was armed: of a frame of its own, where it had been measured
+    just before, and before its torque was turned on."""
     armed: dict[int, int] = {}
     for entry in log.entries(since_ns):
         if entry.sender == "host" and entry.kind == "enable":

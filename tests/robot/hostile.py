@@ -1,4 +1,5 @@
-"""A policy that speaks for others, over its link and on the mesh, with frames that the kernel would never send."""
+"""A policy that speaks for others, over its link and on the mesh, with frames that the kernel would
+never send."""
 
 from __future__ import annotations
 
@@ -26,8 +27,8 @@ EVERY_S = 0.02
 
 
 class Hostile(Sine):
-    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it is the ``gate``,
-    it will ``resume``, ``write`` or ``stay``."""
+    """A ``Sine`` whose process does as ``how`` says from its first step on, every ``EVERY_S``: it
+    is the ``gate``, it will ``resume``, ``write`` or ``stay``."""
 
     def __init__(self, axes: Sequence[str], how: str, holder: str = "", lease: int = 0) -> None:
         super().__init__(axes, amplitude=5.0, hz=0.5)
@@ -59,7 +60,8 @@ class Hostile(Sine):
         return [link for link in list(self._node._links) if isinstance(link, Link)]
 
     def _tell(self, to: str, message: Message, kind: int = TELL) -> None:
-        """Over its link, and on the mesh to whoever it is for and to the gate, which is let through."""
+        """Over its link, and on the mesh to whoever it is for and to the gate, which is let
+        through."""
         self._cid += 1
         mesh = self._node.mesh
         assert isinstance(mesh, ZenohMesh)

@@ -1,4 +1,5 @@
-"""``stop()`` and ``get_status()`` for a program of asyncio: coroutines, that read as dicts all the same."""
+"""``stop()`` and ``get_status()`` for a program of asyncio: coroutines, that read as dicts all the
+same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``Robot(...)`` before anything is started: what it refuses, in which words, and the registry behind it."""
+"""``Robot(...)`` before anything is started: what it refuses, in which words, and the registry
+behind it."""
 
 from __future__ import annotations
 

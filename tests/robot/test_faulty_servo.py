@@ -1,4 +1,5 @@
-"""One servo silent, late or garbling while the arm is in use (SAF-005): the other five do not suffer."""
+"""One servo silent, late or garbling while the arm is in use (SAF-005): the other five do not
+suffer."""
 
 from __future__ import annotations
 

@@ -9,7 +9,8 @@ import sys
 from typing import Any
 
 ATTEMPTS = 3
-"""A machine that stands still for longer than a robot may be silent stops that robot: once more, then."""
+"""A machine that stands still for longer than a robot may be silent stops that robot: once more,
+then."""
 
 
 def test_four_robots_at_20_hz_stay_armed() -> None:

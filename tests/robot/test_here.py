@@ -1,4 +1,5 @@
-"""A script's thread asks the gate itself, past the loop of its process, and it means what it means by way of it."""
+"""A script's thread asks the gate itself, past the loop of its process, and it means what it means
+by way of it."""
 
 from __future__ import annotations
 
@@ -72,7 +73,8 @@ def test_what_is_refused_is_refused_in_the_same_words(arm: RealRobot) -> None:
 
 
 def test_after_a_stop_nothing_is_moved_and_after_resume_it_is(arm: RealRobot, twin: Twin) -> None:
-    """The lease that the thread knows is stale both times: the loop takes it anew, or is told why not."""
+    """The lease that the thread knows is stale both times: the loop takes it anew, or is told why
+    not."""
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     arm.stop()
     stopped_ns = time.monotonic_ns()

@@ -1,4 +1,5 @@
-"""SAF-017: a policy process speaks for itself alone, whatever its frames say. Read from the wire."""
+"""SAF-017: a policy process speaks for itself alone, whatever its frames say. Read from the
+wire."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ LOOK_S = 1.0
 
 
 def attack(arm: RealRobot, how: str, **options: Any) -> None:
-    """Start the policy where the arm is far from ``FAR``, and wait until it writes and has begun."""
+    """Start the policy where the arm is far from ``FAR``, and wait until it writes and has
+    begun."""
     json_of(arm.send_action({"shoulder_pan": 0.0}))
     at(arm, "shoulder_pan", 0.0)
     where = f"{Hostile.__module__}:{Hostile.__qualname__}"

@@ -61,8 +61,8 @@ def test_a_thread_inside_a_verb_answers() -> None:
 def test_a_thread_that_could_not_compute_because_we_stood_in_line_with_the_lock_did_not_sleep(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """On a machine whose processors are taken: the thread that spins waits for the interpreter's lock, which looks
-    like sleep, and we, who have it, wait for a processor."""
+    """On a machine whose processors are taken: the thread that spins waits for the interpreter's
+    lock, which looks like sleep, and we, who have it, wait for a processor."""
     began_ns = time.monotonic_ns()
     own = threading.get_native_id()
 

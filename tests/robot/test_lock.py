@@ -1,4 +1,5 @@
-"""SAF-018: an e-stop's lock outlives the tree it was put on. Read from the wire, and from who asks."""
+"""SAF-018: an e-stop's lock outlives the tree it was put on. Read from the wire, and from who
+asks."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The caller's loop, beside a script or a policy that computes. What the shorter interval gives is measured by the
-questions ``stop`` and ``steady`` in benchmarks/."""
+"""The caller's loop, beside a script or a policy that computes. What the shorter interval gives is
+measured by the questions ``stop`` and ``steady`` in benchmarks/."""
 
 from __future__ import annotations
 

@@ -73,7 +73,8 @@ def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
 
 
 def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm: RealRobot) -> None:
-    """The caller's collector would stop its setpoints for as long as it takes to walk everything."""
+    """The caller's collector would stop its setpoints for as long as it takes to walk
+    everything."""
 
     class Ring:
         """Garbage that only the collector finds."""
@@ -362,7 +363,7 @@ def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
     json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
     ended = task_ended(arm)
     assert ended["exit_reason"] == "duration", ended
-    until(lambda: len((arm.tree() or {})["processes"]) == 3, "its process ends")  # caller, root, wire
+    until(lambda: len((arm.tree() or {})["processes"]) == 4, "its process ends")  # caller, root, wire, standby
     json_of(arm.start_task("wave", policy_provider="mock", duration=0.5))
     assert task_ended(arm)["exit_reason"] == "duration"
 

@@ -1,4 +1,5 @@
-"""``Robot(name)``: a simulation with the same tree and verbs, its pictures, and the real driver on its wire."""
+"""``Robot(name)``: a simulation with the same tree and verbs, its pictures, and the real driver on
+its wire."""
 
 from __future__ import annotations
 

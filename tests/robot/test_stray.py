@@ -1,4 +1,5 @@
-"""The run directory is cleared while a robot runs: it can be stopped all the same. Read from the wire."""
+"""The run directory is cleared while a robot runs: it can be stopped all the same. Read from the
+wire."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""A driver of somebody else's, not in our registry: a one-joint robot on a TCP line protocol, with its twin.
+"""A driver of somebody else's, not in our registry: a one-joint robot on a TCP line protocol, with
+its twin.
 
-Lines: ``P`` asks for the position, ``G 1.5`` sets the goal, ``E`` energises, ``S`` holds, ``L`` goes limp. The
-robot answers each with ``<position> <energised>``.
+Lines: ``P`` asks for the position, ``G 1.5`` sets the goal, ``E`` energises, ``S`` holds, ``L``
+goes limp. The robot answers each with ``<position> <energised>``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""``doctor``: it finds what is broken, says the remedy, and only what every robot needs makes it fail."""
+"""``doctor``: it finds what is broken, says the remedy, and only what every robot needs makes it
+fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Which report a step of a drill takes for its proof: one for its own reason, confirmed, by whoever made safe."""
+"""Which report a step of a drill takes for its proof: one for its own reason, confirmed, by whoever
+made safe."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def report(reason: Reason, confirmed: bool = True, at_ns: int = BEGAN_NS + 1) ->
 
 
 class Tree:
-    """Says in turn what was last reported by the gate and by the root; then the last of it for ever."""
+    """Says in turn what was last reported by the gate and by the root; then the last of it for
+    ever."""
 
     driver = None
 

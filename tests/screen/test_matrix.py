@@ -72,7 +72,8 @@ def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() ->
 def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_nothing_follows(
     tmp_path: Path,
 ) -> None:
-    """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not hold."""
+    """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not
+    hold."""
 
     def read_of(stood_ms: float, *kinds: str) -> Outcome:
         path = tmp_path / "wire.ndjson"
@@ -191,7 +192,8 @@ def test_a_robot_that_runs_first_has_one_bench_and_every_order_is_given_once() -
 
 
 def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
-    """Two that spin on the one processor that both may use: each stands in line half of the time."""
+    """Two that spin on the one processor that both may use: each stands in line half of the
+    time."""
     alone = {min(os.sched_getaffinity(0))}
     spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:

@@ -1,4 +1,5 @@
-"""The pytest plugin: it costs nothing until a fixture is asked for, and then there is a real robot."""
+"""The pytest plugin: it costs nothing until a fixture is asked for, and then there is a real
+robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What somebody with a driver of his own writes to get his column: ten lines, of which these are all."""
+"""What somebody with a driver of his own writes to get his column: ten lines, of which these are
+all."""
 
 from __future__ import annotations
 

@@ -188,7 +188,8 @@ def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:
 
 @pytest.fixture
 def shown_in_a_terminal(cli: Command) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
-    """``top``, and both ends of its terminal, which is no controlling one: nobody signals that it has gone."""
+    """``top``, and both ends of its terminal, which is no controlling one: nobody signals that it
+    has gone."""
     screen, terminal = pty.openpty()
     ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 36, 120, 0, 0))
     cli.environment["TERM"] = "xterm-256color"

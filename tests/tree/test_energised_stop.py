@@ -1,4 +1,5 @@
-"""A robot that stays energised on every safe state, as a gripper that keeps its grip: stopped, it is stopped."""
+"""A robot that stays energised on every safe state, as a gripper that keeps its grip: stopped, it
+is stopped."""
 
 from __future__ import annotations
 

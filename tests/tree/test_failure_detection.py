@@ -1,4 +1,5 @@
-"""A wire with an SDK: it may say for how long its process will be silent, and that it needs a new one."""
+"""A wire with an SDK: it may say for how long its process will be silent, and that it needs a new
+one."""
 
 from __future__ import annotations
 
@@ -110,7 +111,8 @@ def test_opening_and_arming_announce_it(silent_s: float, monkeypatch: pytest.Mon
 
 
 def test_saf_004_a_spent_process_makes_safe_when_its_root_is_gone_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A root that spins ends nobody. Seen on a UR: the SDK hung, the root did, and no safe frame was written."""
+    """A root that spins ends nobody. Seen on a UR: the SDK hung, the root did, and no safe frame
+    was written."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:

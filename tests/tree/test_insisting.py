@@ -1,5 +1,5 @@
-"""What the root could not confirm safe is tried again (SAF-005, SAF-018): before the next wire, after it, and when
-the tree ends. In virtual time, judged by what is energised."""
+"""What the root could not confirm safe is tried again (SAF-005, SAF-018): before the next wire,
+after it, and when the tree ends. In virtual time, judged by what is energised."""
 
 from __future__ import annotations
 
@@ -132,7 +132,8 @@ def test_a_robot_that_was_safe_when_it_fell_silent_keeps_nobody() -> None:
 
 
 def test_saf_018_a_confirmed_stop_that_was_none_is_not_believed() -> None:
-    """The root was told that every motor is safe, and that was a lie: the wire ends, and makes safe what is not."""
+    """The root was told that every motor is safe, and that was a lie: the wire ends, and makes safe
+    what is not."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:

@@ -1,4 +1,5 @@
-"""A base, a drone and a robot behind slow HTTP, on everybody's tree. Virtual time; frames are read at the peer."""
+"""A base, a drone and a robot behind slow HTTP, on everybody's tree. Virtual time; frames are read
+at the peer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""SAF-017: a lease belongs to the channel over which it was acquired; a holder's name and a number are no proof."""
+"""SAF-017: a lease belongs to the channel over which it was acquired; a holder's name and a number
+are no proof."""
 
 from __future__ import annotations
 

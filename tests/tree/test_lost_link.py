@@ -1,5 +1,5 @@
-"""A link that is lost while the robot is energised, in virtual time: the safe frame goes first and waits for
-nothing (SAF-020)."""
+"""A link that is lost while the robot is energised, in virtual time: the safe frame goes first and
+waits for nothing (SAF-020)."""
 
 from __future__ import annotations
 
@@ -179,7 +179,8 @@ def test_what_was_stopped_and_confirmed_is_asked_before_it_is_written_to() -> No
     ("reason", "written"), [(Reason.STOP, True), (Reason.ESTOP, True), (Reason.CLEANUP, False)]
 )
 def test_saf_020_a_robot_that_was_never_connected_is_stopped_by_who_says_so(reason: Reason, written: bool) -> None:
-    """What an earlier program left energised can be let go; a script that ends releases nothing of others."""
+    """What an earlier program left energised can be let go; a script that ends releases nothing of
+    others."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -217,7 +218,8 @@ def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
 
 
 def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() -> None:
-    """An axis that is not heard keeps its last target, also when another one is commanded after the hold."""
+    """An axis that is not heard keeps its last target, also when another one is commanded after the
+    hold."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:

@@ -42,7 +42,8 @@ class Sent:
 
 @dataclass
 class History:
-    """What the test did, to hold against what the wire saw. Each setpoint has a value of its own."""
+    """What the test did, to hold against what the wire saw. Each setpoint has a value of its
+    own."""
 
     sent: dict[float, Sent] = field(default_factory=dict)
     locked: list[tuple[int, int]] = field(default_factory=list)
@@ -64,7 +65,8 @@ class Player:
         return self.tree.node.clock.now_ns()
 
     async def play(self, event: str) -> None:
-        # Unreachable while a crash is being repaired: an honest non-answer; the wire is judged all the same.
+        # Unreachable while a crash is being repaired: an honest non-answer; the wire is judged all
+        # the same.
         with contextlib.suppress(AskTimeout, Unreachable):
             await getattr(self, "_" + event.replace(" ", "_"))()
         await trio.sleep(0.003)
@@ -89,7 +91,8 @@ class Player:
         assert isinstance(await self._send(self.first, -0.001, False), Refused)
 
     async def _second_writer(self) -> None:
-        """SAF-009: bob gets the lease only when alice's has lapsed, and writes nothing without one."""
+        """SAF-009: bob gets the lease only when alice's has lapsed, and writes nothing without
+        one."""
         holder = (await self.tree.status()).holder
         silent_ns = self.now() - self.alice_ns
         answer = await self.second.ref.ask(Acquire("bob"), 1.0)

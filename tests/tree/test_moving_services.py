@@ -1,4 +1,5 @@
-"""A service that moves the robot is what a latched setpoint is: refused and ended as one. Virtual time."""
+"""A service that moves the robot is what a latched setpoint is: refused and ended as one. Virtual
+time."""
 
 from __future__ import annotations
 

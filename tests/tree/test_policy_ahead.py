@@ -1,4 +1,5 @@
-"""When a rollout begins its next inference: before the buffer runs dry, and no sooner than it has to."""
+"""When a rollout begins its next inference: before the buffer runs dry, and no sooner than it has
+to."""
 
 from __future__ import annotations
 
@@ -90,5 +91,6 @@ def test_the_setpoints_of_a_slow_policy_come_without_a_pause() -> None:
             # dry for 20 ms, the wire's own keepalive aside, when asked at half a chunk only
             assert max(after - before for before, after in itertools.pairwise(policy.asked_at)) < 0.105
 
-    # an inference is in a thread: virtual time stands still until the loop has been idle for so long
+    # an inference is in a thread: virtual time stands still until the loop has been idle for so
+    # long
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.005))

@@ -58,5 +58,6 @@ def test_a_superseded_setpoint_does_not_end_the_rollout(monkeypatch: pytest.Monk
                 nursery.cancel_scope.cancel()
             assert ended[0].exit_reason == "n_steps", ended[0]
 
-    # an inference is in a thread: virtual time stands still until the loop has been idle for so long
+    # an inference is in a thread: virtual time stands still until the loop has been idle for so
+    # long
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.005))

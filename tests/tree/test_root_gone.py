@@ -1,5 +1,5 @@
-"""The root dies at any step of what it does, and its wire is alone (SAF-003, SAF-018, SAF-020). In virtual time,
-judged by the frames and by what is energised in the end."""
+"""The root dies at any step of what it does, and its wire is alone (SAF-003, SAF-018, SAF-020). In
+virtual time, judged by the frames and by what is energised in the end."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ STEPS = (
 
 
 class Root:
-    """A root that dies when it comes to one of its ``STEPS``: its wire sees the end of the link, and the dead does
-    nothing more (until the test is over, when its tree has to end)."""
+    """A root that dies when it comes to one of its ``STEPS``: its wire sees the end of the link,
+    and the dead does nothing more (until the test is over, when its tree has to end)."""
 
     def __init__(self, tree: InlineTree, dies_when: str) -> None:
         self._tree = tree
@@ -167,7 +167,8 @@ def test_saf_018_a_wire_without_a_root_tries_no_longer_than_is_said() -> None:
 
 
 def test_saf_020_the_root_dies_while_the_cable_is_out() -> None:
-    """Nobody is there to be handed the port when the robot is back; it is made safe all the same."""
+    """Nobody is there to be handed the port when the robot is back; it is made safe all the
+    same."""
 
     async def run() -> None:
         async with moving_tree() as (tree, root):

@@ -1,4 +1,5 @@
-"""A driver's own services, conditions and clocks, and a stop channel that is kept ready. Virtual time."""
+"""A driver's own services, conditions and clocks, and a stop channel that is kept ready. Virtual
+time."""
 
 from __future__ import annotations
 
@@ -216,7 +217,8 @@ class Weather:
 
 
 def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One lets the robot down where the driver's table would hold it, and is looked at in a hold, too."""
+    """One lets the robot down where the driver's table would hold it, and is looked at in a hold,
+    too."""
     weather = Weather()
     grounded = Condition(weather, Reason.LINK, "limp", always=True)
     monkeypatch.setattr(FakeDriver, "conditions", (grounded,))

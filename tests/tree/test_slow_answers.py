@@ -1,4 +1,5 @@
-"""A rollout whose gate answers slowly, as one on another host may: its setpoints keep their rate."""
+"""A rollout whose gate answers slowly, as one on another host may: its setpoints keep their
+rate."""
 
 from __future__ import annotations
 

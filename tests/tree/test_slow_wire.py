@@ -1,4 +1,5 @@
-"""A wire that takes its time: stops do not wait for it, and what it keeps up beside the calls ends with it."""
+"""A wire that takes its time: stops do not wait for it, and what it keeps up beside the calls ends
+with it."""
 
 from __future__ import annotations
 
@@ -129,7 +130,8 @@ def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkey
 
 
 def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A driver may say that its calls take longer than a heartbeat; a wire that keeps to it is left in peace."""
+    """A driver may say that its calls take longer than a heartbeat; a wire that keeps to it is left
+    in peace."""
     monkeypatch.setattr(FakeDriver, "timing", msgspec.structs.replace(FakeDriver.timing, call_s=0.4))
 
     async def run() -> None:

@@ -1,4 +1,5 @@
-"""SAF-016: what the standby does, by what it sees. Tables and pure machines: no process, no clock, no I/O."""
+"""SAF-016: what the standby does, by what it sees. Tables and pure machines: no process, no clock,
+no I/O."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Named policies as the root has them: a start that is late, a stop that nobody answers. In virtual time, judged by
-the frames that reach the wire."""
+"""Named policies as the root has them: a start that is late, a stop that nobody answers. In virtual
+time, judged by the frames that reach the wire."""
 
 from __future__ import annotations
 
@@ -96,7 +96,8 @@ class _Link:
 
 @asynccontextmanager
 async def tasks_of(tree: InlineTree, start_s: float = 0.0, safe_s: float = 1.5) -> AsyncIterator[Ref]:
-    """Its tasks, whose processes take ``start_s`` to be started. ``safe_s``: what a stop may take."""
+    """Its tasks, whose processes take ``start_s`` to be started. ``safe_s``: what a stop may
+    take."""
     path = addresses.of(robot_of(tree)).path("tasks")
     async with trio.open_nursery() as nursery:
 

@@ -1,4 +1,5 @@
-"""Stops, leases, links and bad input (SAF-005 to SAF-014), in virtual time, by the frames that reach the wire."""
+"""Stops, leases, links and bad input (SAF-005 to SAF-014), in virtual time, by the frames that
+reach the wire."""
 
 from __future__ import annotations
 

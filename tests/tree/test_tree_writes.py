@@ -1,5 +1,5 @@
-"""What is written, and how long it is repeated (SAF-001 to SAF-004), in virtual time, by the frames that
-reach the wire."""
+"""What is written, and how long it is repeated (SAF-001 to SAF-004), in virtual time, by the frames
+that reach the wire."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def test_saf_001_no_setpoint_after_its_deadline_while_resending() -> None:
 
 
 def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
-    """A setpoint that was gated before a stop waits in the transport's mailbox while the stop overtakes it."""
+    """A setpoint that was gated before a stop waits in the transport's mailbox while the stop
+    overtakes it."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -112,8 +113,8 @@ def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
 
 
 def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
-    """A transport that hangs in its write is let go later: it was fenced, so nothing follows. The frame before the
-    fence is for a root that dies in between."""
+    """A transport that hangs in its write is let go later: it was fenced, so nothing follows. The
+    frame before the fence is for a root that dies in between."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:

@@ -1,4 +1,5 @@
-"""In place of ur-rtde's control interface: the time and the elbow's value of every setpoint, in memory."""
+"""In place of ur-rtde's control interface: the time and the elbow's value of every setpoint, in
+memory."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""In place of Unitree's ``unitree_sdk2py``: ``install()`` puts the modules that strands-robots imports in their
-places. A robot that stands in mode 501 and is charged; the time and the stiffness of every LowCmd, in memory."""
+"""In place of Unitree's ``unitree_sdk2py``: ``install()`` puts the modules that strands-robots
+imports in their places. A robot that stands in mode 501 and is charged; the time and the stiffness
+of every LowCmd, in memory."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""What participants tell each other: who they are (SPDP), what they write and read (SEDP), and whether a writer
-and a reader fit. Types are known by name alone: no type information is sent, none is looked at."""
+"""What participants tell each other: who they are (SPDP), what they write and read (SEDP), and
+whether a writer and a reader fit. Types are known by name alone: no type information is sent, none
+is looked at."""
 
 from __future__ import annotations
 
@@ -93,7 +94,8 @@ def encode_endpoint(data: EndpointData) -> bytes:
 
 
 def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
-    """Raise ``MalformedFrame``. What is not said has its default, which differs between writers and readers."""
+    """Raise ``MalformedFrame``. What is not said has its default, which differs between writers and
+    readers."""
     found, order = pl.decode_payload(payload)
     guid = pl.first(found, pl.ENDPOINT_GUID, 16)
     topic = pl.first(found, pl.TOPIC, 4)
@@ -129,7 +131,8 @@ def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
 
 
 def gone(payload: memoryview, key: bytes, parameter: int) -> bytes:
-    """The GUID that a disposal names: by its key hash, or in its payload. Raise ``MalformedFrame``."""
+    """The GUID that a disposal names: by its key hash, or in its payload. Raise
+    ``MalformedFrame``."""
     if key:
         return key
     found, _ = pl.decode_payload(payload)
@@ -160,7 +163,8 @@ def mismatch(writer: EndpointData, reader: EndpointData) -> str:
 
 
 def nearest(locators: Sequence[Address], heard_from: str, own: str) -> Address:
-    """One of a peer's addresses: the host it speaks from, else one on our side of the loopback, else the first."""
+    """One of a peer's addresses: the host it speaks from, else one on our side of the loopback,
+    else the first."""
 
     def rank(address: Address) -> tuple[bool, bool]:
         return address[0] != heard_from, is_loopback(address[0]) != is_loopback(own)

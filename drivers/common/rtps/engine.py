@@ -1,7 +1,9 @@
-"""A participant without sockets and without a clock: datagrams and time go in, datagrams and samples come out.
+"""A participant without sockets and without a clock: datagrams and time go in, datagrams and
+samples come out.
 
-It hears only the topics it was asked to hear, and of these only writers that fit. Every table is bounded; what is
-malformed, unknown or too much is counted and leaves no trace. What is known of a peer ends with the peer's lease.
+It hears only the topics it was asked to hear, and of these only writers that fit. Every table is
+bounded; what is malformed, unknown or too much is counted and leaves no trace. What is known of a
+peer ends with the peer's lease.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ EAGER_NS = 100_000_000
 STEADY_NS = 1_000_000_000
 
 OnSample = Callable[[memoryview, bytes, int], None]
-"""Payload with its encapsulation header (valid during the call), the writer's GUID, when it arrived (ns)."""
+"""Payload with its encapsulation header (valid during the call), the writer's GUID, when it arrived
+(ns)."""
 
 
 @dataclass(slots=True)
@@ -75,9 +78,9 @@ class Engine:
         on_match: Callable[[], object] = lambda: None,
         only: Callable[[ParticipantData, str], bool] = lambda data, host: True,
     ) -> None:
-        """``announce_to``: where strangers may be: the multicast group, the ports of configured peers.
-        ``on_match``: what is matched may have changed. Called often. ``only``: whether a participant, which was
-        heard from ``host``, may become a peer."""
+        """``announce_to``: where strangers may be: the multicast group, the ports of configured
+        peers. ``on_match``: what is matched may have changed. Called often. ``only``: whether a
+        participant, which was heard from ``host``, may become a peer."""
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
@@ -297,7 +300,8 @@ class Engine:
     # -- time
 
     def tick(self, now_ns: int) -> None:
-        """Do what is due. Call it often (20 times a second), after what has arrived has been received."""
+        """Do what is due. Call it often (20 times a second), after what has arrived has been
+        received."""
         if not self._announced or now_ns - self._announced_ns >= (
             EAGER_NS if self._announced < EAGER else STEADY_NS
         ):

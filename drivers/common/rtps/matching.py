@@ -1,7 +1,7 @@
 """Who writes and reads what, here and elsewhere, and which of them fit. Pure.
 
-Remote endpoints are remembered whether they fit or not, because ours may be made later than theirs are known; the
-table is bounded, and topics we have no part in give way first.
+Remote endpoints are remembered whether they fit or not, because ours may be made later than theirs
+are known; the table is bounded, and topics we have no part in give way first.
 """
 
 from __future__ import annotations

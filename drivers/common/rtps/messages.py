@@ -164,8 +164,8 @@ def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> t
 
 
 def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) -> tuple[memoryview, bool, bytes]:
-    """What follows the fixed part of a sample: its bytes, whether its status says disposed, its key hash.
-    ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
+    """What follows the fixed part of a sample: its bytes, whether its status says disposed, its key
+    hash. ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
     at = 4 + skip
     if at < least or at > len(body):
         raise MalformedFrame("inline QoS out of place")
@@ -312,7 +312,8 @@ def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int, f
 
 
 def _bitmap(base: int, members: Sequence[int]) -> tuple[int, bytes]:
-    """Number of bits, and the words. ``members`` ascend from ``base``, all within ``MAX_BITS`` of it."""
+    """Number of bits, and the words. ``members`` ascend from ``base``, all within ``MAX_BITS`` of
+    it."""
     bits = members[-1] - base + 1 if members else 0
     words = [0] * ((bits + 31) // 32)
     for member in members:
@@ -333,7 +334,8 @@ def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
 
 
 class Frame:
-    """The bytes around a payload, made once: header, start of DATA and, if reliable, a final HEARTBEAT."""
+    """The bytes around a payload, made once: header, start of DATA and, if reliable, a final
+    HEARTBEAT."""
 
     def __init__(self, prefix: bytes, writer: bytes, reliable: bool) -> None:
         self.head = bytearray(header(prefix) + data(UNKNOWN, writer, 0, b""))

@@ -1,5 +1,5 @@
-"""Parameter lists: what discovery data and inline QoS are written in (9.4.2.11). Ids that mean nothing to us
-are skipped, vendor-specific ones (0x8000 and up) among them."""
+"""Parameter lists: what discovery data and inline QoS are written in (9.4.2.11). Ids that mean
+nothing to us are skipped, vendor-specific ones (0x8000 and up) among them."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ Parameters = dict[int, list[memoryview]]
 
 
 def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
-    """The list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no sentinel, or a value past the
-    end."""
+    """The list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no sentinel, or
+    a value past the end."""
     found: Parameters = {}
     size = len(body)
     while at + 4 <= size:
@@ -69,7 +69,8 @@ def decode_payload(payload: memoryview) -> tuple[Parameters, Order]:
 
 
 def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
-    """The first value of ``parameter``, at least ``size`` bytes of it; None when it is not there."""
+    """The first value of ``parameter``, at least ``size`` bytes of it; None when it is not
+    there."""
     values = found.get(parameter)
     if values is None:
         return None

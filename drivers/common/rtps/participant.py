@@ -1,7 +1,7 @@
 """The participant: an engine on its sockets, and the trio loop that serves them.
 
-Writing needs no loop: the sockets are open and ``Writer.write`` is an ordinary function. Where no task can run
-beside the caller, ``poll`` does one round of what ``run`` does for ever.
+Writing needs no loop: the sockets are open and ``Writer.write`` is an ordinary function. Where no
+task can run beside the caller, ``poll`` does one round of what ``run`` does for ever.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ DEPTH = 16
 SLOW_NS = 10_000_000
 """How often ``poll`` looks at more than user data."""
 FRESH_NS = 1_000_000
-"""Behind a datagram that came so lately there is hardly another one: looking for it costs more than taking it."""
+"""Behind a datagram that came so lately there is hardly another one: looking for it costs more than
+taking it."""
 
 _USER = 1
 """Of the sockets, the one where user data arrives."""
@@ -45,7 +46,8 @@ _ROUND = 256
 
 
 class Participant:
-    """Opened by its constructor; ``run`` serves it; ``close`` ends it. Not for use by two threads."""
+    """Opened by its constructor; ``run`` serves it; ``close`` ends it. Not for use by two
+    threads."""
 
     def __init__(
         self,
@@ -57,11 +59,11 @@ class Participant:
         clock: Clock | None = None,
         only: str = "",
     ) -> None:
-        """``address``: the IPv4 address of ours to be reached at; it selects the interface. ``peers``: ``host`` or
-        ``host:port`` of participants to look for by unicast. ``only``: have no other peers than the participants of
-        this ``host``, or the one at ``host:port``: on a network of many robots, whoever finds us would hear what we
-        write otherwise. Raise ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be
-        had."""
+        """``address``: the IPv4 address of ours to be reached at; it selects the interface.
+        ``peers``: ``host`` or ``host:port`` of participants to look for by unicast. ``only``: have
+        no other peers than the participants of this ``host``, or the one at ``host:port``: on a
+        network of many robots, whoever finds us would hear what we write otherwise. Raise
+        ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be had."""
         if not 0 <= domain <= wire_types.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{wire_types.MAX_DOMAIN}")
         if not is_host(address):
@@ -126,8 +128,9 @@ class Participant:
         reliable: bool = False,
         transient_local: bool = False,
     ) -> Reader:
-        """``on_sample(payload, writer_guid, t_ns)`` is called from ``run`` or ``poll``. The payload, with its
-        encapsulation header, is valid during the call; what it raises ends ``run``."""
+        """``on_sample(payload, writer_guid, t_ns)`` is called from ``run`` or ``poll``. The
+        payload, with its encapsulation header, is valid during the call; what it raises ends
+        ``run``."""
         return self._engine.reader(topic, type_name, reliable, transient_local, on_sample)
 
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
@@ -146,8 +149,9 @@ class Participant:
             task_status.started()
 
     def poll(self) -> None:
-        """Take what has arrived, do what is due, wait for nothing. Between two looks at everything it takes user
-        data alone, as far as the first that has just come: what is behind that waits for the next call."""
+        """Take what has arrived, do what is due, wait for nothing. Between two looks at everything
+        it takes user data alone, as far as the first that has just come: what is behind that waits
+        for the next call."""
         if not self._sockets:
             return
         now_ns = self._clock.now_ns()
@@ -161,7 +165,8 @@ class Participant:
             self._engine.tick(self._clock.now_ns())
 
     def close(self) -> None:
-        """Say goodbye, so that peers need not wait for the lease to end. Harmless when called again."""
+        """Say goodbye, so that peers need not wait for the lease to end. Harmless when called
+        again."""
         if not self._sockets:
             return
         self._engine.say_goodbye()

@@ -1,8 +1,8 @@
-"""A reader: which writers it hears, what it has of each, what it asks for again. Pure: time is an argument,
-answers leave through ``send``, samples through ``deliver``.
+"""A reader: which writers it hears, what it has of each, what it asks for again. Pure: time is an
+argument, answers leave through ``send``, samples through ``deliver``.
 
-Best effort: a sample newer than the last is taken, all else is dropped. Reliable: in order and complete, as long
-as the writer still has it; what arrives too early waits, within bounds.
+Best effort: a sample newer than the last is taken, all else is dropped. Reliable: in order and
+complete, as long as the writer still has it; what arrives too early waits, within bounds.
 """
 
 from __future__ import annotations

@@ -31,8 +31,8 @@ class Reassembly:
         return len(self._parts)
 
     def add(self, fragment: Fragment, now_ns: int) -> bytearray | None:
-        """Return the whole sample, once its last piece has come. Raise ``MalformedFrame`` when pieces do not fit
-        together."""
+        """Return the whole sample, once its last piece has come. Raise ``MalformedFrame`` when
+        pieces do not fit together."""
         name = (fragment.writer, fragment.sequence)
         part = self._parts.get(name)
         if part is None:

@@ -1,4 +1,5 @@
-"""The sockets of a participant: opened whole or not at all, none blocking, with the kernel's time on arrivals."""
+"""The sockets of a participant: opened whole or not at all, none blocking, with the kernel's time
+on arrivals."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from . import wire_types
 
 _RECEIVE_BYTES = 1 << 20
 
-# Linux tells when the kernel received a datagram: one that waited while we were busy has its true age.
+# Linux tells when the kernel received a datagram: one that waited while we were busy has its true
+# age.
 _TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
 _TIMESPEC = struct.Struct("@qq")
 ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
@@ -30,8 +32,9 @@ def is_host(text: str) -> bool:
 
 
 def age_ns(timespec: bytes, longest_ns: int) -> int:
-    """How long ago the kernel took a datagram in, which was not there ``longest_ns`` ago. The kernel tells it by
-    the wall's clock: when that has been set meanwhile, the datagram is taken for as old as it can be."""
+    """How long ago the kernel took a datagram in, which was not there ``longest_ns`` ago. The
+    kernel tells it by the wall's clock: when that has been set meanwhile, the datagram is taken for
+    as old as it can be."""
     if len(timespec) != _TIMESPEC.size:
         return 0
     seconds: int

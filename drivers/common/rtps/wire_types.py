@@ -34,8 +34,8 @@ MAX_ENTITIES = 255
 
 
 def writer_id(number: int) -> bytes:
-    """Of a user's writer without key, 1..``MAX_ENTITIES``. The number fills three bytes: ids of one participant
-    differ in more than one byte, and no single damaged byte makes one of another."""
+    """Of a user's writer without key, 1..``MAX_ENTITIES``. The number fills three bytes: ids of one
+    participant differ in more than one byte, and no single damaged byte makes one of another."""
     return bytes((number, number, number, 0x03))
 
 
@@ -60,7 +60,8 @@ def discovery_port(domain: int, index: int) -> int:
 
 
 def indices(domain: int) -> int:
-    """Participants that an address has room for: further ports are the next domain's, or none at all."""
+    """Participants that an address has room for: further ports are the next domain's, or none at
+    all."""
     return min(120, (MAX_PORT - user_port(domain, 0)) // 2 + 1)
 
 
@@ -72,7 +73,8 @@ def user_port(domain: int, index: int) -> int:
 
 
 class Order(NamedTuple):
-    """The layouts of one byte order. Sequence numbers are a signed high and an unsigned low word."""
+    """The layouts of one byte order. Sequence numbers are a signed high and an unsigned low
+    word."""
 
     u16: struct.Struct
     u32: struct.Struct

@@ -1,9 +1,9 @@
-"""A writer: what it has sent, who hears it, and what those who ask again get. Pure: time is an argument, datagrams
-leave through ``send``.
+"""A writer: what it has sent, who hears it, and what those who ask again get. Pure: time is an
+argument, datagrams leave through ``send``.
 
-Best effort keeps nothing. A reliable writer keeps its last samples; what fell out of these is declared gone.
-A reader that came late gets old samples only if both sides are transient-local; otherwise no sample is sent again
-once it was acknowledged.
+Best effort keeps nothing. A reliable writer keeps its last samples; what fell out of these is
+declared gone. A reader that came late gets old samples only if both sides are transient-local;
+otherwise no sample is sent again once it was acknowledged.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class _Reader:
 
 class Writer:
     def __init__(self, data: EndpointData, send: Send, depth: int | None) -> None:
-        """``depth``: samples kept, None for all (then the caller bounds them); unused for best effort."""
+        """``depth``: samples kept, None for all (then the caller bounds them); unused for best
+        effort."""
         self.data = data
         self.mismatch = ""  # why the last reader of this topic did not fit
         self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
@@ -74,7 +75,8 @@ class Writer:
         return self._sequence - min(waiting, default=self._sequence)
 
     def write(self, payload: Buffer) -> int:
-        """Send a sample, with its encapsulation header, to every reader. Returns how many addresses took it."""
+        """Send a sample, with its encapsulation header, to every reader. Returns how many addresses
+        took it."""
         self._sequence += 1
         kept = self._kept
         if kept is not None:
@@ -144,7 +146,8 @@ class Writer:
             reader.serial = part.serial
         reader.acknowledged = max(reader.acknowledged, min(part.base - 1, self._sequence))
         if reader.late:
-            # One that forgot us (we were silent for longer than our lease) asks for everything: not twice.
+            # One that forgot us (we were silent for longer than our lease) asks for everything: not
+            # twice.
             reader.start = reader.acknowledged + 1
         first = max(reader.start, self._first())
         missing = [number for number in part.missing if number <= self._sequence]

@@ -1,1 +1,2 @@
-"""What the buses of position servos share. A wire's ``protocol`` module is the ``Codec`` all of it speaks."""
+"""What the buses of position servos share. A wire's ``protocol`` module is the ``Codec`` all of it
+speaks."""

@@ -19,13 +19,15 @@ MIDDLE = COUNTS // 2
 """The count at 0 rad of the model."""
 
 COUNTS_PER_DEGREE = TOP / 360
-"""4095, not 4096, a turn: what lerobot uses, so that its data sets mean the same here (0.024 % of scale)."""
+"""4095, not 4096, a turn: what lerobot uses, so that its data sets mean the same here (0.024 % of
+scale)."""
 
 COUNTS_PER_RADIAN = COUNTS / math.tau
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """One joint. A value in its unit and a count lie on one line: ``count = zero + scale * value``."""
+    """One joint. A value in its unit and a count lie on one line: ``count = zero + scale *
+    value``."""
 
     key: str
     id: int
@@ -63,9 +65,9 @@ class Axis(msgspec.Struct, frozen=True):
 def axes_of(
     joints: Iterable[Mapping[str, Any]], calibration: Mapping[str, MotorCalibration] | None, host_inverts: bool
 ) -> tuple[Axis, ...]:
-    """The ``joints`` of a robot's table, in their order. Without a calibration a joint in degrees has the whole
-    turn, and a gripper's percent spans the range of its model. ``host_inverts``: drive mode 1 of the
-    calibration is ours to apply; otherwise the servo does it."""
+    """The ``joints`` of a robot's table, in their order. Without a calibration a joint in degrees
+    has the whole turn, and a gripper's percent spans the range of its model. ``host_inverts``:
+    drive mode 1 of the calibration is ours to apply; otherwise the servo does it."""
     return tuple(
         _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints
     )

@@ -16,7 +16,8 @@ class Field(Protocol):
     @property
     def size(self) -> int: ...
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block read from address ``base`` (default: the register's own)."""
+        """The value in ``data``, a block read from address ``base`` (default: the register's
+        own)."""
         ...
 
 

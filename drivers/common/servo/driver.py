@@ -1,4 +1,5 @@
-"""A robot of position servos on a serial bus, declared: everything but the protocol and the firmware."""
+"""A robot of position servos on a serial bus, declared: everything but the protocol and the
+firmware."""
 
 from __future__ import annotations
 

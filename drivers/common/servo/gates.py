@@ -1,5 +1,5 @@
-"""What is refused before it reaches a bus of servos. Every gate is a pure function of the candidate and the state;
-nothing is ever clipped."""
+"""What is refused before it reaches a bus of servos. Every gate is a pure function of the candidate
+and the state; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _CLEAR_IT = "clear the cause, then try again"
 def all_gates(
     axes: Axes, state_ttl_s: float, fault_codes: Mapping[str, str], remedies: Mapping[str, str]
 ) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers. A one-shot names
-    where to go, not how fast: the servo's own top speed bounds it. ``fault_codes``, ``remedies``: as
-    ``motor_fault`` takes them."""
+    """Return the gates in the order in which they are asked: the first that refuses answers. A
+    one-shot names where to go, not how fast: the servo's own top speed bounds it. ``fault_codes``,
+    ``remedies``: as ``motor_fault`` takes them."""
     return (
         past_range(axes),
         stale(axes, state_ttl_s),
@@ -67,9 +67,9 @@ def temperature(axes: Axes) -> GateCheck:
 
 
 def motor_fault(axes: Axes, codes: Mapping[str, str], remedies: Mapping[str, str]) -> GateCheck:
-    """Refuse to move a motor that reports a fault, as words in ``faults``. ``codes``: word -> code of the refusal;
-    the first word that has one decides. ``remedies``: by code. Silence is not judged here: ``stale`` gives it time
-    to come back."""
+    """Refuse to move a motor that reports a fault, as words in ``faults``. ``codes``: word -> code
+    of the refusal; the first word that has one decides. ``remedies``: by code. Silence is not
+    judged here: ``stale`` gives it time to come back."""
 
     def motor_fault(candidate: Candidate, state: GateState) -> Refused | None:
         faults = state.observation.faults

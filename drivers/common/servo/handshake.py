@@ -1,4 +1,5 @@
-"""Handshake: who is on the bus, is it the robot we were told, and is it the one that was calibrated."""
+"""Handshake: who is on the bus, is it the robot we were told, and is it the one that was
+calibrated."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ from .axes import Axis
 from .codec import Codec
 
 PING_S = 0.15
-"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host. Only a
-missing servo costs it, as ``ANSWER_S``."""
+"""A servo answers within its return delay (0.5 ms); the rest is for the adapter and a busy host.
+Only a missing servo costs it, as ``ANSWER_S``."""
 
 PINGS = 2
 """A byte lost to noise is no missing servo, nor a damaged one two servos."""
@@ -23,7 +24,8 @@ PINGS = 2
 PING_SILENCE_S = 0.004
 ROLL_CALL_S = 0.05
 ROLL_CALL_SLOT_S = 0.003
-"""A broadcast ping: servos answer one after the other, in slots by id (assumed, after lerobot's wait)."""
+"""A broadcast ping: servos answer one after the other, in slots by id (assumed, after lerobot's
+wait)."""
 
 ANSWER_S = 0.25
 
@@ -31,7 +33,8 @@ ANSWER_S = 0.25
 async def roll_call(
     bus: HalfDuplexBus[Any], codec: Codec[Packet], robot: str, axes: Sequence[Axis], where: str
 ) -> None:
-    """Ping each servo, then all at once. Raise ``WireDown`` naming missing, double and foreign servos."""
+    """Ping each servo, then all at once. Raise ``WireDown`` naming missing, double and foreign
+    servos."""
     heard: Counter[int] = Counter()
     garbled: set[int] = set()
     late_s = 0.0
@@ -75,8 +78,8 @@ async def roll_call(
 async def _ping(
     bus: HalfDuplexBus[Any], request: bytes, first_s: float, silence_s: float, motor: int
 ) -> list[Packet]:
-    """What was heard; asked again after an answer that is missing or damaged, and once more when this host was
-    late."""
+    """What was heard; asked again after an answer that is missing or damaged, and once more when
+    this host was late."""
     tries = PINGS
     while True:
         answers: list[Packet] = await bus.listen(request, first_s, silence_s)
@@ -117,7 +120,8 @@ def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]
 
 
 async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int, int]) -> dict[int, PacketT]:
-    """The replies to a read; asked once more when this host, not a servo, may be why one is missing."""
+    """The replies to a read; asked once more when this host, not a servo, may be why one is
+    missing."""
     replies = await bus.transact(request, expected, ANSWER_S, wait=True)
     if bus.starved and len(replies) + len(bus.refusals) < len(expected):
         replies = await bus.transact(request, expected, ANSWER_S, wait=True)

@@ -24,11 +24,12 @@ LIMP = "limp"
 ATTEMPTS = 3
 ANSWER_S = 0.04
 AT_ONCE_S = 0.005
-"""What servos (0.5 ms each) and a quick adapter add to the time that bytes need. A joint at 5.8 rad/s turns by 1.7
-degrees meanwhile."""
+"""What servos (0.5 ms each) and a quick adapter add to the time that bytes need. A joint at 5.8
+rad/s turns by 1.7 degrees meanwhile."""
 CONFIRM_S = 1.0
-"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14 s, twice
-an attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than a late one."""
+"""Limit of the whole confirmation. A silent servo costs the answer's time and the quiet time, 0.14
+s, twice an attempt: three attempts fit. More than ``read`` allows: here a false alarm is worse than
+a late one."""
 
 
 class Tally:
@@ -84,13 +85,13 @@ def unreachable(axes: Sequence[Axis], why: str, written: bool = False) -> tuple[
 
 
 class Safing(Generic[PacketT]):
-    """``travel``: id -> lowest and highest goal the servo takes. We clamp to it, so that what is read back can
-    be compared."""
+    """``travel``: id -> lowest and highest goal the servo takes. We clamp to it, so that what is
+    read back can be compared."""
 
     REPEATS: ClassVar[int]
     REPEAT_S: ClassVar[float]
-    """The first safe frame is sent again, so often and so far apart: a servo that was just sending its reply
-    talked over it, and by the last one all have finished."""
+    """The first safe frame is sent again, so often and so far apart: a servo that was just sending
+    its reply talked over it, and by the last one all have finished."""
 
     ANYWHERE: ClassVar[tuple[int, int]]
     """The travel of a servo that has not said its own."""
@@ -120,7 +121,8 @@ class Safing(Generic[PacketT]):
         return clamped
 
     def holds(self, block: bytes, base: int, goal: int | None) -> str:
-        """Empty when a servo with these registers, from torque to goal, stays where it is; else what it does."""
+        """Empty when a servo with these registers, from torque to goal, stays where it is; else
+        what it does."""
         if self._codec.TORQUE_ENABLE.decode(block, base) == 0:
             return LIMP
         if goal is None:
@@ -129,7 +131,8 @@ class Safing(Generic[PacketT]):
         return "" if there == goal else f"goal is {there}, not {goal}"
 
     async def shout(self) -> bool:
-        """Torque off everywhere, to whoever hears it: nothing is asked. Whether it left. Never raises."""
+        """Torque off everywhere, to whoever hears it: nothing is asked. Whether it left. Never
+        raises."""
         tally = Tally(self._axes)
         with contextlib.suppress(WireDown):  # of a dead port; a part of it may have left
             await self._burst(self._codec.LIMP, tally)
@@ -194,9 +197,10 @@ class Safing(Generic[PacketT]):
                 await self._burst(self._codec.hold(found), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
-        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its writer:
-        the servos then take our first bytes for its rest. RESYNC and enough copies to outlast the longest
-        frame, and their parsers have found a header again before the last one."""
+        """What waits to leave is thrown away, which can cut a frame in two, as can the death of its
+        writer: the servos then take our first bytes for its rest. RESYNC and enough copies to
+        outlast the longest frame, and their parsers have found a header again before the last
+        one."""
         try:
             self._bus.port.discard_output()
         except WireDown as error:
@@ -233,8 +237,8 @@ class Safing(Generic[PacketT]):
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
     async def _read_places(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Where they are. An answer that was long on its way tells where a joint was: then who has gone on since,
-        by a second answer, is left out."""
+        """Where they are. An answer that was long on its way tells where a joint was: then who has
+        gone on since, by a second answer, is left out."""
         found = await self._read_positions(ids, tally)
         if found and self._bus.delay_s > AT_ONCE_S:
             again = await self._read_positions(list(found), tally)

@@ -1,6 +1,7 @@
 """The bus of position servos in the wire process.
 
-What one protocol or firmware does differently is in its subclass: ``handshake``, and the hooks around arming.
+What one protocol or firmware does differently is in its subclass: ``handshake``, and the hooks
+around arming.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ HOLD_FRESH_S = 0.05
 """A position that was asked for longer ago is not where the joint is."""
 
 OUTSIDE_DEG = 5.0
-"""A servo pulls a joint that rests outside its range back in, at full speed, the moment it is energised.
-Up to here that is a twitch; beyond, somebody should move the joint by hand."""
+"""A servo pulls a joint that rests outside its range back in, at full speed, the moment it is
+energised. Up to here that is a twitch; beyond, somebody should move the joint by hand."""
 
 Range = tuple[int, int]
 
@@ -97,7 +98,8 @@ class ServoWire(Wire, Generic[PacketT]):
     FEEDBACK: ClassVar[Range]
     """Address and size of what is read in every cycle."""
     FEEDBACK_AND_TORQUE: ClassVar[Range]
-    """The same with what precedes it: one question, so that a torque check cannot fail on its own."""
+    """The same with what precedes it: one question, so that a torque check cannot fail on its
+    own."""
 
     def __init__(
         self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
@@ -148,7 +150,8 @@ class ServoWire(Wire, Generic[PacketT]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Motor by motor, each where it is at that moment: a goal alone energises a Feetech servo."""
+        """Motor by motor, each where it is at that moment: a goal alone energises a Feetech
+        servo."""
         session = self.session
         await self.before_arming(permit)
         replies = await self.ask_all(*self.FEEDBACK, "its position")
@@ -173,7 +176,8 @@ class ServoWire(Wire, Generic[PacketT]):
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """To those that are heard and have torque: a goal would give it back to a servo that has lost it."""
+        """To those that are heard and have torque: a goal would give it back to a servo that has
+        lost it."""
         session = self.session
         if not self._armed:
             raise PermitDenied("not armed")
@@ -196,7 +200,8 @@ class ServoWire(Wire, Generic[PacketT]):
         return await session.safing.limp()
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """The old descriptor may still take what nobody answers; a new one reaches what was plugged in again."""
+        """The old descriptor may still take what nobody answers; a new one reaches what was plugged
+        in again."""
         old, config = self._port, self.config
         shouted = False
         try:
@@ -240,7 +245,8 @@ class ServoWire(Wire, Generic[PacketT]):
         self.session.torque_due_ns = 0
 
     async def ask_all(self, address: int, size: int, what: str) -> dict[int, PacketT]:
-        """A sync read that every servo must answer, before any of them is energised. Raise ``WireDown``."""
+        """A sync read that every servo must answer, before any of them is energised. Raise
+        ``WireDown``."""
         ids, bus = self.config.ids, self.session.bus
         replies = await ask(bus, self.CODEC.sync_read(ids, address, size), dict.fromkeys(ids, size))
         if missing := [axis.label for axis in self.axes if axis.id not in replies]:
@@ -288,8 +294,8 @@ class ServoWire(Wire, Generic[PacketT]):
             )
 
     async def _energise(self, axis: Axis, permit: Permit) -> None:
-        """Its position as goal, which may energise it; torque when that was taken, for an old goal in its place
-        would be a jump; and that read back."""
+        """Its position as goal, which may energise it; torque when that was taken, for an old goal
+        in its place would be a jump; and that read back."""
         codec, session = self.CODEC, self.session
         goal_register, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
         reply = await self._of(axis, *self.FEEDBACK, "its position")

@@ -22,7 +22,8 @@ _CHUNK = 1 << 18
 
 
 class SimulationClient:
-    """One conversation, one question at a time. Everything raises ``WireDown`` once the simulation is gone."""
+    """One conversation, one question at a time. Everything raises ``WireDown`` once the simulation
+    is gone."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX)
@@ -55,8 +56,8 @@ class SimulationClient:
         return number
 
     async def answer(self, number: int, kind: type[T], within_s: float) -> T | None:
-        """The reply with that number, None when it does not come in time. Earlier ones are thrown away; a ``No``
-        is raised as ``Refusal``."""
+        """The reply with that number, None when it does not come in time. Earlier ones are thrown
+        away; a ``No`` is raised as ``Refusal``."""
         with trio.move_on_after(within_s):
             while True:
                 reply = await self._next()

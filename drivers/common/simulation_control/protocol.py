@@ -1,8 +1,8 @@
-"""Frames of the simulation control: four bytes of length (little endian), then a msgpack array tagged with its
-type.
+"""Frames of the simulation control: four bytes of length (little endian), then a msgpack array
+tagged with its type.
 
-A request's ``number`` comes back in its reply; 0 wants none. Values are those of the model: radians or metres, a
-gripper's closed fraction; one per axis, in the order of ``Axes``.
+A request's ``number`` comes back in its reply; 0 wants none. Values are those of the model: radians
+or metres, a gripper's closed fraction; one per axis, in the order of ``Axes``.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Aim(Frame, frozen=True):
 
 
 class Safe(Frame, frozen=True):
-    """``limp``: let go of what is taken. ``hold``: target := position. ``land``: as ``hold``, but what flies comes
-    down. ``Sample``."""
+    """``limp``: let go of what is taken. ``hold``: target := position. ``land``: as ``hold``, but
+    what flies comes down. ``Sample``."""
 
     safe_state: str
 
@@ -64,8 +64,8 @@ class Reset(Frame, frozen=True):
 
 
 class Step(Frame, frozen=True):
-    """Let so many time steps pass at once, 1 to ``MOST_STEPS``, after what other clients have said before.
-    ``Sample``, or ``No`` while the wire holds a joint."""
+    """Let so many time steps pass at once, 1 to ``MOST_STEPS``, after what other clients have said
+    before. ``Sample``, or ``No`` while the wire holds a joint."""
 
     steps: int
 

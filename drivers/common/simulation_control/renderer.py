@@ -20,8 +20,8 @@ LIBRARIES = {
     "egl": (("libEGL.so.1",), "libegl1"),
     "osmesa": (("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"), "libosmesa6"),
 }
-"""Platforms of OpenGL that need no window: names of the library, and the Debian package it is in. In the order in
-which they are tried."""
+"""Platforms of OpenGL that need no window: names of the library, and the Debian package it is in.
+In the order in which they are tried."""
 
 WINDOWED = ("", "enable", "enabled", "on", "true", "1", "glfw", "glx", "cgl")
 """Words of ``MUJOCO_GL`` that leave the choice to us."""
@@ -85,8 +85,8 @@ class Renderer:
 
 
 class _Room:
-    """A scene and an OpenGL context for it, usable in any thread, one at a time; for pictures of at most that
-    size."""
+    """A scene and an OpenGL context for it, usable in any thread, one at a time; for pictures of at
+    most that size."""
 
     def __init__(self, spec: Any, view: View, width: int, height: int) -> None:
         model = decorate(spec, view).compile()
@@ -128,7 +128,8 @@ class _Room:
 
 
 def open_gl(width: int, height: int) -> Any:
-    """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise ``CannotRender``."""
+    """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise
+    ``CannotRender``."""
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     if sys.platform == "darwin":
         platform = "cgl"

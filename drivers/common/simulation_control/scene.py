@@ -1,4 +1,5 @@
-"""What a model lacks to be looked at: light, ground, sky, colours, motors at the joints, and where to stand."""
+"""What a model lacks to be looked at: light, ground, sky, colours, motors at the joints, and where
+to stand."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class View(NamedTuple):
 
 
 def decorate(spec: Any, view: View) -> Any:
-    """A copy of a model, to be looked at as in ``view``; what moves in it is the same. Not compiled yet."""
+    """A copy of a model, to be looked at as in ``view``; what moves in it is the same. Not compiled
+    yet."""
     scene = spec.copy()
     scene.stat.center, scene.stat.extent = view.middle, view.radius
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
@@ -74,8 +76,8 @@ def widened(view: View, model: Any, data: Any) -> View:
 
 
 def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str = "") -> None:
-    """Point an ``MjvCamera`` at the whole of ``view``, from the side that ``camera`` names, for a picture of that
-    shape."""
+    """Point an ``MjvCamera`` at the whole of ``view``, from the side that ``camera`` names, for a
+    picture of that shape."""
     eye.type = mujoco.mjtCamera.mjCAMERA_FREE
     eye.lookat[:] = view.middle
     eye.distance = _distance_m(model, view, width, height)
@@ -120,7 +122,8 @@ def _add_sky_and_ground(scene: Any) -> None:
 
 
 def _add_lights(scene: Any, view: View) -> None:
-    """A lamp above and beside, as far away as the robot is large, and a weaker one from the other side."""
+    """A lamp above and beside, as far away as the robot is large, and a weaker one from the other
+    side."""
     middle = np.asarray(view.middle)
     for towards, strength, shadow in (
         ([-0.35, 0.45, -0.82], 0.6, True),

@@ -37,11 +37,11 @@ class Log(Protocol):
 
 
 class SimulationControl:
-    """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the wire nor another
-    client waits for one.
+    """Serves one body at a unix socket. Pictures are taken in a thread of their own: neither the
+    wire nor another client waits for one.
 
-    Only the client that took the body last may aim, until another one makes it safe: what a client that is gone has
-    left in its socket would otherwise be obeyed after the safe frame.
+    Only the client that took the body last may aim, until another one makes it safe: what a client
+    that is gone has left in its socket would otherwise be obeyed after the safe frame.
     """
 
     def __init__(self, path: str, body: Body, log: Log) -> None:

@@ -1,7 +1,8 @@
 """What the twins of all wires share: the process, the line they serve, the wire log, the faults.
 
-A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls ``run``. On TCP
-it has a handler per port instead, ``main`` calls ``run_server`` with a ``TcpServer``.
+A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls
+``run``. On TCP it has a handler per port instead, ``main`` calls ``run_server`` with a
+``TcpServer``.
 """
 
 from .faults import Fault, Faults, Reply, parse_fault

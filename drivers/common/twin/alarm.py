@@ -1,7 +1,7 @@
 """One alarm that can be moved while somebody waits for it.
 
-A timerfd where there is one: it rings 0.05 ms late and costs one system call to move. Elsewhere trio's
-own clock, which rounds to milliseconds.
+A timerfd where there is one: it rings 0.05 ms late and costs one system call to move. Elsewhere
+trio's own clock, which rounds to milliseconds.
 """
 
 from __future__ import annotations

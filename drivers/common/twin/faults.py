@@ -42,7 +42,8 @@ def parse_fault(text: str) -> tuple[Fault, int | None]:
 
 
 class Reply(NamedTuple):
-    """One frame from the robot. ``delay_s`` holds up what follows it on the wire, ``late_s`` does not."""
+    """One frame from the robot. ``delay_s`` holds up what follows it on the wire, ``late_s`` does
+    not."""
 
     delay_s: float
     data: bytes
@@ -89,7 +90,8 @@ class Faults:
 
 
 def damaged(data: bytes, count: int) -> bytes:
-    """Never equal to ``data``: by turns a last byte that is wrong, noise for the whole, and a lost end."""
+    """Never equal to ``data``: by turns a last byte that is wrong, noise for the whole, and a lost
+    end."""
     match count % 3:
         case 0:
             return data[:-1] + bytes(byte ^ 0x55 for byte in data[-1:])

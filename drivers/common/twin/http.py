@@ -1,4 +1,5 @@
-"""A robot behind an HTTP service: requests in, responses out, with the twin mechanism's faults. No framework."""
+"""A robot behind an HTTP service: requests in, responses out, with the twin mechanism's faults. No
+framework."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ from .tcp import ClientGone, Handler, answering
 
 
 class Answer(NamedTuple):
-    """What the service does with a request. ``kind`` and ``safe_state``: the request, in the words of the wire
-    log."""
+    """What the service does with a request. ``kind`` and ``safe_state``: the request, in the words
+    of the wire log."""
 
     status: int
     body: bytes
@@ -29,7 +30,8 @@ class Service(Protocol):
     faults: Faults
 
     def answer(self, request: Request) -> Answer:
-        """Do what a request says. Without supply (``Fault.OFF``) it is heard by nobody: not called."""
+        """Do what a request says. Without supply (``Fault.OFF``) it is heard by nobody: not
+        called."""
         ...
 
 

@@ -58,13 +58,13 @@ class Line(Channel, Protocol):
 class PtyLine:
     """A serial port: a pseudo-terminal behind a symbolic link.
 
-    The link is the address: it goes when the cable is pulled and points to a new terminal when it is put
-    back, as /dev entries of USB adapters do.
+    The link is the address: it goes when the cable is pulled and points to a new terminal when it
+    is put back, as /dev entries of USB adapters do.
     """
 
     def __init__(self, link: str | None = None) -> None:
-        """``link``: where the port appears; default: in a temporary directory. Raise ``FileExistsError``
-        when something that is not a link has that name."""
+        """``link``: where the port appears; default: in a temporary directory. Raise
+        ``FileExistsError`` when something that is not a link has that name."""
         if link and os.path.lexists(link) and not os.path.islink(link):
             raise FileExistsError(f"{link} exists and is not a link: choose another name for the port")
         self._directory = None if link else tempfile.mkdtemp(prefix="strands-twin-")
@@ -132,8 +132,8 @@ class PtyLine:
 
 
 _TCGETS2 = 0x802C542A
-"""asm-generic/ioctls.h: struct termios2, 44 bytes, whose last word is the output rate in bit/s. Unlike
-tcgetattr it knows rates that have no B constant: 250 000, 128 000, 76 800."""
+"""asm-generic/ioctls.h: struct termios2, 44 bytes, whose last word is the output rate in bit/s.
+Unlike tcgetattr it knows rates that have no B constant: 250 000, 128 000, 76 800."""
 
 
 def terminal_rate(fd: int) -> int:

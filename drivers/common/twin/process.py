@@ -79,11 +79,11 @@ def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -
 
 
 def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
-    """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1 takes the
-    robot's power away and gives it back.
+    """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1
+    takes the robot's power away and gives it back.
 
-    When stdin is a pipe it takes lines: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``,
-    ``freeze SECONDS``.
+    When stdin is a pipe it takes lines: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``,
+    ``plug``, ``freeze SECONDS``.
     """
 
     def build(wire_log: WireLog) -> Server:
@@ -93,8 +93,8 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
 
 
 def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
-    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control`` on a robot that
-    shows no body."""
+    """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control``
+    on a robot that shows no body."""
     trio.run(functools.partial(_main, build, **start))
 
 

@@ -1,4 +1,5 @@
-"""Between wire and robot: stamps and logs what comes, hands it over, sends replies when they are due."""
+"""Between wire and robot: stamps and logs what comes, hands it over, sends replies when they are
+due."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ from .wirelog import WireLog
 BITS_PER_BYTE = 10  # 8N1
 
 SHORT_WAIT_S = 0.002
-"""Waits up to this block the process, unless the host speaks: half the price of a turn of the event loop,
-and a twin has nothing else to do."""
+"""Waits up to this block the process, unless the host speaks: half the price of a turn of the event
+loop, and a twin has nothing else to do."""
 
 
 class Exchange(NamedTuple):
@@ -37,8 +38,8 @@ class Session(Protocol):
     """What hears one client. Pure but for the time its plant reads."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        """Act on bytes of the host, in any pieces. One exchange per frame; its request is logged before
-        the next is asked for. ``bits_per_s``: the host's rate, where there is one."""
+        """Act on bytes of the host, in any pieces. One exchange per frame; its request is logged
+        before the next is asked for. ``bits_per_s``: the host's rate, where there is one."""
         ...
 
 

@@ -46,8 +46,8 @@ class Reading(NamedTuple):
 
 
 class TwinServo(ABC):
-    """One servo: a control table, and what it does to the joint. ``reading`` is brought up to date by the bus
-    before every request."""
+    """One servo: a control table, and what it does to the joint. ``reading`` is brought up to date
+    by the bus before every request."""
 
     def __init__(self, plant: Plant, joint: int, table: bytearray, voltage_v: float, room_c: float) -> None:
         """``table``: as at delivery."""
@@ -108,7 +108,8 @@ ServoT = TypeVar("ServoT", bound=TwinServo)
 
 
 class ServoBus(ABC, Generic[ServoT, PacketT]):
-    """Requests in, replies out. Time passes between calls, on the clock it is given; it never waits."""
+    """Requests in, replies out. Time passes between calls, on the clock it is given; it never
+    waits."""
 
     def __init__(
         self, plant: Plant, servos: Sequence[ServoT], decoder: Decoder[PacketT], now_s: Callable[[], float]
@@ -127,7 +128,8 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     @abstractmethod
     def answer(self, packet: PacketT, hearing: Mapping[int, Sequence[ServoT]]) -> Iterable[Reply | None]:
-        """Do what a request says. ``hearing``: by id; several servos on one id all answer, as on a real bus."""
+        """Do what a request says. ``hearing``: by id; several servos on one id all answer, as on a
+        real bus."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         now_s = self.now_s()
@@ -138,7 +140,8 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             yield self.exchange(packet, self.handle(packet, bits_per_s))
 
     def handle(self, packet: PacketT, bits_per_s: int | None = None) -> list[Reply]:
-        """One request. A servo set to another rate than ``bits_per_s`` does not hear it (None: all do)."""
+        """One request. A servo set to another rate than ``bits_per_s`` does not hear it (None: all
+        do)."""
         self.pass_time()
         return self.with_faults(self.answer(packet, self.hearing(bits_per_s)))
 

@@ -1,7 +1,8 @@
 """A robot behind TCP ports: many clients, each with a conversation of its own.
 
-Every twin has a host address of its own, 127.x.y.z, since several wires have fixed ports. Pulling the cable
-ends every connection and refuses new ones; a robot that is frozen takes them and says nothing.
+Every twin has a host address of its own, 127.x.y.z, since several wires have fixed ports. Pulling
+the cable ends every connection and refuses new ones; a robot that is frozen takes them and says
+nothing.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ class Connection:
             return time.monotonic_ns(), data
 
     def send(self, data: bytes) -> None:
-        """Never waits. A client that does not take a frame whole loses the connection: the rest would not be
-        understood."""
+        """Never waits. A client that does not take a frame whole loses the connection: the rest
+        would not be understood."""
         try:
             sent = self._sock.send(data)
         except BlockingIOError:
@@ -119,8 +120,8 @@ class TcpServer:
     def __init__(
         self, robot: Controls, handlers: Mapping[int, Handler], log: WireLog, host: str | None = None
     ) -> None:
-        """``handlers`` by port number, 0 for any free one; the first port is the address. ``host``: default
-        an address of this twin's own. Raise ``OSError`` when the ports cannot be had."""
+        """``handlers`` by port number, 0 for any free one; the first port is the address. ``host``:
+        default an address of this twin's own. Raise ``OSError`` when the ports cannot be had."""
         self._robot = robot
         self._handlers = list(handlers.values())
         self._log = log
@@ -209,7 +210,8 @@ class TcpServer:
 
 
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
-    """All ports on one host. An address of our own may be somebody's already: then another is tried."""
+    """All ports on one host. An address of our own may be somebody's already: then another is
+    tried."""
     for attempt in range(ATTEMPTS):
         chosen = host or own_host()
         listeners: list[socket.socket] = []
@@ -226,7 +228,8 @@ def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
 
 
 def own_host() -> str:
-    """An address for one twin alone. Any address 127.x.y.z is this machine's on Linux; elsewhere there is one."""
+    """An address for one twin alone. Any address 127.x.y.z is this machine's on Linux; elsewhere
+    there is one."""
     if not sys.platform.startswith("linux"):
         return "127.0.0.1"
     chance = random.Random(os.getpid() ^ time.monotonic_ns())

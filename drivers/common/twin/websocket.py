@@ -1,4 +1,5 @@
-"""The server's side of a WebSocket for twins: a handler per connection, or beside an HTTP service on one port."""
+"""The server's side of a WebSocket for twins: a handler per connection, or beside an HTTP service
+on one port."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ class WebSocketClient:
         self.headers = opened.headers
 
     async def receive(self) -> tuple[int, str | bytes]:
-        """Return the next message and when it was read. Answer pings meanwhile. Raise ``ClientGone``."""
+        """Return the next message and when it was read. Answer pings meanwhile. Raise
+        ``ClientGone``."""
         while True:
             while self._heard:
                 match self._heard.popleft():
@@ -58,7 +60,8 @@ class WebSocketClient:
         self.send(message)
 
     def send(self, message: str | bytes) -> None:
-        """Send without a line in the log: for what is told many times a second. Raise ``ClientGone``."""
+        """Send without a line in the log: for what is told many times a second. Raise
+        ``ClientGone``."""
         try:
             frame = self._end.message(message)
         except MalformedFrame:
@@ -83,8 +86,8 @@ def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler
 
 
 def serving_both(new_session: Callable[[], Session], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port with an HTTP service and WebSockets: the first request of a connection says
-    which it is. ``new_session``: makes what hears one that is no WebSocket."""
+    """Return the handler of a port with an HTTP service and WebSockets: the first request of a
+    connection says which it is. ``new_session``: makes what hears one that is no WebSocket."""
 
     async def handle(connection: Connection) -> None:
         first, t_ns = b"", 0

@@ -11,7 +11,8 @@ Source = Literal["host", "robot", "control"]
 
 
 class WireLog:
-    """Lines reach the file before ``write`` returns: a reader, or a crash, sees every frame that was."""
+    """Lines reach the file before ``write`` returns: a reader, or a crash, sees every frame that
+    was."""
 
     def __init__(self, path: str | None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
@@ -20,9 +21,9 @@ class WireLog:
     def write(
         self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
-        """Log frames, each with its kind, that were on the wire together. ``t_ns``: CLOCK_MONOTONIC.
-        ``safe_state``: what they bring the whole robot to by themselves; "" is none, None that nobody has
-        said."""
+        """Log frames, each with its kind, that were on the wire together. ``t_ns``:
+        CLOCK_MONOTONIC. ``safe_state``: what they bring the whole robot to by themselves; "" is
+        none, None that nobody has said."""
         if self._fd is None:
             return
         end = "" if safe_state is None else f', "safe_state": "{safe_state}"'

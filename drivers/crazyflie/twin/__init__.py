@@ -1,4 +1,5 @@
-"""A Crazyflie as a twin: its firmware on UDP, TCP or a serial line, with a body that flies behind it."""
+"""A Crazyflie as a twin: its firmware on UDP, TCP or a serial line, with a body that flies behind
+it."""
 
 from .server import main
 

@@ -1,7 +1,7 @@
 """The body of the twin: a rigid body in MuJoCo under the firmware's cascade of controllers.
 
-Speed asks for tilt, tilt for torque; what the motors give is bounded. Gains are [assumed]: they make it fly, they
-are not the firmware's.
+Speed asks for tilt, tilt for torque; what the motors give is bounded. Gains are [assumed]: they
+make it fly, they are not the firmware's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 GRAVITY_M_S2 = 9.81
 LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is dropped."""
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
+dropped."""
 
 _SPEED_GAIN, _CLIMB_GAIN, _HEIGHT_GAIN, _TURN_GAIN = 4.0, 8.0, 2.0, 10.0
 _TILT_GAIN, _TILT_DAMPING = 400.0, 36.0
@@ -26,8 +27,8 @@ _MOST_LIFT_M_S2 = 5.0
 
 
 class Wanted(NamedTuple):
-    """What the commander asks of the controllers. ``level``: roll and pitch zero, whatever the speed.
-    ``z_m``: the height; None where ``vz_m_s`` counts alone."""
+    """What the commander asks of the controllers. ``level``: roll and pitch zero, whatever the
+    speed. ``z_m``: the height; None where ``vz_m_s`` counts alone."""
 
     vx_m_s: float = 0.0
     vy_m_s: float = 0.0

@@ -1,4 +1,5 @@
-"""The twin's end of its link, one for each kind: packets in, packets out. What nobody takes is lost."""
+"""The twin's end of its link, one for each kind: packets in, packets out. What nobody takes is
+lost."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The twin's firmware: commander, supervisor, high-level commander, log and parameters. It knows no sockets.
+"""The twin's firmware: commander, supervisor, high-level commander, log and parameters. It knows no
+sockets.
 
-Its watchdog is the real one's: without a setpoint it levels out after 0.5 s, and cuts the motors after 2 s. The
-high-level commander has none: what it was told it flies to the end.
+Its watchdog is the real one's: without a setpoint it levels out after 0.5 s, and cuts the motors
+after 2 s. The high-level commander has none: what it was told it flies to the end.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ HOVER_THRUST = 36000.0
 
 
 class Heard(NamedTuple):
-    """What became of a packet: its kind for the wire log, the safe state it brings, and the answers."""
+    """What became of a packet: its kind for the wire log, the safe state it brings, and the
+    answers."""
 
     kind: str
     replies: tuple[bytes, ...] = ()

@@ -193,7 +193,8 @@ class CrazyflieServer:
 
 
 def open_end(options: Mapping[str, Any]) -> End:
-    """Return the robot's end of the link that ``options`` ask for. Raise ``ValueError`` or ``OSError``."""
+    """Return the robot's end of the link that ``options`` ask for. Raise ``ValueError`` or
+    ``OSError``."""
     link = str(options.get("link", "udp"))
     host, port = str(options.get("host") or own_host()), int(options.get("port", 0))
     ends: dict[str, Callable[[], End]] = {

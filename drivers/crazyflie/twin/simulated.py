@@ -1,4 +1,5 @@
-"""The twin's body as a simulation: what the wire flies follows the wire; the rest the simulation may fly."""
+"""The twin's body as a simulation: what the wire flies follows the wire; the rest the simulation
+may fly."""
 
 from __future__ import annotations
 

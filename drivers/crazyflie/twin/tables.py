@@ -1,4 +1,5 @@
-"""The twin's tables of log variables and parameters, as a client reads them: group, name, type, value.
+"""The twin's tables of log variables and parameters, as a client reads them: group, name, type,
+value.
 
 Names and types are the firmware's; the real tables are some hundred rows longer.
 """

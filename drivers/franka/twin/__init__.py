@@ -1,7 +1,7 @@
 """The robot's end of a Franka arm's wire: FCI 5 or 10 on TCP and UDP, MuJoCo behind it.
 
-Besides the control lines of every twin it takes ``reflex ERROR`` and ``mode MODE``, with the names of
-``protocol.ERRORS`` and ``protocol.RobotMode``, and ``success-rate NUMBER|measured``.
+Besides the control lines of every twin it takes ``reflex ERROR`` and ``mode MODE``, with the names
+of ``protocol.ERRORS`` and ``protocol.RobotMode``, and ``success-rate NUMBER|measured``.
 """
 
 from __future__ import annotations

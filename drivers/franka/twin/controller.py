@@ -1,4 +1,5 @@
-"""The controller of the twin: robot mode, the running motion, its guards, the arm. It knows no sockets.
+"""The controller of the twin: robot mode, the running motion, its guards, the arm. It knows no
+sockets.
 
 Time passes in ticks of a millisecond, when it is told so.
 """
@@ -18,11 +19,13 @@ from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
 TICK_S = 1.0 / p.STATE_HZ
 START_RAD = 1e-3
-"""The first command of a motion by positions may differ so far from where the arm is told to be [assumed]."""
+"""The first command of a motion by positions may differ so far from where the arm is told to be
+[assumed]."""
 SLACK = 1.001
 """On the limits: commands are sums of floats."""
 BRAKING_S = 0.04
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
+back."""
 WRONG_BY_RAD = 0.5
 RATE_OVER = 100
 """Commands of which the success rate speaks."""

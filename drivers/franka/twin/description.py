@@ -8,8 +8,8 @@ from strands_actors.drivers.franka.arms import FLANGE_M, JOINTS, LINKS, Arm
 
 
 def urdf(arm: Arm) -> str:
-    """Return the arm as a URDF whose joints carry the limits that libfranka looks for; it wants the names of links
-    and joints to end in these numbers."""
+    """Return the arm as a URDF whose joints carry the limits that libfranka looks for; it wants the
+    names of links and joints to end in these numbers."""
     parts = [f'<robot name="{arm.joints.removesuffix("joint").strip("_") or "fer"}">', '<link name="link0"/>']
     for at, key in enumerate(arm.keys):
         place, degrees = LINKS[at]

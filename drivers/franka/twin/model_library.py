@@ -1,8 +1,10 @@
-"""What a controller of FCI 5 gives its clients: a shared library with the arm's model, which they load.
+"""What a controller of FCI 5 gives its clients: a shared library with the arm's model, which they
+load.
 
-A controller compiles nothing, and neither does this: the library is put together here, for Linux on x86-64. Its
-thirty functions answer zeros: no gravity, no Coriolis forces and no inertia beyond what the twin itself
-compensates, and Jacobians and frames that are of no use. Clients that control by joints need no more.
+A controller compiles nothing, and neither does this: the library is put together here, for Linux on
+x86-64. Its thirty functions answer zeros: no gravity, no Coriolis forces and no inertia beyond what
+the twin itself compensates, and Jacobians and frames that are of no use. Clients that control by
+joints need no more.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ X86_64_LINUX = bytes((0, 0))
 _BASE = 0x1000
 """Where code begins: a page of its own."""
 
-# Where the last argument of a function is, which is its result (System V ABI), as "mov rdi, register".
+# Where the last argument of a function is, which is its result (System V ABI), as "mov rdi,
+# register".
 _FROM = {
     "rdi": b"",
     "rsi": b"\x48\x89\xf7",
@@ -39,7 +42,8 @@ def _functions() -> dict[str, tuple[str, int]]:
 
 
 def _code(register: str, count: int) -> bytes:
-    """Fill ``count`` doubles with zero: mov rdi, register; mov ecx, count; xor eax, eax; rep stosq; ret."""
+    """Fill ``count`` doubles with zero: mov rdi, register; mov ecx, count; xor eax, eax; rep stosq;
+    ret."""
     return _FROM[register] + b"\xb9" + struct.pack("<I", count) + b"\x31\xc0\xf3\x48\xab\xc3"
 
 

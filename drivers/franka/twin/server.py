@@ -1,8 +1,9 @@
 """The robot's end of FCI: commands on TCP, a state each millisecond on UDP, and the clock of both.
 
-A real controller keeps its time whatever its client does. This one shares the machine with it, so while a motion
-runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and then counts it as missed. Without
-a motion it wakes up every few milliseconds only, and sends the states of the meantime together.
+A real controller keeps its time whatever its client does. This one shares the machine with it, so
+while a motion runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and
+then counts it as missed. Without a motion it wakes up every few milliseconds only, and sends the
+states of the meantime together.
 """
 
 from __future__ import annotations
@@ -208,8 +209,9 @@ class FrankaServer(TcpServer):
             self._take_commands()
 
     async def _tick_with_client(self) -> None:
-        """One millisecond of a motion: a state, the command that answers it, and what is left of the time. It
-        blocks the process for as long: half the price of two turns of the event loop."""
+        """One millisecond of a motion: a state, the command that answers it, and what is left of
+        the time. It blocks the process for as long: half the price of two turns of the event
+        loop."""
         began_s = time.monotonic()
         self._tick()
         while self.controller.motion is not None:

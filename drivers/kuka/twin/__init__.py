@@ -1,12 +1,15 @@
-"""The controller's end of FRI: a message every sample time from its UDP port, whether or not anybody answers.
+"""The controller's end of FRI: a message every sample time from its UDP port, whether or not
+anybody answers.
 
-It is bound at an address of its own in 127.0.0.0/8, with the port number of the client's end, and speaks to that
-port at ``client``. The log has every answer: ``setpoint`` when its positions differ from those of the one before,
-``safe`` (``hold``) when they repeat it or when it has none, ``garbled`` when it is no command message. Of the
-controller's side it has ``session``: each state and why. Monitoring messages are not in it.
+It is bound at an address of its own in 127.0.0.0/8, with the port number of the client's end, and
+speaks to that port at ``client``. The log has every answer: ``setpoint`` when its positions differ
+from those of the one before, ``safe`` (``hold``) when they repeat it or when it has none,
+``garbled`` when it is no command message. Of the controller's side it has ``session``: each state
+and why. Monitoring messages are not in it.
 
-Besides the control lines of every twin it takes ``motion start|stop`` (the pendant), ``safety LEVEL``, ``drive
-JOINT NUMBER``, ``client_mode``, ``control_mode`` and ``overlay`` with the numbers of the protocol.
+Besides the control lines of every twin it takes ``motion start|stop`` (the pendant), ``safety
+LEVEL``, ``drive JOINT NUMBER``, ``client_mode``, ``control_mode`` and ``overlay`` with the numbers
+of the protocol.
 """
 
 from __future__ import annotations
@@ -192,7 +195,8 @@ class KukaServer:
     # -- what may happen to it
 
     def set_fault(self, text: str) -> None:
-        """Set ``WORD``, or ``WORD:joint``, 1 to 7, of a joint that gets stuck. Raise ``ValueError``."""
+        """Set ``WORD``, or ``WORD:joint``, 1 to 7, of a joint that gets stuck. Raise
+        ``ValueError``."""
         fault, joint = parse_fault(text)
         if joint is None:
             self._faults.set(fault)

@@ -1,6 +1,7 @@
 """The controller of the twin: its FRI session, what its pendant does, the arm. It knows no sockets.
 
-Time passes in cycles. Every threshold of the session is assumed [?]: the vendor does not publish them.
+Time passes in cycles. Every threshold of the session is assumed [?]: the vendor does not publish
+them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from .model import model_table
 FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100
 """Answers in a row."""
 POOR_AFTER, LOST_AFTER = 3, 10
-"""Answers that were missed in a row: more, and the quality is poor, or the session drops to monitoring."""
+"""Answers that were missed in a row: more, and the quality is poor, or the session drops to
+monitoring."""
 MIRRORED = 20
 """Answers in a row that repeat the interpolated position, before the client may command."""
 MIRROR_RAD = 1e-6
@@ -57,7 +59,8 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Begin as after a boot, the arm where it is, a robot program that starts its motion by itself."""
+        """Begin as after a boot, the arm where it is, a robot program that starts its motion by
+        itself."""
         self.motion = True  # the robot program wants to be commanded by the client
         self.safety = 0
         self.drives = [int(Drive.ACTIVE)] * JOINTS
@@ -116,7 +119,8 @@ class Controller:
         return self._said()
 
     def _judge(self, answered: bool) -> None:
-        """Count, and derive the quality of the connection. Only every so many cycles an answer is due."""
+        """Count, and derive the quality of the connection. Only every so many cycles an answer is
+        due."""
         self._waited = 0 if answered else self._waited + 1
         if answered:
             self._good, self._missed = self._good + 1, 0
@@ -169,13 +173,15 @@ class Controller:
         self.aim(answer.position)
 
     def _off(self, position: Sequence[float], wanted: Sequence[float]) -> float:
-        """Return the largest difference of two positions; infinite when there is none to compare."""
+        """Return the largest difference of two positions; infinite when there is none to
+        compare."""
         if not position:
             return float("inf")
         return max(abs(rad - other) for rad, other in zip(position, wanted, strict=True))
 
     def mirrors(self, command: Command) -> bool:
-        """Tell whether a command only repeats the interpolated position while the controller waits for that."""
+        """Tell whether a command only repeats the interpolated position while the controller waits
+        for that."""
         return self.state == State.COMMANDING_WAIT and self._off(command.position, self.commanded) <= MIRROR_RAD
 
     def _abort(self, why: str) -> None:

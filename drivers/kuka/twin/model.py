@@ -9,7 +9,8 @@ from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 
 def model_table(arm: Arm) -> Mapping[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it: range, effort and speed come from the joints."""
+    """Return the arm as ``drivers/common/model_rows`` takes it: range, effort and speed come from
+    the joints."""
     table = TABLES.table(arm.name)
     joints = {joint.key: joint for joint in arm.joints}
     rows = []

@@ -1,11 +1,13 @@
-"""The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo behind them.
+"""The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo
+behind them.
 
-The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``; ``garbled``
-when its checksum is wrong) and every request; of the robot's side the answers and what it does by itself:
-``fsm``, ``mode``, ``fell``, ``stood``. LowStates are not in it: a megabyte a second that nobody reads.
+The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
+``garbled`` when its checksum is wrong) and every request; of the robot's side the answers and what
+it does by itself: ``fsm``, ``mode``, ``fell``, ``stood``. LowStates are not in it: a megabyte a
+second that nobody reads.
 
-Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``: released) and
-``battery PERCENT`` (``battery unknown``).
+Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``:
+released) and ``battery PERCENT`` (``battery unknown``).
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ _READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_I
 
 
 def safe_state_of(command: Command) -> str:
-    """What a LowCmd brings the whole robot to: ``zero_torque``, ``damp``, or "" for anything else."""
+    """What a LowCmd brings the whole robot to: ``zero_torque``, ``damp``, or "" for anything
+    else."""
     if any(command.tau) or any(command.kp):
         return ""
     return "damp" if any(command.kd) else "zero_torque"
@@ -71,7 +74,8 @@ class Machine:
         self.faults = Faults()
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """``unit``: the slot of a motor, which can get stuck or lose its supply. None: what the robot says."""
+        """``unit``: the slot of a motor, which can get stuck or lose its supply. None: what the
+        robot says."""
         model = self.onboard.model
         if unit is None:
             self.faults.set(fault)

@@ -1,4 +1,5 @@
-"""The twin's own computer: states, modes, services, battery, and who moves the body. It knows no network.
+"""The twin's own computer: states, modes, services, battery, and who moves the body. It knows no
+network.
 
 Time comes with every call; between calls nothing happens.
 """
@@ -29,7 +30,8 @@ FSM_ZERO_TORQUE, FSM_WALK = 0, 801
 
 
 class Onboard:
-    """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``, ``silence``."""
+    """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``,
+    ``silence``."""
 
     def __init__(self, model: Model, note: Callable[[str, str], None], silence_s: float = 0.0) -> None:
         """``silence_s``: without a LowCmd for so long the robot damps; 0: never."""

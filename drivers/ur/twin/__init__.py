@@ -1,7 +1,7 @@
 """The robot's end of a UR's wires: RTDE, script ports, dashboard; MuJoCo behind them.
 
-Besides the control lines of every twin it takes ``safety MODE``, ``mode MODE`` and ``remote yes|no``, with the
-names of ``protocol.SafetyMode`` and ``protocol.RobotMode``.
+Besides the control lines of every twin it takes ``safety MODE``, ``mode MODE`` and ``remote
+yes|no``, with the names of ``protocol.SafetyMode`` and ``protocol.RobotMode``.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""The arm as a simulation: as long as no program runs on its controller, targets come through the simulation
-control."""
+"""The arm as a simulation: as long as no program runs on its controller, targets come through the
+simulation control."""
 
 from __future__ import annotations
 

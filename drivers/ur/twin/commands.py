@@ -1,5 +1,6 @@
-"""What clients of a UR controller tell it, and what that counts as in the wire log: the registers by which
-ur-rtde's control script is told what to do, lines of the dashboard, programs. No I/O, no clock."""
+"""What clients of a UR controller tell it, and what that counts as in the wire log: the registers
+by which ur-rtde's control script is told what to do, lines of the dashboard, programs. No I/O, no
+clock."""
 
 from __future__ import annotations
 

@@ -101,7 +101,8 @@ class Controller:
         self._brake(mode is not p.RobotMode.RUNNING)
 
     def set_safety(self, mode: p.SafetyMode) -> None:
-        """A stop ends the program; an emergency stop or a fault takes the power off the arm, too."""
+        """A stop ends the program; an emergency stop or a fault takes the power off the arm,
+        too."""
         self.safety = mode
         if mode in p.MOVABLE_SAFETY:
             return
@@ -123,7 +124,8 @@ class Controller:
         return self.program is not None or self._starting is not None
 
     def start_program(self, make: Callable[[], Program]) -> None:
-        """Replaces whatever runs. Where nothing may move, or in local control, it is not started."""
+        """Replaces whatever runs. Where nothing may move, or in local control, it is not
+        started."""
         self.stop_program()
         self.led = False
         self.halt()
@@ -154,7 +156,8 @@ class Controller:
         new.begin(self.plant)
 
     def watch(self, register: int, min_hz: float) -> None:
-        """``rtde_set_watchdog``: stop the program when the register is not written at least so often."""
+        """``rtde_set_watchdog``: stop the program when the register is not written at least so
+        often."""
         if min_hz > 0:
             self._watched[register] = 1.0 / min_hz, self.now_s()
         else:
@@ -184,7 +187,8 @@ class Controller:
     # -- time
 
     def tick(self) -> None:
-        # As of the tick before: what had come by then has been read, also by a twin that had no processor.
+        # As of the tick before: what had come by then has been read, also by a twin that had no
+        # processor.
         seen_s, now_s = self._ticked_s, self.now_s()
         elapsed_s, self._ticked_s = min(now_s - seen_s, 0.1), now_s
         if self._starting is not None and now_s >= self._starting[0]:

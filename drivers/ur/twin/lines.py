@@ -88,7 +88,8 @@ class Dashboard:
 
 
 class ScriptPort:
-    """A program is complete at an unindented ``end``; a line outside one is a program of its own."""
+    """A program is complete at an unindented ``end``; a line outside one is a program of its
+    own."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

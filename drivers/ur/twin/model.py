@@ -12,8 +12,8 @@ HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
 
 
 def model_table(arm: Arm) -> dict[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it: the wrist_3 body is the flange of the DH chain.
-    Centres of mass: after the vendor's description, rounded."""
+    """Return the arm as ``drivers/common/model_rows`` takes it: the wrist_3 body is the flange of
+    the DH chain. Centres of mass: after the vendor's description, rounded."""
     d1, a2, a3, d4, d5, d6 = arm.dh_m
     bodies = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))

@@ -13,7 +13,8 @@ BRAKING_RAD_S2 = 10.0
 """Of the joints in a stop [assumed]: what the control script asks for is the tool's."""
 
 BRAKING_S = 0.05
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
+back."""
 
 
 class Motion:
@@ -42,7 +43,8 @@ class Hold(Motion):
 
 
 class Servo(Motion):
-    """Follow a goal that changes all the time, at the joints' top speed at most. Keeps the last one for ever."""
+    """Follow a goal that changes all the time, at the joints' top speed at most. Keeps the last one
+    for ever."""
 
     def __init__(self, goal: Sequence[float]) -> None:
         super().__init__()

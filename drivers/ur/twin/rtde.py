@@ -73,7 +73,8 @@ class Client:
         return self._started and self._outputs is not None and tick % self._every == 0
 
     def queue(self, values: Mapping[str, p.Value], now_s: float) -> None:
-        """Samples are not logged: a hundred a second, each as long as a page, would bury the rest."""
+        """Samples are not logged: a hundred a second, each as long as a page, would bury the
+        rest."""
         assert self._outputs is not None
         faults = self._server.faults
         fault = faults.of(None)

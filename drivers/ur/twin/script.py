@@ -1,5 +1,5 @@
-"""Programs on the controller. URScript is not interpreted: the control script of ur-rtde is recognised and its
-handshake played; ``stopj`` is done; anything else runs, and moves nothing."""
+"""Programs on the controller. URScript is not interpreted: the control script of ur-rtde is
+recognised and its handshake played; ``stopj`` is done; anything else runs, and moves nothing."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Halting:
 
 
 class ControlScript:
-    """Reads its command in the first integer register of its range, answers in the first output register:
-    READY, then for a command that takes its time DONE until the command is taken away."""
+    """Reads its command in the first integer register of its range, answers in the first output
+    register: READY, then for a command that takes its time DONE until the command is taken away."""
 
     def __init__(self, controller: Controller, offset: int) -> None:
         self._controller = controller

@@ -1,7 +1,7 @@
 """The robot's end of an xArm's wire: control port, three ports of reports; MuJoCo behind them.
 
-Besides the control lines of every twin it takes ``error CODE`` (0: its cause is gone), ``state N`` and ``mode N``,
-as another client on the controller would set them.
+Besides the control lines of every twin it takes ``error CODE`` (0: its cause is gone), ``state N``
+and ``mode N``, as another client on the controller would set them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ class Machine:
         self.faults = faults
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault. ``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
+        """Set a fault. ``unit`` 1 to 7: a joint, which can only get stuck. None: what the
+        controller sends."""
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:

@@ -12,7 +12,8 @@ from .controller import Controller
 
 
 class XArmBody(JointedBody):
-    """The controller holds its arm, or its brakes do, whoever moves it: nothing here makes it limp."""
+    """The controller holds its arm, or its brakes do, whoever moves it: nothing here makes it
+    limp."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller.plant, lambda: None)  # the controller's own ticks

@@ -1,7 +1,7 @@
 """The controller of the twin: its registers, its state, its arm. It knows no sockets.
 
-Time passes in ticks, on the clock it is given; between them it only changes what it is told to. What nobody has
-seen on a real controller is marked [assumed].
+Time passes in ticks, on the clock it is given; between them it only changes what it is told to.
+What nobody has seen on a real controller is marked [assumed].
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
 BRAKING_S = 0.05
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning back."""
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
+back."""
 
 SLOWEST_RAD_S = 0.01
 SPEED_EXCEEDED, JOINT_PAST_LIMIT = 24, 23
@@ -100,7 +101,8 @@ class Controller:
     # -- what may happen to it
 
     def fail(self, error: int) -> None:
-        """Stop by itself, motors off until they are enabled again [assumed]. 0: the cause is gone."""
+        """Stop by itself, motors off until they are enabled again [assumed]. 0: the cause is
+        gone."""
         self.error = error
         if error:
             self.enabled = 0
@@ -184,7 +186,8 @@ class Controller:
         self._set_brakes()
 
     def _move(self, register: int, data: bytes) -> None:
-        """Take a target, each sort in a mode of its own; an arm that is paused keeps it for later."""
+        """Take a target, each sort in a mode of its own; an arm that is paused keeps it for
+        later."""
         if not self.runs or self.error:
             return
         numbers = p.unpack_floats(data, p.JOINTS)

@@ -15,7 +15,8 @@ ROOM_C = 30
 
 
 class Publisher:
-    """All who listen to one controller. Reports are not logged: a hundred a second would bury the rest."""
+    """All who listen to one controller. Reports are not logged: a hundred a second would bury the
+    rest."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self._controller = controller

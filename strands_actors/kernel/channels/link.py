@@ -1,8 +1,8 @@
 """A link: the inherited socket between a parent process and its child.
 
-It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a frozen
-peer does not read is kept up to a bound, then dropped and counted. All of it belongs to the node's loop but
-``send_at_once``, which is of any thread.
+It carries frames and descriptors, and its end of file is a death notice. It never blocks: what a
+frozen peer does not read is kept up to a bound, then dropped and counted. All of it belongs to the
+node's loop but ``send_at_once``, which is of any thread.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def packet_of(data: bytes, descriptors: int = 0) -> bytes:
 
 
 class Link:
-    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone. ``channel``: what the
-    other end may say; None: everything."""
+    """One end. ``on_closed`` is called once, in the node's loop, when the other end is gone.
+    ``channel``: what the other end may say; None: everything."""
 
     def __init__(
         self,
@@ -199,7 +199,8 @@ class Link:
             rest = bytes(data[taken:])
 
     def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
-        """All that are whole; how many bytes that was. None when the other end cannot be what it should be."""
+        """All that are whole; how many bytes that was. None when the other end cannot be what it
+        should be."""
         start, length = 0, len(data)
         while length - start >= HEAD.size:
             size, count = HEAD.unpack_from(data, start)

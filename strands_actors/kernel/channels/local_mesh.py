@@ -1,4 +1,5 @@
-"""A mesh in memory: the same frames, the same refusals, no I/O. For tests, and for trees under MockClock.
+"""A mesh in memory: the same frames, the same refusals, no I/O. For tests, and for trees under
+MockClock.
 
 Links between nodes can be cut and healed, as a network's can.
 """
@@ -28,7 +29,8 @@ class LocalNetwork:
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:
-        """Nothing from or to this node arrives any more; those who watch across the cut are told."""
+        """Nothing from or to this node arrives any more; those who watch across the cut are
+        told."""
         self._cut.add(node.address)
         for mesh in list(self._meshes.values()):
             if mesh.node is not node:

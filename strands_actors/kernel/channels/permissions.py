@@ -1,8 +1,8 @@
 """What may be said over one way between processes: in whose name, and what to whom.
 
-Who speaks is known by the channel it speaks on, never by what it says. A process that starts another knows what it
-has started; so the channel is given to the parent's end of a link, and what does not fit it is refused before an
-actor reads it.
+Who speaks is known by the channel it speaks on, never by what it says. A process that starts
+another knows what it has started; so the channel is given to the parent's end of a link, and what
+does not fit it is refused before an actor reads it.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ Told = frozenset[type[Message]] | None
 
 
 class Channel(NamedTuple):
-    """``name``: what messages with a field ``channel`` are stamped with; empty for who may do what an operator may.
-    ``hosts``: the actors that live at the other end, None: anybody. ``nodes``: how addresses begin that its
-    node gives to who asks. ``tells``: the actors here that it may speak to; None: all."""
+    """``name``: what messages with a field ``channel`` are stamped with; empty for who may do what
+    an operator may. ``hosts``: the actors that live at the other end, None: anybody. ``nodes``: how
+    addresses begin that its node gives to who asks. ``tells``: the actors here that it may speak
+    to; None: all."""
 
     name: str = ""
     hosts: frozenset[str] | None = None

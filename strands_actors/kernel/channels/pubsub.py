@@ -1,8 +1,9 @@
 """Plain topics over zenoh: what anybody may subscribe to, and what comes in from anybody.
 
-A session of its own, apart from the one that carries messages between actors: whoever joins this one reaches topics
-and nothing else. (A second session of a process costs 40 kB and no thread.) Nothing here ever holds the loop up: a
-subscriber that does not read loses samples, and a flood is thinned out before it enters Python.
+A session of its own, apart from the one that carries messages between actors: whoever joins this
+one reaches topics and nothing else. (A second session of a process costs 40 kB and no thread.)
+Nothing here ever holds the loop up: a subscriber that does not read loses samples, and a flood is
+thinned out before it enters Python.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from .zenoh_session import Waker, closed, config, opened
 JSON = "application/json"
 
 AWAY_S = 0.003
-"""For what was done at once to be over: who hears of it meanwhile takes a processor from it. An e-stop of two
-robots on two processors took 2.1 to 2.6 ms when their roots were woken with it, and 1.6 since."""
+"""For what was done at once to be over: who hears of it meanwhile takes a processor from it. An
+e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with it, and
+1.6 since."""
 _WAKE_BATCH = 128
 _URGENT: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -49,7 +51,8 @@ class Received(msgspec.Struct, frozen=True):
 
 
 class Topic:
-    """A topic of ours. ``wanted``: somebody subscribes to it (0.6 us; what nobody reads is not encoded)."""
+    """A topic of ours. ``wanted``: somebody subscribes to it (0.6 us; what nobody reads is not
+    encoded)."""
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
         self._publisher = publisher
@@ -66,7 +69,8 @@ class Topic:
 
 
 class Poll:
-    """Samples that wait below the interpreter until they are taken; of a flood the newest ``keep`` remain."""
+    """Samples that wait below the interpreter until they are taken; of a flood the newest ``keep``
+    remain."""
 
     def __init__(self, subscriber: Any) -> None:
         self._subscriber = subscriber
@@ -130,7 +134,8 @@ class PubSub:
     # -- out
 
     def topic(self, key: str, schema: str) -> Topic:
-        """``schema``: named in the encoding, as ``application/json;<schema>``. One a key, whoever asks."""
+        """``schema``: named in the encoding, as ``application/json;<schema>``. One a key, whoever
+        asks."""
         if key not in self._topics:
             publisher = self._session.declare_publisher(
                 key,
@@ -142,14 +147,16 @@ class PubSub:
         return self._topics[key]
 
     def put(self, key: str, payload: bytes, schema: str) -> None:
-        """One urgent sample: a command, an answer. Never kept for those who come later. From any thread."""
+        """One urgent sample: a command, an answer. Never kept for those who come later. From any
+        thread."""
         if ready := self._ready.get(key):
             ready.put(payload, attachment=_stamp(1))
         else:
             self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
 
     def put_frame(self, key: str, frame: bytes) -> bool:
-        """One urgent sample of bytes that say themselves what they are. Whether it could be sent."""
+        """One urgent sample of bytes that say themselves what they are. Whether it could be
+        sent."""
         try:
             self._session.put(key, frame, **_URGENT)
         except zenoh.ZError:
@@ -175,11 +182,13 @@ class PubSub:
         keep: int = 256,
         at_once: Callable[[Received], object] | None = None,
     ) -> None:
-        """Call ``handler`` in the loop, instead of the one that had this key before. At most ``keep`` samples wait,
-        the newest; keys are looked at in the order in which they were subscribed to.
+        """Call ``handler`` in the loop, instead of the one that had this key before. At most
+        ``keep`` samples wait, the newest; keys are looked at in the order in which they were
+        subscribed to.
 
-        ``at_once``: called before, in zenoh's own thread, whatever the loop does; it must neither wait nor raise.
-        What it gives is the sample's ``done``. Unless that is None the loop is woken ``AWAY_S`` later."""
+        ``at_once``: called before, in zenoh's own thread, whatever the loop does; it must neither
+        wait nor raise. What it gives is the sample's ``done``. Unless that is None the loop is
+        woken ``AWAY_S`` later."""
         self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:

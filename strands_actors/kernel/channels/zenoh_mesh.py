@@ -1,11 +1,12 @@
 """The mesh over zenoh: pub/sub inboxes with a correlation id (half the latency of query and reply).
 
-Every node listens on its own unix socket and connects to those it is told of. Nothing here is cached or replayed.
+Every node listens on its own unix socket and connects to those it is told of. Nothing here is
+cached or replayed.
 
-Two traps shape this file. A subscriber with an ordinary Python callback owns a Python thread that keeps a
-crashed process hanging, its liveliness token alive: ``Callback(indirect=False)`` has no such thread. And a
-callback runs on zenoh's thread: it appends to a deque and writes an eventfd, or releases the thread that waits for
-this very answer, nothing else.
+Two traps shape this file. A subscriber with an ordinary Python callback owns a Python thread that
+keeps a crashed process hanging, its liveliness token alive: ``Callback(indirect=False)`` has no
+such thread. And a callback runs on zenoh's thread: it appends to a deque and writes an eventfd, or
+releases the thread that waits for this very answer, nothing else.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from .zenoh_session import Waker, closed, config, opened, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
-"""Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when needed."""
+"""Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when
+needed."""
 
 EVERYBODY = f"{PREFIX}/**/alive"
 """The tokens of all actors and nodes."""
@@ -47,8 +49,8 @@ class ZenohMesh:
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
         self._alive: set[str] = set()
-        """Actors and nodes that somebody hosts. By their tokens, not by who subscribes to their keys: anybody may
-        listen there."""
+        """Actors and nodes that somebody hosts. By their tokens, not by who subscribes to their
+        keys: anybody may listen there."""
         self._tokens: Any = None
         self._watched: set[str] = set()
         self._lost: deque[str] = deque()
@@ -64,14 +66,15 @@ class ZenohMesh:
         connect: Sequence[str] = (),
         settings: Mapping[str, Any] | None = None,
     ) -> ZenohMesh:
-        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own, by path."""
+        """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own,
+        by path."""
         stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
         configured = config(listen, connect, {**stamped, **(settings or {})})
         return cls(await trio.to_thread.run_sync(zenoh.open, configured))
 
     def let_in(self, node: Node, address: str) -> None:
-        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is answered. The node
-        itself sends nothing this way."""
+        """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is
+        answered. The node itself sends nothing this way."""
         self.node = node
         self.announce(address, True)
 
@@ -142,8 +145,9 @@ class ZenohMesh:
         return publisher
 
     def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
-        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a stop is among
-        them, and waits for no batch (express; of the others three times as many cross a second without)."""
+        """Messages of one sender and lane keep their order. None is dropped when a queue is full: a
+        stop is among them, and waits for no batch (express; of the others three times as many cross
+        a second without)."""
         return self._session.declare_publisher(
             to,
             congestion_control=zenoh.CongestionControl.BLOCK,
@@ -168,7 +172,8 @@ class ZenohMesh:
         return self._threads.ask(self._put_question, to, sender, message, decode, deadline_s)
 
     def forget(self, to: str, why: str) -> None:
-        """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told ``why``."""
+        """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told
+        ``why``."""
         publisher = self._asked.pop(to, None)
         if publisher is not None:
             publisher.undeclare()  # type: ignore[no-untyped-call]

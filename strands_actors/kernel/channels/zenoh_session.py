@@ -1,7 +1,8 @@
-"""What every zenoh session of ours has in common: a closed configuration, a wake-up for the loop, an orderly end.
+"""What every zenoh session of ours has in common: a closed configuration, a wake-up for the loop,
+an orderly end.
 
-Loopback only: unless told otherwise a session listens on unix sockets in a directory of the user's own. No
-multicast, no gossip: nobody is found who was not named.
+Loopback only: unless told otherwise a session listens on unix sockets in a directory of the user's
+own. No multicast, no gossip: nobody is found who was not named.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ LEASE_MS = 1000
 def config(
     listen: Sequence[str] = (), connect: Sequence[str] = (), more: Mapping[str, Any] | None = None
 ) -> zenoh.Config:
-    """A closed peer: only these endpoints, retried quickly when they go away. ``more``: settings by zenoh's own
-    path, over these."""
+    """A closed peer: only these endpoints, retried quickly when they go away. ``more``: settings by
+    zenoh's own path, over these."""
     result = zenoh.Config()
     settings = {
         "mode": "peer",
@@ -36,14 +37,17 @@ def config(
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
         # Opening does not wait for those it connects to: a frozen one would hold it up (0.5 s).
         "open/return_conditions/connect_scouted": False,
-        # A frozen peer takes the connection and says nothing; close() would wait for it (zenoh: 10 s).
+        # A frozen peer takes the connection and says nothing; close() would wait for it (zenoh: 10
+        # s).
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
-        # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut off.
+        # A peer that reads nothing (frozen) may hold a sender up this long, in us; then it is cut
+        # off.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
-        # Commands and answers leave at once, each in a batch of its own. zenoh has room for one such batch: of five
-        # put in a row on a busy machine the third and those behind it were dropped. It takes 16 at most.
+        # Commands and answers leave at once, each in a batch of its own. zenoh has room for one
+        # such batch: of five put in a row on a busy machine the third and those behind it were
+        # dropped. It takes 16 at most.
         "transport/link/tx/queue/size/real_time": 16,
         "transport/shared_memory/enabled": False,
     }
@@ -53,9 +57,10 @@ def config(
 
 
 def hand_over() -> None:
-    """Have one of zenoh's threads do the work of four: an answer comes a quarter sooner. Before the first session,
-    and only in a process where nobody holds the interpreter's lock for long: a callback that waits for it holds up
-    what is sent as well, and after ``LEASE_MS`` of that the others think this process is gone."""
+    """Have one of zenoh's threads do the work of four: an answer comes a quarter sooner. Before the
+    first session, and only in a process where nobody holds the interpreter's lock for long: a
+    callback that waits for it holds up what is sent as well, and after ``LEASE_MS`` of that the
+    others think this process is gone."""
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_RUNTIME)
 
 
@@ -91,7 +96,8 @@ class Waker:
 
     async def wait(self) -> None:
         await trio.lowlevel.wait_readable(self._read_fd)
-        # Read, then clear the flag, and only then may the caller drain: in any other order a wake-up can be lost.
+        # Read, then clear the flag, and only then may the caller drain: in any other order a
+        # wake-up can be lost.
         os.read(self._read_fd, 8)
         self._pending = False
 
@@ -119,8 +125,9 @@ def closed(session: Closes) -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """A thread of zenoh's that enters Python while the interpreter goes aborts the process: at the end of a
-    script every session is closed before that. Not in a forked child, where they have no threads."""
+    """A thread of zenoh's that enters Python while the interpreter goes aborts the process: at the
+    end of a script every session is closed before that. Not in a forked child, where they have no
+    threads."""
     for session, pid in list(_open.items()):
         if pid == os.getpid():
             session.close()

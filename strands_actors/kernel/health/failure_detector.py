@@ -1,15 +1,16 @@
 """Has a peer process stopped answering, or has the machine stopped it?
 
-A process that stands still must be noticed within ``ttl_s``. But on a machine whose processors are all taken
-every process is silent now and then, and to end a healthy one for that would make a busy machine look like a
-broken robot. Two things tell them apart:
+A process that stands still must be noticed within ``ttl_s``. But on a machine whose processors are
+all taken every process is silent now and then, and to end a healthy one for that would make a busy
+machine look like a broken robot. Two things tell them apart:
 
-* Our own ticks: each counts for no more than its period. When the whole machine paused, everybody was late and
-  nobody is frozen.
-* The time the peer has stood in line for a processor, or its processor was taken from this virtual machine, which
-  does not count as silence. A process that waits for a lock does not stand in line; one that spins mostly
-  computes; one that is stopped stands nowhere, whatever the machine does. In all never longer than ``longest_s``:
-  what a peer does not say cannot be told from what it cannot say for ever.
+* Our own ticks: each counts for no more than its period. When the whole machine paused, everybody
+  was late and nobody is frozen.
+* The time the peer has stood in line for a processor, or its processor was taken from this virtual
+  machine, which does not count as silence. A process that waits for a lock does not stand in line;
+  one that spins mostly computes; one that is stopped stands nowhere, whatever the machine does. In
+  all never longer than ``longest_s``: what a peer does not say cannot be told from what it cannot
+  say for ever.
 
 The peer is only looked at once half of its time is over: one that answers costs nothing.
 """
@@ -38,8 +39,8 @@ class Heard(msgspec.Struct, frozen=True):
 
 
 class FailureDetector:
-    """Of one peer, asked every ``tick_s``. ``look`` asks how it stands with the processor; None where nobody can
-    tell."""
+    """Of one peer, asked every ``tick_s``. ``look`` asks how it stands with the processor; None
+    where nobody can tell."""
 
     def __init__(self, ttl_s: float, tick_s: float, look: Callable[[], Standing | None] = lambda: None) -> None:
         self._own_ticks = round(ttl_s / tick_s)
@@ -69,7 +70,8 @@ class FailureDetector:
         self._looked_ns, self._before = memory.looked_ns, memory.before
 
     def tick(self, now_ns: int) -> bool:
-        """Call at each own tick; True once the peer has been silent for too long. Never before its first word."""
+        """Call at each own tick; True once the peer has been silent for too long. Never before its
+        first word."""
         if not self.heard_ns:
             return False
         self._ticks += 1
@@ -82,8 +84,9 @@ class FailureDetector:
         return silent_ns > self._longest_ns or silent_ns - self._kept_ns(now_ns) > self._ttl_ns
 
     def told(self, now_ns: int) -> str:
-        """For people, after the tick that found it silent for too long: how long, and what it did since it was
-        first looked at. A frozen one did nothing, one that spins computed, one that is starved stood in line."""
+        """For people, after the tick that found it silent for too long: how long, and what it did
+        since it was first looked at. A frozen one did nothing, one that spins computed, one that is
+        starved stood in line."""
         text = f"silent for {(now_ns - self.heard_ns) / 1e6:.0f} ms"
         before, after = self._before, self._after
         if before is None or after is None:

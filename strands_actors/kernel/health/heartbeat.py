@@ -1,9 +1,10 @@
 """A page of memory that the processes of a tree share, in which each notes when it last beat.
 
-A heartbeat says one thing, and only the newest counts; as a message it cost two system calls, a wake-up and a
-decoding, 250 times a second each way for legs: 8 % of what their wire computed, a fifth of what their root did.
-Here it is one store, and one load when the other looks, which it does at each tick anyway. A process that is
-frozen, spins or is dead stores nothing, and what it stored last grows old by itself.
+A heartbeat says one thing, and only the newest counts; as a message it cost two system calls, a
+wake-up and a decoding, 250 times a second each way for legs: 8 % of what their wire computed, a
+fifth of what their root did. Here it is one store, and one load when the other looks, which it does
+at each tick anyway. A process that is frozen, spins or is dead stores nothing, and what it stored
+last grows old by itself.
 """
 
 from __future__ import annotations

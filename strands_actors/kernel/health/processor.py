@@ -1,4 +1,5 @@
-"""What the system says of a thread and the processor: has it computed, has it stood in line, is it asleep?
+"""What the system says of a thread and the processor: has it computed, has it stood in line, is it
+asleep?
 
 Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence alone.
 """
@@ -31,7 +32,8 @@ class Standing(msgspec.Struct, frozen=True, gc=False):
 
 
 class Life(NamedTuple):
-    """Of a process, by its main thread. Both false where the system does not tell, or the process is gone."""
+    """Of a process, by its main thread. Both false where the system does not tell, or the process
+    is gone."""
 
     stopped: bool = False  # by a signal or for a debugger
     dying: bool = False  # killed, or on its way out: it needs a processor to end, and runs no code of its own
@@ -58,8 +60,8 @@ def is_stopped(pid: int) -> bool:
 
 
 def standing(pid: int, thread: int | None = None) -> Standing | None:
-    """Of a process's main thread, or of the given one. None where the system does not tell, or it is gone.
-    Source: sched-stats.rst and proc(5) of the kernel's documentation."""
+    """Of a process's main thread, or of the given one. None where the system does not tell, or it
+    is gone. Source: sched-stats.rst and proc(5) of the kernel's documentation."""
     task = f"/proc/{pid}/task/{pid if thread is None else thread}"
     try:
         with open(f"{task}/schedstat", "rb") as schedstat, open(f"{task}/stat", "rb") as stat:
@@ -71,9 +73,10 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
 
 
 def suspected(pid: int) -> Standing | None:
-    """Of the main thread of a process that has fallen silent, with what the hypervisor took from each processor.
-    A thread that sleeps on a processor that was taken away is not woken by its timer: it looks frozen, and is not.
-    Counted in steps of 10 ms, since the machine started; zero on one that is not virtual. Source: proc_stat(5)."""
+    """Of the main thread of a process that has fallen silent, with what the hypervisor took from
+    each processor. A thread that sleeps on a processor that was taken away is not woken by its
+    timer: it looks frozen, and is not. Counted in steps of 10 ms, since the machine started; zero
+    on one that is not virtual. Source: proc_stat(5)."""
     now = standing(pid)
     return None if now is None else msgspec.structs.replace(now, stolen_ns=_stolen_ns())
 

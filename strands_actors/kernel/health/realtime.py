@@ -1,7 +1,8 @@
 """A process that runs before everything else: SCHED_FIFO, where the system permits it.
 
-For wires that are spoken to 500 times a second: on a busy machine an ordinary process waits 28 ms for its turn now
-and then, one of these 0.15 ms. It needs a second core, since one that spins keeps the core it is on.
+For wires that are spoken to 500 times a second: on a busy machine an ordinary process waits 28 ms
+for its turn now and then, one of these 0.15 ms. It needs a second core, since one that spins keeps
+the core it is on.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import contextlib
 import os
 
 STANDBY_PRIORITY = 13
-"""Above both, which it has to be able to end. It does next to nothing as long as one of them lives."""
+"""Above both, which it has to be able to end. It does next to nothing as long as one of them
+lives."""
 ROOT_PRIORITY = 12
 WIRE_PRIORITY = 11
 """Below the root, which has to be able to end it."""

@@ -1,14 +1,14 @@
 """What a child process runs first: read the specification, import the entry, call it, end at once.
 
-A child ends by ``os._exit``: no thread, no exit handler and no open session keeps it, or its lease, alive.
-Signals keep their default action: a child that is told to end is simply gone, and its parent makes the
-robot safe exactly as if it had crashed. One way of dying, one way of being safe.
+A child ends by ``os._exit``: no thread, no exit handler and no open session keeps it, or its lease,
+alive. Signals keep their default action: a child that is told to end is simply gone, and its parent
+makes the robot safe exactly as if it had crashed. One way of dying, one way of being safe.
 
-Standard output belongs to the program, which another may read: what a child prints, or an SDK within it,
-goes to standard error.
+Standard output belongs to the program, which another may read: what a child prints, or an SDK
+within it, goes to standard error.
 
-What an exception says is said in few words: its parent makes the robot safe once this process has ended, and the
-lines of source that Python prints take 3 ms to be read.
+What an exception says is said in few words: its parent makes the robot safe once this process has
+ended, and the lines of source that Python prints take 3 ms to be read.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from strands_actors.kernel.health.realtime import run_like_others
 from .process import ChildSpecification
 
 YOUNG = 20_000
-"""Containers made before the collector looks at them: what is made 500 times a second is gone by itself."""
+"""Containers made before the collector looks at them: what is made 500 times a second is gone by
+itself."""
 
 
 def main(fd: int) -> None:
@@ -60,7 +61,8 @@ def main(fd: int) -> None:
 
 
 def _print_to_stderr() -> None:
-    """What C prints, too; and of Python a line as soon as it ends: who is killed flushes nothing."""
+    """What C prints, too; and of Python a line as soon as it ends: who is killed flushes
+    nothing."""
     if sys.stderr is None or sys.stdout is None:
         return  # closed by whoever started the program; the descriptors may be anything's
     os.dup2(2, 1)
@@ -69,8 +71,9 @@ def _print_to_stderr() -> None:
 
 
 def _exit_code(error: BaseException) -> int:
-    """As the interpreter does it: ``sys.exit`` without anything is success, with a text it is failure, and the text
-    is printed, as is every other exception. A trio nursery wraps what is raised in it."""
+    """As the interpreter does it: ``sys.exit`` without anything is success, with a text it is
+    failure, and the text is printed, as is every other exception. A trio nursery wraps what is
+    raised in it."""
     if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
         return _exit_code(error.exceptions[0])
     if not isinstance(error, SystemExit):
@@ -85,8 +88,8 @@ def _exit_code(error: BaseException) -> int:
 
 
 def told(error: BaseException, indent: str = "") -> Iterator[str]:
-    """Where it was raised and what it says, innermost last; then what it was raised from, or in place of, and what
-    is in it if it is a group."""
+    """Where it was raised and what it says, innermost last; then what it was raised from, or in
+    place of, and what is in it if it is a group."""
     yield f"{indent}Traceback, without the source:"
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield f'{indent}  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'

@@ -1,5 +1,5 @@
-"""A child that is forked, from a process that has one thread: its imports are there, a quarter of a second of
-computing that a child started by exec would need.
+"""A child that is forked, from a process that has one thread: its imports are there, a quarter of a
+second of computing that a child started by exec would need.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from .process import ChildProcess, OwnChild, specify
 
 
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) -> int:
-    """Its pid. It is as one that ``process.execute`` starts: a process group of its own (with ``session`` a session
-    too), no descriptor of anybody else's but those to ``keep``, told over ``link_fd`` what to run. This process
-    must have one thread."""
+    """Its pid. It is as one that ``process.execute`` starts: a process group of its own (with
+    ``session`` a session too), no descriptor of anybody else's but those to ``keep``, told over
+    ``link_fd`` what to run. This process must have one thread."""
     pid = os.fork()
     if pid == 0:
         if session:
@@ -56,8 +56,8 @@ class Forked:
 
 
 class ForkedAhead:
-    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is given. ``session``:
-    see ``fork_child``."""
+    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is
+    given. ``session``: see ``fork_child``."""
 
     def __init__(self, keep: Sequence[int] = (), session: bool = False) -> None:
         self._socket, theirs = socket.socketpair()

@@ -1,7 +1,8 @@
-"""What only an operator may let others do: the part of the operator gate that every process can decide.
+"""What only an operator may let others do: the part of the operator gate that every process can
+decide.
 
-``Driver.GUARDED`` names verbs, and keys of an action. The environment allows some without asking; whoever can ask a
-person (``agents/approval.py``) asks for the rest; whoever cannot refuses.
+``Driver.GUARDED`` names verbs, and keys of an action. The environment allows some without asking;
+whoever can ask a person (``agents/approval.py``) asks for the rest; whoever cannot refuses.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ def allowed(variable: str = ALLOW) -> frozenset[str]:
 def unapproved(
     guarded: Collection[str], names: Iterable[str], topics: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos`` behind it.
-    ``topics``: names that go out on a ROS topic, which may be allowed as a whole."""
+    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos``
+    behind it. ``topics``: names that go out on a ROS topic, which may be allowed as a whole."""
     plain = (str(name).removesuffix(".pos") for name in names)
     by_topic, of = allowed(ALLOW_TOPICS), topics or {}
     wanted = frozenset(guarded).intersection(plain) - allowed()

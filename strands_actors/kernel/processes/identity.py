@@ -1,6 +1,8 @@
-"""What a process of a tree is called in lists of processes, and when the kernel may end it for want of memory.
+"""What a process of a tree is called in lists of processes, and when the kernel may end it for want
+of memory.
 
-A name of its own: ``pkill python`` is meant for scripts, and must not reach the processes that make a robot safe.
+A name of its own: ``pkill python`` is meant for scripts, and must not reach the processes that make
+a robot safe.
 """
 
 from __future__ import annotations
@@ -15,13 +17,14 @@ _COMM_BYTES = 15  # TASK_COMM_LEN less its end
 _ARG_START, _ARG_END = 45, 46  # columns of /proc/self/stat, behind the name: proc(5), fields 48 and 49
 _ADJUSTMENT = Path("/proc/self/oom_score_adj")
 LAST = -900
-"""``oom_score_adj``: of all processes the last but those that may never be taken. Source: proc(5)."""
+"""``oom_score_adj``: of all processes the last but those that may never be taken. Source:
+proc(5)."""
 
 
 def take_name(robot: str, role: str, label: str = "") -> None:
-    """Be called ``strands-wire`` by ``ps -e`` and ``pkill``, ``strands-actors so101 wire`` by ``ps -f`` and
-    ``top``. ``label``: a second word there, by which others look for it. Where the system cannot, nothing is
-    changed."""
+    """Be called ``strands-wire`` by ``ps -e`` and ``pkill``, ``strands-actors so101 wire`` by ``ps
+    -f`` and ``top``. ``label``: a second word there, by which others look for it. Where the system
+    cannot, nothing is changed."""
     if not os.path.exists("/proc/self/stat"):
         return
     comm = f"{PRODUCT}-{role}".encode()[:_COMM_BYTES]
@@ -30,7 +33,8 @@ def take_name(robot: str, role: str, label: str = "") -> None:
 
 
 def _write_arguments(words: bytes) -> None:
-    """Over those this process was started with: that memory is what the kernel shows. Too long a text is cut."""
+    """Over those this process was started with: that memory is what the kernel shows. Too long a
+    text is cut."""
     fields = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
     start, end = int(fields[_ARG_START]), int(fields[_ARG_END])
     room = end - start
@@ -41,8 +45,8 @@ def _write_arguments(words: bytes) -> None:
 
 
 def be_taken_last() -> bool:
-    """Ask the kernel to end others first when memory runs out; whether it will. Lowering takes CAP_SYS_RESOURCE,
-    unless this process was started as low."""
+    """Ask the kernel to end others first when memory runs out; whether it will. Lowering takes
+    CAP_SYS_RESOURCE, unless this process was started as low."""
     try:
         _ADJUSTMENT.write_text(f"{LAST}")
     except OSError:
@@ -51,7 +55,8 @@ def be_taken_last() -> bool:
 
 
 def may_be_taken_last() -> bool | None:
-    """Whether processes that this one starts may ``be_taken_last``. None where the system has no such thing."""
+    """Whether processes that this one starts may ``be_taken_last``. None where the system has no
+    such thing."""
     try:
         before = _ADJUSTMENT.read_text()
     except OSError:

@@ -1,4 +1,5 @@
-"""Another process of the tree that is no child of this one: its end is seen, and it can be ended."""
+"""Another process of the tree that is no child of this one: its end is seen, and it can be
+ended."""
 
 from __future__ import annotations
 
@@ -13,8 +14,8 @@ from .process import NOTICED_S, wait_for_end_of
 
 
 class Peer:
-    """``pidfd``: names this very process, whoever has its number later; belongs to this object. None where the
-    system has none (macOS)."""
+    """``pidfd``: names this very process, whoever has its number later; belongs to this object.
+    None where the system has none (macOS)."""
 
     def __init__(self, pid: int, pidfd: int | None = None) -> None:
         self.pid = pid
@@ -45,7 +46,8 @@ class Peer:
             os.close(fd)
 
     async def fence(self, within_s: float) -> bool:
-        """SIGKILL, then wait for its end; whether that was seen. What was killed runs no code of its own."""
+        """SIGKILL, then wait for its end; whether that was seen. What was killed runs no code of
+        its own."""
         with contextlib.suppress(ProcessLookupError):
             if self._pidfd is None:
                 os.kill(self.pid, signal.SIGKILL)

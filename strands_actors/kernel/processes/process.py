@@ -1,7 +1,7 @@
 """A child process: started with a link, watched by a pidfd, fenced with SIGKILL.
 
-The child is a process group of its own, so that Ctrl-C in a terminal reaches only the user's script; what
-the script's end means is then decided by the tree, not by who else got the signal.
+The child is a process group of its own, so that Ctrl-C in a terminal reaches only the user's
+script; what the script's end means is then decided by the tree, not by who else got the signal.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from strands_actors.kernel.router import Router
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
 FENCE_S = 1.0
-"""How long a fence waits for the end of what it killed. A process in an uninterruptible system call (a serial
-adapter that hangs) ends when that returns, and until then runs none of its own code."""
+"""How long a fence waits for the end of what it killed. A process in an uninterruptible system call
+(a serial adapter that hangs) ends when that returns, and until then runs none of its own code."""
 
 _BOOT = "import sys; from strands_actors.kernel.processes.child import main; main(int(sys.argv[1]))"
 
@@ -43,8 +43,8 @@ class ChildSpecification(msgspec.Struct, frozen=True):
 
 
 class ChildProcess(ABC):
-    """A running child and the link to it. ``pidfd``: names this very process, whoever has its number later; None
-    where the system has none (macOS). Belongs to this object."""
+    """A running child and the link to it. ``pidfd``: names this very process, whoever has its
+    number later; None where the system has none (macOS). Belongs to this object."""
 
     def __init__(self, pid: int, link_socket: socket.socket, pidfd: int | None = None) -> None:
         self.pid = pid
@@ -88,8 +88,9 @@ class ChildProcess(ABC):
         return Link(node, self.socket, channel=channel)
 
     async def fence(self, within_s: float = FENCE_S) -> bool:
-        """Make sure it never writes again: SIGKILL, wait for it, close the link. Whether its end was seen
-        ``within_s``: what was killed runs no code of its own, so who waits may go on after that."""
+        """Make sure it never writes again: SIGKILL, wait for it, close the link. Whether its end
+        was seen ``within_s``: what was killed runs no code of its own, so who waits may go on after
+        that."""
         self.kill()
         with trio.CancelScope(shield=True, deadline=trio.current_time() + within_s) as scope:
             await self.wait()
@@ -187,8 +188,9 @@ def _bury(child: Started) -> None:
 
 
 def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subprocess.Popen[bytes]:
-    """Exec a child that reads its specification from ``link_fd``. Stops this process until the child has begun:
-    a few milliseconds, more on a busy machine. ``label``: what a list of processes shows. Raise ``OSError``."""
+    """Exec a child that reads its specification from ``link_fd``. Stops this process until the
+    child has begun: a few milliseconds, more on a busy machine. ``label``: what a list of processes
+    shows. Raise ``OSError``."""
     # The child imports what its parent could: a user's own modules included.
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.Popen(

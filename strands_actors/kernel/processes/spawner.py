@@ -1,13 +1,15 @@
 """Starting a process while something else must not wait.
 
-Whoever starts a process stands still, with the interpreter's lock held, until the child has begun: a few
-milliseconds, but a tenth of a second on a busy machine, in which a root that does not beat looks frozen to its
-wire. So the root has a small process start others for it: forked while the root has one thread and no session,
-it does nothing else, and ends with its root. What it starts it forks: all that a child of the tree imports is
-there already, which is a quarter of a second of computing.
+Whoever starts a process stands still, with the interpreter's lock held, until the child has begun:
+a few milliseconds, but a tenth of a second on a busy machine, in which a root that does not beat
+looks frozen to its wire. So the root has a small process start others for it: forked while the root
+has one thread and no session, it does nothing else, and ends with its root. What it starts it
+forks: all that a child of the tree imports is there already, which is a quarter of a second of
+computing.
 
-One that is dead or does not answer is ended, and the next start is made by another, which has to be executed: the
-root has threads by then. So nothing that was asked of it and not answered is done later.
+One that is dead or does not answer is ended, and the next start is made by another, which has to be
+executed: the root has threads by then. So nothing that was asked of it and not answered is done
+later.
 """
 
 from __future__ import annotations
@@ -143,8 +145,8 @@ class Spawner:
     """Make it before there are threads, run ``run``, then ``start``."""
 
     def __init__(self, close: tuple[int, ...] = (), name: Sequence[str] = ()) -> None:
-        """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is called, for
-        ``take_name``."""
+        """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is
+        called, for ``take_name``."""
         self._name = tuple(name)
         ours, theirs = socket.socketpair()
         pid = os.fork()
@@ -162,8 +164,9 @@ class Spawner:
         self._one_at_a_time = trio.Lock()
 
     async def start(self, entry: str, args: Mapping[str, Any], session: bool = False) -> ChildProcess:
-        """As ``process.start``, without standing still; with ``session`` it is a session of its own. Raise
-        ``OSError`` when the spawner does not answer: then nothing was started, nor will be."""
+        """As ``process.start``, without standing still; with ``session`` it is a session of its
+        own. Raise ``OSError`` when the spawner does not answer: then nothing was started, nor will
+        be."""
         async with self._one_at_a_time:
             if self._server.gone:
                 self._replace()

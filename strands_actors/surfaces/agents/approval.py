@@ -1,9 +1,10 @@
-"""The operator gate: who is not the robot's own program may use what is guarded only when a person agrees.
+"""The operator gate: who is not the robot's own program may use what is guarded only when a person
+agrees.
 
 Guarded is what a driver declares (``Driver.GUARDED``) and what ``Robot(guarded=...)`` adds: verbs,
 and keys of an action. Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, its ROS
-topic in ``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time, an
-exception, any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
+topic in ``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time,
+an exception, any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ def approval_of(
 
 
 class Approval:
-    """The gate of one robot. ``within_s``: how long ``approve`` may take; it runs in a thread of its own."""
+    """The gate of one robot. ``within_s``: how long ``approve`` may take; it runs in a thread of
+    its own."""
 
     def __init__(
         self,
@@ -62,7 +64,8 @@ class Approval:
         within_s: float = APPROVE_S,
         topics: Mapping[str, str] | None = None,
     ) -> None:
-        """Raise ``TypeError`` or ``ValueError`` for what would guard nothing, or nothing that can be."""
+        """Raise ``TypeError`` or ``ValueError`` for what would guard nothing, or nothing that can
+        be."""
         if isinstance(guarded, str):
             raise TypeError(f"guarded is {guarded!r}. give a tuple of verbs and action keys: ({guarded!r},)")
         if "stop" in guarded:
@@ -96,8 +99,9 @@ class Approval:
 
 
 def ask_on_terminal(request: Request) -> bool:
-    """A prompt on the terminal that the command was started from, wherever its input and output go. Raise
-    ``OSError`` when there is none. It gives up before ``APPROVE_S``: a late yes must not answer the next prompt."""
+    """A prompt on the terminal that the command was started from, wherever its input and output go.
+    Raise ``OSError`` when there is none. It gives up before ``APPROVE_S``: a late yes must not
+    answer the next prompt."""
     with TERMINAL.open("r+b", buffering=0) as terminal:
         termios.tcflush(terminal, termios.TCIFLUSH)
         terminal.write(f"\n{request}. allow? [y/N] ".encode())

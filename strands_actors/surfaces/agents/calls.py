@@ -1,4 +1,5 @@
-"""From what a driver declares to a tool's spec, and from what a model sent to a call or a refusal. Pure."""
+"""From what a driver declares to a tool's spec, and from what a model sent to a call or a refusal.
+Pure."""
 
 from __future__ import annotations
 

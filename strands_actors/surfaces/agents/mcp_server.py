@@ -1,4 +1,5 @@
-"""A robot's tool over MCP, on standard input and output. One trio loop: the server and the robot's handle."""
+"""A robot's tool over MCP, on standard input and output. One trio loop: the server and the robot's
+handle."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ ALLOW_MOTION = "start the server with --allow-motion"
 
 
 class Lines:
-    """Standard input, line by line. Who waits for a line can be cancelled: a thread that hangs in it is left."""
+    """Standard input, line by line. Who waits for a line can be cancelled: a thread that hangs in
+    it is left."""
 
     def __aiter__(self) -> AsyncIterator[str]:
         return self

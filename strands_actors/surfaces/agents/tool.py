@@ -1,9 +1,9 @@
 """A robot as a strands-agents tool, without importing that package.
 
-``strands.Agent(tools=[robot])`` keeps what is an instance of its ``AgentTool`` and drops everything else. To
-inherit from that class would import the package, and all it brings, into every script with a robot. Instead
-``RobotTool`` supplies what ``AgentTool`` supplies, and registers with it when it is asked what it is: whoever can
-ask has loaded it.
+``strands.Agent(tools=[robot])`` keeps what is an instance of its ``AgentTool`` and drops everything
+else. To inherit from that class would import the package, and all it brings, into every script with
+a robot. Instead ``RobotTool`` supplies what ``AgentTool`` supplies, and registers with it when it
+is asked what it is: whoever can ask has loaded it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class RobotTool:
 
     @abstractmethod
     async def use_tool(self, given: object, by: str) -> Answer:
-        """Do what a tool's input asks for, from an asyncio loop. ``by``: who asks, for the operator."""
+        """Do what a tool's input asks for, from an asyncio loop. ``by``: who asks, for the
+        operator."""
 
     @property
     def tool_spec(self) -> dict[str, Any]:
@@ -56,7 +57,8 @@ class RobotTool:
     async def stream(
         self, tool_use: Mapping[str, Any], invocation_state: Mapping[str, Any] | None = None, **_: Any
     ) -> AsyncIterator[dict[str, Any]]:
-        """One tool result, ``{toolUseId, status, content}``. The actors do the work: the loop is never blocked."""
+        """One tool result, ``{toolUseId, status, content}``. The actors do the work: the loop is
+        never blocked."""
         answer = await self.use_tool(tool_use.get("input"), "agent")
         yield {"toolUseId": tool_use.get("toolUseId", ""), **answer}
 

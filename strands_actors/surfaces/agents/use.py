@@ -1,4 +1,5 @@
-"""A call becomes a message to the actors, or a refusal. Every surface of others comes through here."""
+"""A call becomes a message to the actors, or a refusal. Every surface of others comes through
+here."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from .calls import Call
 
 
 async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
-    """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about nor held up."""
+    """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about
+    nor held up."""
     verb = call.verb
     if call.kind == "stop":
         return await verbs.stop(tree)

@@ -1,4 +1,5 @@
-"""The command ``strands-actors``. Each command imports what it needs when it runs, so that --help is quick."""
+"""The command ``strands-actors``. Each command imports what it needs when it runs, so that --help
+is quick."""
 
 from __future__ import annotations
 
@@ -137,7 +138,8 @@ def trace(
     seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
     json: Json = False,
 ) -> None:
-    """Print what a robot's actors tell each other: who, whom, which message, how old. Of this user's own robots."""
+    """Print what a robot's actors tell each other: who, whom, which message, how old. Of this
+    user's own robots."""
     from .trace import trace as run
 
     run(robot, json, count, seconds)

@@ -1,7 +1,7 @@
 """``doctor``: what this machine lacks to run robots, each with its remedy in one line.
 
-``ok`` needs nothing, ``weak`` says what works less well or not at all beside the robots themselves, ``broken`` is
-something every robot needs: then the exit code is 1.
+``ok`` needs nothing, ``weak`` says what works less well or not at all beside the robots themselves,
+``broken`` is something every robot needs: then the exit code is 1.
 """
 
 from __future__ import annotations
@@ -219,7 +219,8 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 
 
 def check_gl() -> Iterator[Check]:
-    """In processes of their own: a GL library that is loaded once cannot be exchanged, and may crash."""
+    """In processes of their own: a GL library that is loaded once cannot be exchanged, and may
+    crash."""
     wanted = os.environ.get("MUJOCO_GL")
     why = []
     for backend in (wanted,) if wanted else ("egl", "osmesa"):
@@ -285,7 +286,8 @@ def check_extras() -> Iterator[Check]:
 
 
 def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
-    """Per extra ("" is none) the distributions that are not installed here. ``test`` is left out."""
+    """Per extra ("" is none) the distributions that are not installed here. ``test`` is left
+    out."""
     found: dict[str, list[str]] = {"": []}
     for requirement in requirements:
         spec, _, marker = requirement.partition(";")

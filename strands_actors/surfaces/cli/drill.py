@@ -48,7 +48,8 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
 
 
 def _keywords(options: list[str]) -> dict[str, str]:
-    """``--option KEY=VALUE`` as the keywords of ``Robot``. Values are JSON where they are that, text otherwise."""
+    """``--option KEY=VALUE`` as the keywords of ``Robot``. Values are JSON where they are that,
+    text otherwise."""
     keywords = {}
     for option in options:
         key, equals, text = option.partition("=")

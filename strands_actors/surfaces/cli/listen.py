@@ -71,7 +71,8 @@ async def _hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None
 
 
 def rate(name: str, stamps: list[float], seconds: float) -> dict[str, Any]:
-    """Of one topic: by the time between its samples; of a single one by the time it was listened to."""
+    """Of one topic: by the time between its samples; of a single one by the time it was listened
+    to."""
     gaps = [after - before for before, after in itertools.pairwise(stamps)]
     return {
         "key": name,

@@ -1,4 +1,5 @@
-"""``matrix``: break what there is to break, on every robot with a twin, and write down what the wires show."""
+"""``matrix``: break what there is to break, on every robot with a twin, and write down what the
+wires show."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ def run(
     why: str = "",
     pairs: bool = False,
 ) -> int:
-    """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other rows with it: they
-    are written, and then it is a problem."""
+    """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other
+    rows with it: they are written, and then it is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
     cells: Cells = pairs_of if pairs else cells_of
     repeated = _repeated(again, why, resume, robots, cells)

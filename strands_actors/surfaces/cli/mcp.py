@@ -1,4 +1,5 @@
-"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its standard input."""
+"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its
+standard input."""
 
 from __future__ import annotations
 
@@ -37,8 +38,9 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
 
 
 async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
-    """Whether it was. The signal is received as an event: as an exception it could be raised between two lines of
-    the server's set-up or clearing away, which would then be left half done."""
+    """Whether it was. The signal is received as an event: as an exception it could be raised
+    between two lines of the server's set-up or clearing away, which would then be left half
+    done."""
     with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
 
         async def interrupt() -> None:

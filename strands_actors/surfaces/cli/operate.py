@@ -58,7 +58,8 @@ def _motors(count: int) -> str:
 
 
 async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
-    """End trees that nobody can ask: never more than half done, since no motor was read back here."""
+    """End trees that nobody can ask: never more than half done, since no motor was read back
+    here."""
     gone = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
     robot, what = lost[0].robot, lost[0].text
     became = "its wire has ended after it: it makes safe first" if gone else "ITS WIRE HAS NOT ENDED"
@@ -72,7 +73,8 @@ def locked_until(robot: str, problem: str) -> str:
 
 
 def _lock_the_next(robot: str) -> str:
-    """Nobody of its tree has answered: its next tree is to be locked at least. Why that cannot be, or nothing."""
+    """Nobody of its tree has answered: its next tree is to be locked at least. Why that cannot be,
+    or nothing."""
     try:
         Locks(locks_dir(), robot).put(by())
     except OSError as error:

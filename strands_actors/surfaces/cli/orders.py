@@ -1,8 +1,9 @@
-"""``stop``, ``estop`` and ``resume`` over the mesh: of this user's robots, and of those that ``--mesh`` names.
+"""``stop``, ``estop`` and ``resume`` over the mesh: of this user's robots, and of those that
+``--mesh`` names.
 
-A robot of this user that does not answer there is asked again by the way its actors speak to each other, which also
-ends a process that has frozen. Nothing that could be stopped is an error, not a success: who presses e-stop and
-reaches nobody must be told.
+A robot of this user that does not answer there is asked again by the way its actors speak to each
+other, which also ends a process that has frozen. Nothing that could be stopped is an error, not a
+success: who presses e-stop and reaches nobody must be told.
 """
 
 from __future__ import annotations
@@ -145,8 +146,8 @@ async def _each(
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
-    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree that nobody can ask
-    is ended."""
+    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree
+    that nobody can ask is ended."""
     if outcome.outcome != "unreachable":
         return _tell(outcome)
     lost = [stray for stray in strays() if stray.robot == outcome.robot]

@@ -35,7 +35,8 @@ class Told(msgspec.Struct, frozen=True):
 
 
 class Reader:
-    """Frames of one robot to what they say. An answer has but a number: whose it is follows from the ask."""
+    """Frames of one robot to what they say. An answer has but a number: whose it is follows from
+    the ask."""
 
     def __init__(self, robot: str) -> None:
         self._actors = f"{PREFIX}/{robot}/actor/"

@@ -1,8 +1,8 @@
 """Certificates of drills: what they say, where they lie, and whether one allows motion now.
 
-A certificate belongs to a configuration: the driver and its options, the port, the timing and the table of
-fallbacks, and the code that keeps the promise. Change any of it, a single line of a supervisor even, and it
-matches no more.
+A certificate belongs to a configuration: the driver and its options, the port, the timing and the
+table of fallbacks, and the code that keeps the promise. Change any of it, a single line of a
+supervisor even, and it matches no more.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Figure(msgspec.Struct, frozen=True):
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """A drill that was passed. ``config``: what it was passed with, as a hash; ``date``: ISO 8601, UTC."""
+    """A drill that was passed. ``config``: what it was passed with, as a hash; ``date``: ISO 8601,
+    UTC."""
 
     robot: str
     driver: str
@@ -136,8 +137,8 @@ def parse_age_s(text: str) -> float:
 def clause(
     driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any], max_age_s: float
 ) -> dict[str, Any]:
-    """What the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns, 0: not at all), and
-    what to answer otherwise."""
+    """What the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns, 0: not
+    at all), and what to answer otherwise."""
     config = config_of(driver_class, robot, port, options)
     how = f"strands-actors drill {robot} {'--twin' if port == TWIN else f'--port {port}'}"
     certificate = find(robot, config)

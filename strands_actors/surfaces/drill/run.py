@@ -29,7 +29,8 @@ REST_S = 0.5
 REST_WITHIN_S = 15.0
 """One that was just let go sinks, and lies still then."""
 REST = {"degrees": 1.0}
-"""How far an axis at rest may move within ``REST_S``, in units whose name begins so; otherwise ``REST_ELSE``."""
+"""How far an axis at rest may move within ``REST_S``, in units whose name begins so; otherwise
+``REST_ELSE``."""
 REST_ELSE = 0.02
 
 
@@ -52,9 +53,9 @@ async def run_drill(
     tell: Callable[[str], Awaitable[None]],
     done: Callable[[Figure], None] = lambda _: None,
 ) -> Outcome:
-    """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails takes the
-    certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or ``Failed`` when there is
-    nothing to drill."""
+    """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails
+    takes the certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or
+    ``Failed`` when there is nothing to drill."""
     plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
     with _behind(robot, port) as (twin, address):
         try:

@@ -1,7 +1,9 @@
-"""The five steps of a drill. Each has setpoints on the wire that move nothing, breaks one thing, waits for proof.
+"""The five steps of a drill. Each has setpoints on the wire that move nothing, breaks one thing,
+waits for proof.
 
-Proof is what the motors say: every one read back on the safe state that the driver declares. On a twin there is the
-wire's log, too: when the first safe frame was on it, and that no setpoint followed.
+Proof is what the motors say: every one read back on the safe state that the driver declares. On a
+twin there is the wire's log, too: when the first safe frame was on it, and that no setpoint
+followed.
 """
 
 from __future__ import annotations
@@ -103,7 +105,8 @@ class Drill:
         return await self._judge("wire kill", Reason.WIRE, began_ns, self._driver.bound_s, report, proves)
 
     async def root_freeze(self) -> Figure:
-        """The wire process makes safe by itself and ends; its exit code says whether every motor confirmed."""
+        """The wire process makes safe by itself and ends; its exit code says whether every motor
+        confirmed."""
         async with self._writing():
             root, wire = await self._pid("root"), await self._pid("wire")
             began_ns = self._signal("root", root, signal.SIGSTOP)
@@ -136,7 +139,8 @@ class Drill:
                 await self._tell("It is noticed. Put the cable back.")
                 await self._until_linked(HAND_S)
                 began_ns = monotonic_ns()
-            # An SDK that cannot do without its link ends its wire process, which the root may see first.
+            # An SDK that cannot do without its link ends its wire process, which the root may see
+            # first.
             report = await self._report_of(asked_ns, Reason.LINK, Reason.WIRE)
         proves = ("SAF-002", "SAF-008", "SAF-012")
         reason = report.reason if report is not None else Reason.LINK
@@ -146,7 +150,8 @@ class Drill:
 
     @contextlib.asynccontextmanager
     async def _writing(self) -> AsyncIterator[None]:
-        """Setpoints on the wire that keep the robot where it is. Raise ``Failed`` when there are none."""
+        """Setpoints on the wire that keep the robot where it is. Raise ``Failed`` when there are
+        none."""
         tree = self._tree
         status = await tree.status()
         if status is None or status.mode != Mode.ARMED:
@@ -192,8 +197,9 @@ class Drill:
         return answer
 
     async def _send_still(self, task_status: trio.TaskStatus[None]) -> None:
-        """One axis, and the others are held where they are: of a robot that lies, some lean on their end stops,
-        past what may be commanded. Started once some have been accepted. Raise ``Failed`` when they are not."""
+        """One axis, and the others are held where they are: of a robot that lies, some lean on
+        their end stops, past what may be commanded. Started once some have been accepted. Raise
+        ``Failed`` when they are not."""
         observation = await self._tree.observe()
         if isinstance(observation, Refused):
             raise Failed(observation.text)
@@ -221,7 +227,8 @@ class Drill:
         report: StopReport | Refused | None,
         proves: tuple[str, ...],
     ) -> Figure:
-        """What the motors said, then what the wire's log says, then that no command passes before a resume."""
+        """What the motors said, then what the wire's log says, then that no command passes before a
+        resume."""
         if report is None:
             return self._failed(step, reason, bound_s, f"nobody reported a safe state within {PATIENCE_S:g} s")
         if isinstance(report, Refused):
@@ -292,8 +299,8 @@ class Drill:
         return began_ns
 
     async def _report_of(self, since_ns: int, *reasons: Reason) -> StopReport | None:
-        """Of the gate, or of the root's own path: a stop for such a reason that was confirmed; failing that, one
-        that was not. While a cable is out none can be, and each tries."""
+        """Of the gate, or of the root's own path: a stop for such a reason that was confirmed;
+        failing that, one that was not. While a cable is out none can be, and each tries."""
         found = None
         with trio.move_on_after(PATIENCE_S):
             while found is None or not found.confirmed:
@@ -324,7 +331,8 @@ class Drill:
 
 
 def exit_code(pid: int) -> int | None:
-    """Of a process that nobody has waited for yet; None when it is not told. Last field of /proc/PID/stat."""
+    """Of a process that nobody has waited for yet; None when it is not told. Last field of
+    /proc/PID/stat."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

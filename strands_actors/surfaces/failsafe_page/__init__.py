@@ -1,4 +1,5 @@
-"""The page on which a reader plays events against the failsafe machine: one file, made of the machine's own table.
+"""The page on which a reader plays events against the failsafe machine: one file, made of the
+machine's own table.
 
     python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html
 
@@ -81,8 +82,8 @@ STORIES: dict[str, tuple[str, ...]] = {
 
 
 def data() -> dict[str, Any]:
-    """The machine as plain data: for every mode and event the next mode, whether the epoch rises, the action, and
-    what becomes of the lock (``keeps``, ``locks`` or ``lifts``)."""
+    """The machine as plain data: for every mode and event the next mode, whether the epoch rises,
+    the action, and what becomes of the lock (``keeps``, ``locks`` or ``lifts``)."""
     start = State()
     return {
         "start": {"mode": start.mode, "epoch": start.epoch, "locked_by": start.locked_by},

@@ -1,5 +1,6 @@
-"""Who may do what at a robot that others can reach, as zenoh's access rules. Whatever is not allowed is denied
-below the interpreter: a flood of forged commands costs the robot next to nothing."""
+"""Who may do what at a robot that others can reach, as zenoh's access rules. Whatever is not
+allowed is denied below the interpreter: a flood of forged commands costs the robot next to
+nothing."""
 
 from __future__ import annotations
 

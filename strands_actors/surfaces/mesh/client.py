@@ -4,8 +4,8 @@
         for outcome in await mesh.estop():
             print(outcome.robot, outcome.outcome)
 
-One session for each robot of this user, and one for what the configuration names: a robot that is frozen keeps
-nobody from reaching the others. Robots that start later are joined within ``LOOK_S``.
+One session for each robot of this user, and one for what the configuration names: a robot that is
+frozen keeps nobody from reaching the others. Robots that start later are joined within ``LOOK_S``.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ LOOK_S = 0.5
 EVERYBODY = "the robots of this user"
 """Instead of a robot's name, when nobody can say who there is."""
 AWAY_S = 0.004
-"""For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a processor from it:
-a quarter of 2.8 ms, on two."""
+"""For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a
+processor from it: a quarter of 2.8 ms, on two."""
 ANSWER_S = 0.5
 STOP_S = 3.0
 """Unless the robot says meanwhile that it has heard, and takes longer."""
@@ -56,7 +56,8 @@ _COMMAND = schema("command")
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """A robot's clock, as read from here: its offset lies between the two. ``name``: how it knows the reading."""
+    """A robot's clock, as read from here: its offset lies between the two. ``name``: how it knows
+    the reading."""
 
     name: str
     lowest_ns: int
@@ -186,7 +187,8 @@ class MeshClient:
         return sorted({*self._via, *self._expected})
 
     async def settle(self, within_s: float = LOOK_S) -> None:
-        """Return when every robot that is expected is there, and others have had the time to appear."""
+        """Return when every robot that is expected is there, and others have had the time to
+        appear."""
         with trio.move_on_at(self._opened_at + within_s):
             while self._config.connects or not self._expected <= set(self._via):
                 await self._appeared.wait()
@@ -230,8 +232,8 @@ class MeshClient:
             self._put(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
 
     async def clock(self, robot: str) -> Reading | Refused:
-        """The robot's clock. The answer leaves at once while the question may have waited, so it is the way back
-        that bounds the error of ``deadline``."""
+        """The robot's clock. The answer leaves at once while the question may have waited, so it is
+        the way back that bounds the error of ``deadline``."""
         known = self._clocks.get(robot)
         if known is not None and self.now_ns() - known.at_ns < CLOCK_AGE_S * NS:
             return known
@@ -246,7 +248,8 @@ class MeshClient:
         return reading
 
     def forget_clock(self, robot: str) -> None:
-        """It is read again before the next use: the robot says that it does not know the last reading."""
+        """It is read again before the next use: the robot says that it does not know the last
+        reading."""
         self._clocks.pop(robot, None)
 
     async def _ask(self, robot: str, key: str, body: dict[str, Any], within_s: float) -> dict[str, Any] | Refused:
@@ -310,9 +313,9 @@ class MeshClient:
     # -- e-stop
 
     async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S, robot: str = "*") -> list[Outcome]:
-        """Every robot on the mesh, or only ``robot``, goes safe and is locked until it is resumed. A report on each
-        that is known, within ``within_s``; one that does not answer is unreachable, and counts as moving. No report
-        at all: there is nobody."""
+        """Every robot on the mesh, or only ``robot``, goes safe and is locked until it is resumed.
+        A report on each that is known, within ``within_s``; one that does not answer is
+        unreachable, and counts as moving. No report at all: there is nobody."""
         pressed = self.press(by, robot)
         try:
             await trio.sleep(AWAY_S)
@@ -321,13 +324,14 @@ class MeshClient:
             self._waiting.pop(pressed.turn, None)  # cancelled before it was waited for
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
-        """The order of an ``estop``, from any thread: it leaves in this call, whatever the loop does. After
-        ``AWAY_S`` its ``outcomes`` are to be waited for."""
+        """The order of an ``estop``, from any thread: it leaves in this call, whatever the loop
+        does. After ``AWAY_S`` its ``outcomes`` are to be waited for."""
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))
 
     def _order_estop(self, turn: str, by: str, robot: str) -> tuple[trio.Event, list[PubSub]]:
-        """To everybody who is known now: who they are, and what tells that somebody has appeared since."""
+        """To everybody who is known now: who they are, and what tells that somebody has appeared
+        since."""
         appeared, sessions = self._appeared, list(self._sessions.values())
         order = self._enveloped(robot, turn, {"by": by})
         for session in sessions:
@@ -384,7 +388,8 @@ class MeshClient:
         settled_at: float,
         robot: str,
     ) -> None:
-        """Return when all have answered and nobody else can be expected, or somebody has appeared."""
+        """Return when all have answered and nobody else can be expected, or somebody has
+        appeared."""
         remote = bool(self._config.connects)
         done = {robot for robot, outcome in found.items() if outcome.outcome == "safe"}
         async with trio.open_nursery() as nursery:
@@ -409,7 +414,8 @@ class MeshClient:
 async def open_mesh(
     config: MeshConfig | None = None, now_ns: Callable[[], int] = time.monotonic_ns
 ) -> AsyncIterator[MeshClient]:
-    """Join the mesh for as long as the block runs. Raise ``ValueError`` for a configuration that cannot be used."""
+    """Join the mesh for as long as the block runs. Raise ``ValueError`` for a configuration that
+    cannot be used."""
     if config is None:
         config = MeshConfig.from_environment()
     config.check()

@@ -1,4 +1,5 @@
-"""How a robot's topics can be reached: by default on a unix socket of its user, and from nowhere else.
+"""How a robot's topics can be reached: by default on a unix socket of its user, and from nowhere
+else.
 
     MeshConfig(
         listen="tls/0.0.0.0:7447",
@@ -37,14 +38,16 @@ class TLS(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Common names of certificates. Viewers read telemetry; operators also command, stop and resume."""
+    """Common names of certificates. Viewers read telemetry; operators also command, stop and
+    resume."""
 
     viewers: Names = ("viewer",)
     operators: Names = ("operator",)
 
 
 class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's own word."""
+    """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's
+    own word."""
 
     listen: Names = ()
     connect: Names = ()

@@ -1,4 +1,5 @@
-"""The gate of a robot on another host, as its caller has it: what is told to it goes dated by the robot's clock."""
+"""The gate of a robot on another host, as its caller has it: what is told to it goes dated by the
+robot's clock."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ _NOT_KNOWN = Refused("clock", "the robot's clock is not known: nothing is sent b
 
 
 class GatewayRef:
-    """As a ``Ref`` of the gate. A command that the robot refuses because it does not know who reads its clock (it
-    was started anew) is followed by a reading, and sent once more."""
+    """As a ``Ref`` of the gate. A command that the robot refuses because it does not know who reads
+    its clock (it was started anew) is followed by a reading, and sent once more."""
 
     def __init__(self, node: Node, robot: str, sender: str) -> None:
         at = addresses.of(robot)

@@ -1,4 +1,5 @@
-"""A certificate authority and its certificates, for a mesh of one's own or for tests. Needs the extra ``[mesh]``.
+"""A certificate authority and its certificates, for a mesh of one's own or for tests. Needs the
+extra ``[mesh]``.
 
 ``ca.key`` signs whoever is let in: keep it off the robots.
 """
@@ -25,9 +26,9 @@ _Key = ec.EllipticCurvePrivateKey
 
 
 def make(directory: Path, names: Sequence[str] = NAMES, hosts: Sequence[str] = (), days: int = DAYS) -> list[Path]:
-    """Write ``ca.pem``, ``ca.key`` and a certificate and key for each name; the paths. ``hosts``: names and
-    addresses under which robots are connected to, beside this host's. Raise ``FileExistsError`` rather than replace
-    any."""
+    """Write ``ca.pem``, ``ca.key`` and a certificate and key for each name; the paths. ``hosts``:
+    names and addresses under which robots are connected to, beside this host's. Raise
+    ``FileExistsError`` rather than replace any."""
     files = [directory / f"{name}.{ending}" for name in ("ca", *names) for ending in ("pem", "key")]
     there = [str(file) for file in files if file.exists()]
     if there:

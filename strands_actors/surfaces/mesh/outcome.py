@@ -12,8 +12,8 @@ from strands_actors.supervisors.mesh.schemas import Response
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or unreachable.
-    ``note``: of an e-stop whose lock ends with the tree, why."""
+    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or
+    unreachable. ``note``: of an e-stop whose lock ends with the tree, why."""
 
     robot: str
     outcome: str

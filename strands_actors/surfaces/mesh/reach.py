@@ -28,8 +28,8 @@ LOOK_S = 1.0
 
 @contextlib.asynccontextmanager
 async def reach(robot: str, config: MeshConfig) -> AsyncIterator[RobotTree]:
-    """Its tree, as it has it who did not start it: nothing is armed, and nothing stopped in the end that was
-    released before. Raise ``ConnectionError``."""
+    """Its tree, as it has it who did not start it: nothing is armed, and nothing stopped in the end
+    that was released before. Raise ``ConnectionError``."""
     at, kind = await _find(robot, config)
     wanted = plan(kind, "real", at=at, mesh=config, tool_name=robot)
     async with open_tree(wanted, arm=False) as tree:

@@ -3,9 +3,9 @@
     async with open_mesh(config) as mesh, control(mesh, "so101") as arm:
         await arm.send_action({"shoulder_pan": 10.0})
 
-It holds the lease as long as the block runs and its loop turns. A link that is cut ends it: the robot holds when
-the last setpoint expires (one that is latched: a second later), and takes no command from the mesh before a
-``resume``.
+It holds the lease as long as the block runs and its loop turns. A link that is cut ends it: the
+robot holds when the last setpoint expires (one that is latched: a second later), and takes no
+command from the mesh before a ``resume``.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ class RemoteRobot:
     async def send_action(
         self, targets: Mapping[str, float], ttl_s: float | None = None, period_s: float = 0.0
     ) -> dict[str, Any] | Refused:
-        """Joints by name, in the driver's units. ``ttl_s``: how long the target lives, as part of a stream of one
-        every ``period_s``; without, as long as the lease does (where the driver lets a target live so long)."""
+        """Joints by name, in the driver's units. ``ttl_s``: how long the target lives, as part of a
+        stream of one every ``period_s``; without, as long as the lease does (where the driver lets
+        a target live so long)."""
         ttl_s = self.oneshot_ttl_s if ttl_s is None else ttl_s
 
         def make(clock: str, deadline_ns: int) -> Command:
@@ -86,7 +87,8 @@ class RemoteRobot:
         return await self._mesh.stop(self.robot, by)
 
     async def resume(self, by: str = "") -> Refused | None:
-        """Energise at the measured position and take the lease. Starts no motion. None, or why not."""
+        """Energise at the measured position and take the lease. Starts no motion. None, or why
+        not."""
         answer = await self._mesh.resume(self.robot, by)
         return answer if isinstance(answer, Refused) else await self.acquire()
 
@@ -125,8 +127,8 @@ class RemoteRobot:
 
 @contextlib.asynccontextmanager
 async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIterator[RemoteRobot]:
-    """The lease of ``robot``, inside the block. ``resume``: energise it first. Raise ``PermissionError`` with the
-    robot's refusal."""
+    """The lease of ``robot``, inside the block. ``resume``: energise it first. Raise
+    ``PermissionError`` with the robot's refusal."""
     remote = RemoteRobot(mesh, robot)
     refused = await (remote.resume() if resume else remote.acquire())
     if refused is not None:

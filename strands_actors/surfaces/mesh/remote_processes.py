@@ -1,7 +1,8 @@
-"""The processes of a robot on another host, as its caller has them: somebody else's, reached over the mesh.
+"""The processes of a robot on another host, as its caller has them: somebody else's, reached over
+the mesh.
 
-Nothing is started there and nothing ended; what ends here is this caller's part. Whether the robot has stopped is
-what the robot says: who hears nothing says so.
+Nothing is started there and nothing ended; what ends here is this caller's part. Whether the robot
+has stopped is what the robot says: who hears nothing says so.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from .gateway_ref import GatewayRef
 REACH_S = 5.0
 """How long a robot may take to appear."""
 SYNC_S = (0.1, 0.1, 0.1, 0.2, 0.5, 1.0, 2.0)
-"""Between readings of its clock: several soon, of which the tightest counts; then one every two seconds."""
+"""Between readings of its clock: several soon, of which the tightest counts; then one every two
+seconds."""
 
 
 class RemoteProcesses(Processes):

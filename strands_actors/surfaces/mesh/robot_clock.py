@@ -1,5 +1,5 @@
-"""A robot's clock, as read from another host: a measured offset between bounds, and times that are never later than
-meant. Pure: no clock, no I/O."""
+"""A robot's clock, as read from another host: a measured offset between bounds, and times that are
+never later than meant. Pure: no clock, no I/O."""
 
 from __future__ import annotations
 

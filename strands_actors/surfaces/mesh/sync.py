@@ -20,8 +20,9 @@ from .outcome import Outcome
 
 
 def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-    """Every robot on the mesh goes safe, and is locked until it is resumed. What became of each that is known,
-    within ``within_s``: safe, unconfirmed or unreachable. Call it from any thread."""
+    """Every robot on the mesh goes safe, and is locked until it is resumed. What became of each
+    that is known, within ``within_s``: safe, unconfirmed or unreachable. Call it from any
+    thread."""
 
     async def run() -> list[Outcome]:
         async with open_mesh(mesh) as client:
@@ -32,10 +33,10 @@ def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = EST
 
 @contextlib.contextmanager
 def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
-    """For whoever may have to stop at any moment: join the mesh now, wait for its robots (half a second, if
-    one does not come), and stay. Gives a function that does as ``estop`` does. Call it from any thread, as often
-    as need be: the order leaves in that thread, before anything is waited for. Raise ``ValueError`` for a
-    configuration that cannot be used."""
+    """For whoever may have to stop at any moment: join the mesh now, wait for its robots (half a
+    second, if one does not come), and stay. Gives a function that does as ``estop`` does. Call it
+    from any thread, as often as need be: the order leaves in that thread, before anything is waited
+    for. Raise ``ValueError`` for a configuration that cannot be used."""
     joined: Future[MeshClient] = Future()
 
     async def stay() -> None:
@@ -65,8 +66,8 @@ def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Ca
 
 
 def resume(robot: str, *, mesh: MeshConfig | None = None, by: str = "") -> None:
-    """Lift the lockout of one robot and energise it at the measured position. Raise ``PermissionError`` with its
-    refusal."""
+    """Lift the lockout of one robot and energise it at the measured position. Raise
+    ``PermissionError`` with its refusal."""
 
     async def run() -> None:
         async with open_mesh(mesh) as client:

@@ -1,4 +1,5 @@
-"""Recordings of a robot: every command, refusal, observation, safe frame and change of state, and their replay.
+"""Recordings of a robot: every command, refusal, observation, safe frame and change of state, and
+their replay.
 
 with record(robot, "run.mcap"):
     robot.send_action({"shoulder_pan": 10.0})

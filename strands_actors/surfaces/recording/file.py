@@ -35,8 +35,8 @@ decode_entries = msgspec.msgpack.Decoder(list[Entry]).decode
 
 
 class Info(msgspec.Struct, frozen=True):
-    """What the file says of itself. ``code``: fingerprint of the code that decided; ``wall_ns``: what to add to a
-    time of the robot's clock for a date."""
+    """What the file says of itself. ``code``: fingerprint of the code that decided; ``wall_ns``:
+    what to add to a time of the robot's clock for a date."""
 
     format: int
     version: str
@@ -51,7 +51,8 @@ class Info(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct):
-    """What a replay needs, in the order of the file: the wire's journal, and where it is broken off."""
+    """What a replay needs, in the order of the file: the wire's journal, and where it is broken
+    off."""
 
     info: Info
     parts: list[Journal | Gap]
@@ -115,7 +116,8 @@ def new_info(robot: str, code: str, attached: Attached) -> Info:
 
 
 def read(path: Path) -> Recording:
-    """Raise ``RecordingError`` for a file that is damaged, or none of ours; ``OSError`` when it cannot be read."""
+    """Raise ``RecordingError`` for a file that is damaged, or none of ours; ``OSError`` when it
+    cannot be read."""
     with path.open("rb") as stream:
         try:
             return _read(path, stream)

@@ -1,7 +1,8 @@
-"""What a file shows to people: one flat JSON row a line, in channels that Foxglove can plot and list.
+"""What a file shows to people: one flat JSON row a line, in channels that Foxglove can plot and
+list.
 
-Pure: rows are made of journal entries, nothing is decided here. What a replay needs, exactly as it was, stands in
-the channel ``journal``.
+Pure: rows are made of journal entries, nothing is decided here. What a replay needs, exactly as it
+was, stands in the channel ``journal``.
 """
 
 from __future__ import annotations

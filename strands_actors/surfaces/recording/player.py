@@ -1,7 +1,9 @@
-"""Feed what was recorded through the same gate and watchdog, in the time of then, and compare every decision.
+"""Feed what was recorded through the same gate and watchdog, in the time of then, and compare every
+decision.
 
-A step is one message that an actor took up, with all that it did: its answer, its tells (to the transport, the
-guardian, the watchdog), the answers it settled. Bytes are compared, so that nothing is equal but the same.
+A step is one message that an actor took up, with all that it did: its answer, its tells (to the
+transport, the guardian, the watchdog), the answers it settled. Bytes are compared, so that nothing
+is equal but the same.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ class Difference(msgspec.Struct):
 
 
 class Outcome(msgspec.Struct):
-    """``steps``: messages compared; ``skipped``: those cut off by a gap, or after one and before a memory."""
+    """``steps``: messages compared; ``skipped``: those cut off by a gap, or after one and before a
+    memory."""
 
     equal: bool
     steps: int
@@ -254,7 +257,8 @@ def effect_in_words(effect: Effect) -> str:
 
 
 def replay(recording: Recording, driver: Driver | None = None) -> Outcome:
-    """Once through. Raise ``RecordingError`` when its driver is not here, or it is of another version."""
+    """Once through. Raise ``RecordingError`` when its driver is not here, or it is of another
+    version."""
     try:
         return Replay(recording, driver).run()
     except msgspec.MsgspecError as error:

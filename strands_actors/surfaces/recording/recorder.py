@@ -1,8 +1,8 @@
 """The recorder: a process of its own that attaches to a running robot and writes what it is told.
 
-The robot owes it nothing. When it is slow, frozen or dead the robot's instruments fill up or close by
-themselves; when the robot's processes die it says so in the file, and attaches again as soon as there is
-somebody to attach to.
+The robot owes it nothing. When it is slow, frozen or dead the robot's instruments fill up or close
+by themselves; when the robot's processes die it says so in the file, and attaches again as soon as
+there is somebody to attach to.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ class Summary(msgspec.Struct):
 
 
 class Source(Actor):
-    """The recorder's end of one instrument. ``on_batch``, ``on_attached`` and ``on_lost`` are called in order."""
+    """The recorder's end of one instrument. ``on_batch``, ``on_attached`` and ``on_lost`` are
+    called in order."""
 
     def __init__(
         self,
@@ -157,8 +158,8 @@ class Source(Actor):
 
 
 class Recorder:
-    """Writes one robot's recording. ``on_started``: it is under way. ``on_progress``: once a second, with the
-    seconds it runs."""
+    """Writes one robot's recording. ``on_started``: it is under way. ``on_progress``: once a
+    second, with the seconds it runs."""
 
     def __init__(
         self,
@@ -184,8 +185,8 @@ class Recorder:
         self._over.set()
 
     async def run(self, node: Node, seconds: float | None = None) -> Summary:
-        """Until ``seconds`` are over, ``end`` is called, or the robot is gone. Raise ``RecordingError`` or
-        ``OSError``."""
+        """Until ``seconds`` are over, ``end`` is called, or the robot is gone. Raise
+        ``RecordingError`` or ``OSError``."""
         try:
             async with trio.open_nursery() as nursery:
                 for name in SOURCES:
@@ -303,7 +304,8 @@ def _require_free(path: Path) -> None:
 
 @asynccontextmanager
 async def visit(robot: str) -> AsyncIterator[Node]:
-    """A node joined to a running robot. Raise ``RecordingError`` when there is none of that name."""
+    """A node joined to a running robot. Raise ``RecordingError`` when there is none of that
+    name."""
     running = {note.robot: note for note in notes()}
     if robot not in running:
         there = f". there are {', '.join(running)}" if running else ""

@@ -1,4 +1,5 @@
-"""Where a replayed actor believes it lives: it is given messages and times, and all it does is written down.
+"""Where a replayed actor believes it lives: it is given messages and times, and all it does is
+written down.
 
 Nothing leaves, and there is no clock: an actor that read one would fail here.
 """
@@ -85,7 +86,8 @@ class ReplayContext(Context):
         return ReplayTicker(VirtualClock(), period_s)
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """What a task does beside the actor is no decision of its own: the message that starts it is."""
+        """What a task does beside the actor is no decision of its own: the message that starts it
+        is."""
 
 
 def answer_effect(answer: object) -> list[Effect]:

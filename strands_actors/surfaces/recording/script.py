@@ -27,8 +27,8 @@ class Named(Protocol):
 
 @contextmanager
 def record(robot: str | Named, path: str | Path) -> Iterator[None]:
-    """Record a connected robot (or the running one of that name) for as long as the block runs. Raise
-    ``RecordingError`` when it cannot be recorded; the robot does not notice."""
+    """Record a connected robot (or the running one of that name) for as long as the block runs.
+    Raise ``RecordingError`` when it cannot be recorded; the robot does not notice."""
     name = robot if isinstance(robot, str) else robot.name
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, name, str(path)],

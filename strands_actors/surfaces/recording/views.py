@@ -51,7 +51,8 @@ _BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOW
 
 
 class View:
-    """Of one process's journal. ``wall_ns``: what to add to a time of the robot's clock for a date."""
+    """Of one process's journal. ``wall_ns``: what to add to a time of the robot's clock for a
+    date."""
 
     def __init__(self, source: str, axes: Sequence[str], wall_ns: int) -> None:
         self._source = source

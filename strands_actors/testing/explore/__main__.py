@@ -1,4 +1,5 @@
-"""``python -m strands_actors.testing.explore``: search for a seed that breaks a promise, or replay one."""
+"""``python -m strands_actors.testing.explore``: search for a seed that breaks a promise, or replay
+one."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def main(
     whole: Annotated[bool, typer.Option(help="Replay the plan as drawn, and every message.")] = False,
     keep_going: Annotated[bool, typer.Option(help="Do not end at the first failure.")] = False,
 ) -> None:
-    """Run a simulated tree of ROBOT under drawn faults and orders; every promise is checked at every frame."""
+    """Run a simulated tree of ROBOT under drawn faults and orders; every promise is checked at
+    every frame."""
     if robot not in ROBOTS:
         raise typer.BadParameter(f"{robot} is not modelled. use one of {', '.join(ROBOTS)}", param_hint="--robot")
     gc.disable()

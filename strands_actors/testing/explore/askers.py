@@ -1,4 +1,5 @@
-"""Who asks: the script that has started the tree, operators on its mesh, and a policy of its own process."""
+"""Who asks: the script that has started the tree, operators on its mesh, and a policy of its own
+process."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ PROVIDER = "strands_actors.testing.explore.askers:Sweep"
 
 
 class Numbers:
-    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint it is."""
+    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint
+    it is."""
 
     ROLL, FLEX = "wrist_roll", "wrist_flex"
 

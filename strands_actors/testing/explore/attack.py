@@ -1,4 +1,5 @@
-"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by name."""
+"""A policy process that lies: it calls itself the gate, resumes, and takes its caller's lease by
+name."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def _lie(session: SimMesh) -> None:
 
 
 async def _pester(session: SimMesh) -> None:
-    """Over the session that it was given for its rollout, past its own node, which takes the liar for the gate."""
+    """Over the session that it was given for its rollout, past its own node, which takes the liar
+    for the gate."""
     gate = addresses.of("explored").gate
     number = 1 << 40
     while True:

@@ -1,4 +1,5 @@
-"""What was asked of the tree, by whom and when, and what it answered: read from the frames between processes."""
+"""What was asked of the tree, by whom and when, and what it answered: read from the frames between
+processes."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ from .servo_arm import Frame, ServoArm
 from .world import TREE, Process, World
 
 ALONE_S = 0.35
-"""So long before a fault, and until its bound is over, nothing else was wrong: then its bound is promised."""
+"""So long before a fault, and until its bound is over, nothing else was wrong: then its bound is
+promised."""
 
 
 class Fault(NamedTuple):
@@ -85,7 +86,8 @@ class Evidence:
         return found
 
     def counts(self, frame: Frame) -> bool:
-        """Whether who wrote this frame could know that no other would write: the wire, or its heir."""
+        """Whether who wrote this frame could know that no other would write: the wire, or its
+        heir."""
         return frame.role == "wire" or not self._wire_lives(frame.t_s)
 
     def limp_since(self, motor: int, t_s: float) -> float:
@@ -147,8 +149,8 @@ class Evidence:
         return next((begin_s for begin_s, end_s in process.frozen_times if begin_s <= t_s < end_s), t_s)
 
     def orders(self) -> Iterator[Asked]:
-        """Stops, with nothing wrong that could keep them from the robot: it can be written to, and who passes them
-        on lives, neither frozen nor late."""
+        """Stops, with nothing wrong that could keep them from the robot: it can be written to, and
+        who passes them on lives, neither frozen nor late."""
         for asked in self.asked:
             orders = isinstance(asked.message, Stop) and asked.message.reason in (Reason.STOP, Reason.ESTOP)
             if orders and not any(fault.kind in _DEAF and _near(asked.at_s, fault) for fault in self.faults):

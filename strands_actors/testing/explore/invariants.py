@@ -1,7 +1,8 @@
-"""What must hold of every run, whatever was drawn: read from registers, frames and what was asked and answered.
+"""What must hold of every run, whatever was drawn: read from registers, frames and what was asked
+and answered.
 
-Each is a function from a run's ``Evidence`` to what breaks it. What is promised sharply of one fault (a bound) is
-asked only where nothing else was wrong at that time.
+Each is a function from a run's ``Evidence`` to what breaks it. What is promised sharply of one
+fault (a bound) is asked only where nothing else was wrong at that time.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ from .evidence import Evidence
 
 NS = 1e9
 TOLERATED_COUNTS = 34
-"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within a degree."""
+"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within
+a degree."""
 LIMP_SEEN_S = 0.08
-"""A servo that lost its torque before, and is heard, is known to be limp: it is read every 33 ms."""
+"""A servo that lost its torque before, and is heard, is known to be limp: it is read every 33
+ms."""
 LIMP_KNOWN_S = 0.35
 """The same after a reset, and where answers are lost."""
 DEATH_S = 0.15
 FREEZE_S = 0.25
-"""Published: 50 ms after a death, 150 ms after a freeze; 100 ms for what the simulated processors are late."""
+"""Published: 50 ms after a death, 150 ms after a freeze; 100 ms for what the simulated processors
+are late."""
 ORDER_S = 0.3
 """A stop waits for one message on the mesh, and cuts short what need not be finished."""
 WRITER_S = 1.3
@@ -54,7 +58,8 @@ def no_setpoint_past_its_deadline(seen: Evidence) -> Found:
 
 
 def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
-    """A hold counts from its first frame: what is asked for while it is being confirmed is of its epoch."""
+    """A hold counts from its first frame: what is asked for while it is being confirmed is of its
+    epoch."""
     asked_for = {id(frame): asked for frame, asked in seen.setpoints()}
     safe_s = float("-inf")
     holds = False

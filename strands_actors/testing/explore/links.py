@@ -1,4 +1,5 @@
-"""Links and meshes between simulated processes: the same frames, refusals and permissions, in simulated time."""
+"""Links and meshes between simulated processes: the same frames, refusals and permissions, in
+simulated time."""
 
 from __future__ import annotations
 
@@ -137,8 +138,8 @@ class SimLink:
 
 
 class Net:
-    """Zenoh between the processes of one host. Messages of one sender and lane keep their order; an urgent one may
-    overtake; while a process is ``cut`` off, what it sends and is sent is lost."""
+    """Zenoh between the processes of one host. Messages of one sender and lane keep their order; an
+    urgent one may overtake; while a process is ``cut`` off, what it sends and is sent is lost."""
 
     def __init__(self, world: World) -> None:
         self.world = world

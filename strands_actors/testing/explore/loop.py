@@ -40,7 +40,8 @@ class LoopClock(trio.abc.Clock):
 
 
 class _NoIo:
-    """Stands in for epoll: nothing of a simulated process ever waits for a descriptor of this system."""
+    """Stands in for epoll: nothing of a simulated process ever waits for a descriptor of this
+    system."""
 
     def process_events(self, events: object) -> None:
         pass
@@ -106,8 +107,8 @@ class Loop:
         """Of ``main``, once it has ended."""
 
     def step(self, before: Callable[[], None]) -> float:
-        """Call ``before`` in the loop, then run one task; return in how many seconds there is more to do, at the
-        latest: 0 for now."""
+        """Call ``before`` in the loop, then run one task; return in how many seconds there is more
+        to do, at the latest: 0 for now."""
         context = GLOBAL_RUN_CONTEXT
         context.runner = self._runner
         try:
@@ -123,7 +124,7 @@ class Loop:
             context.__dict__.clear()
 
     def abandon(self) -> None:
-        """Give back this system's descriptors. What the tasks hold stays as it is: who was killed runs no
-        ``finally``."""
+        """Give back this system's descriptors. What the tasks hold stays as it is: who was killed
+        runs no ``finally``."""
         if self.result is None:
             self._runner.entry_queue.close()

@@ -18,7 +18,8 @@ ACTIVE_S = 1.5
 
 
 class Event(msgspec.Struct, frozen=True):
-    """``who``: a process or who asks; ``value``: a duration in seconds, or a share; ``motor``: of the bus."""
+    """``who``: a process or who asks; ``value``: a duration in seconds, or a share; ``motor``: of
+    the bus."""
 
     at_s: float
     kind: str
@@ -126,11 +127,13 @@ RECIPES: tuple[Recipe, ...] = (
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )
-"""Things that are dangerous beside each other, and how many seconds each comes after the one before."""
+"""Things that are dangerous beside each other, and how many seconds each comes after the one
+before."""
 
 
 def plan_of(seed: int, robot: str) -> Plan:
-    """Draw a plan. Half of them have one fault or none, since what holds of one is promised sharply."""
+    """Draw a plan. Half of them have one fault or none, since what holds of one is promised
+    sharply."""
     rng = random.Random(f"plan {seed} {robot}")
     events = [_ask(rng) for _ in range(rng.choice((0, 1, 2, 3, 5)))]
     events += [_fault(rng) for _ in range(rng.choice((0, 1, 1, 1, 2)))]

@@ -1,4 +1,5 @@
-"""Joints that turn towards their targets at their greatest speed, and stay where they are without torque.
+"""Joints that turn towards their targets at their greatest speed, and stay where they are without
+torque.
 
 No gravity, no inertia: what the tree can see of a joint is where it is and how fast it turns there.
 """

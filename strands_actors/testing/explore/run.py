@@ -97,7 +97,8 @@ class Run:
         ]
 
     def _restart(self) -> None:
-        """The script is killed, and started again when its tree has ended, half a second later at the latest."""
+        """The script is killed, and started again when its tree has ended, half a second later at
+        the latest."""
         caller = self.world.find(CALLER)
         self.world.restarts += 1
         if caller is not None:

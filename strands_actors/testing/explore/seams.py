@@ -1,6 +1,7 @@
 """What a simulated tree is given in place of the system: a table of names in the product's modules.
 
-The processes run the product's own ``_main``. A name that is gone makes the explorer fail at once, and says which.
+The processes run the product's own ``_main``. A name that is gone makes the explorer fail at once,
+and says which.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ StopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel"
 
 
 class NoPlace:
-    """Stands in for the robot's place on the mesh of other hosts: topics, commands in JSON, the gateway."""
+    """Stands in for the robot's place on the mesh of other hosts: topics, commands in JSON, the
+    gateway."""
 
     problem = ""
 

@@ -1,7 +1,8 @@
 """Runs many seeds, on all cores, each few in a process of their own.
 
-What a simulated process held when it was killed must never be cleaned up: ``finally`` blocks would run, which no
-SIGKILL lets run. So nothing of a run is collected, and the process that ran a few ends by ``os._exit``.
+What a simulated process held when it was killed must never be cleaned up: ``finally`` blocks would
+run, which no SIGKILL lets run. So nothing of a run is collected, and the process that ran a few
+ends by ``os._exit``.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def run_here(plan: Plan) -> Run:
 
 
 def run_apart(plans: Iterable[Plan], jobs: int = 1) -> Iterator[Result]:
-    """Run them in processes forked from this one, ``jobs`` at a time; yield results as they come."""
+    """Run them in processes forked from this one, ``jobs`` at a time; yield results as they
+    come."""
     chunks = _chunks(plans)
     with selectors.DefaultSelector() as waiting:
         for chunk in chunks:

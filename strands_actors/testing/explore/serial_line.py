@@ -1,4 +1,5 @@
-"""A serial adapter in memory: open files, duplicates of their descriptors, an exclusive lock, a cable to pull.
+"""A serial adapter in memory: open files, duplicates of their descriptors, an exclusive lock, a
+cable to pull.
 
 Descriptors are real ones of this system (of an empty file in memory each), so that the code that
 duplicates, sends and closes them runs as it is.
@@ -18,7 +19,8 @@ from strands_actors.contract.driver import WireDown
 from .world import Process, World
 
 Peer = Callable[[bytes, "str"], Iterable[tuple[float, bytes]]]
-"""Bytes that a process (by its role) writes, to (seconds until it has arrived, bytes of a reply)."""
+"""Bytes that a process (by its role) writes, to (seconds until it has arrived, bytes of a
+reply)."""
 
 
 class OpenFile:

@@ -1,4 +1,5 @@
-"""Makes a failing plan shorter: what can be left out while it still fails in the same way is left out."""
+"""Makes a failing plan shorter: what can be left out while it still fails in the same way is left
+out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A world of simulated processes: one clock, one list of what happens when, all drawn from one seed."""
+"""A world of simulated processes: one clock, one list of what happens when, all drawn from one
+seed."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ DYING_S = 0.03
 """From SIGKILL until the system tells of the end, at most: seen on a busy machine."""
 
 WAKE_S = 150e-6
-"""From a message or timer to the first step of who waited for it, at most, on a quiet machine [assumed]."""
+"""From a message or timer to the first step of who waited for it, at most, on a quiet machine
+[assumed]."""
 
 
 class Row(NamedTuple):
@@ -42,7 +44,8 @@ class Exited(BaseException):
 
 
 class World:
-    """``rng(name)``: a stream of its own for each use, so that one more draw in one place changes no other."""
+    """``rng(name)``: a stream of its own for each use, so that one more draw in one place changes
+    no other."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -107,7 +110,8 @@ class World:
         return self.running
 
     def close(self) -> None:
-        """Give back this system's descriptors. The loops themselves are kept by whoever keeps the world."""
+        """Give back this system's descriptors. The loops themselves are kept by whoever keeps the
+        world."""
         self.over = True
         for process in self.processes:
             process.left_over = not process.dead
@@ -120,7 +124,8 @@ class World:
 
 
 class Process:
-    """A process of the tree. What it does to the world goes through objects that ask whether it is ``dead``."""
+    """A process of the tree. What it does to the world goes through objects that ask whether it is
+    ``dead``."""
 
     def __init__(
         self,

@@ -1,4 +1,5 @@
-"""For wires in virtual time: a port in memory, with who is on the other end of it, and a permit to write."""
+"""For wires in virtual time: a port in memory, with who is on the other end of it, and a permit to
+write."""
 
 from __future__ import annotations
 
@@ -84,7 +85,8 @@ def servos(bus: Robot, bits_per_s: int = 1_000_000) -> Peer:
 
 
 class Permission:
-    """Denies from check number ``denied_at`` on, and notes how much had been written at each check."""
+    """Denies from check number ``denied_at`` on, and notes how much had been written at each
+    check."""
 
     def __init__(self, port: MemoryPort | None = None, denied_at: int | None = None) -> None:
         self.checks = 0

@@ -1,4 +1,5 @@
-"""A host that has no time to read what servos answer is told from servos that do not answer, under virtual time."""
+"""A host that has no time to read what servos answer is told from servos that do not answer, under
+virtual time."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ both = pytest.mark.parametrize("rig_class", [FeetechRig, DynamixelRig])
 
 
 def starve(rig: Rig, code: int, motor: int, times: int) -> None:
-    """While this host waits for so many answers to such a question it does not run, and they get lost."""
+    """While this host waits for so many answers to such a question it does not run, and they get
+    lost."""
     port, peer, read = rig.port, rig.port.peer, rig.port.read
     left, hungry = times, False
 

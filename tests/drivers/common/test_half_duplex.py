@@ -80,7 +80,8 @@ def test_the_timeout_is_the_time_of_the_bytes_and_a_margin() -> None:
 
 
 class StarvedPort(MemoryPort):
-    """On a host that does not get to run for ``starved_s`` while it waits for its first ``times`` answers."""
+    """On a host that does not get to run for ``starved_s`` while it waits for its first ``times``
+    answers."""
 
     def __init__(self, peer: Peer, starved_s: float, times: int = 1) -> None:
         super().__init__(peer)
@@ -217,7 +218,8 @@ def test_a_late_reply_is_never_the_next_answer() -> None:
 
 
 def test_without_the_quiet_time_late_replies_are_taken_for_answers() -> None:
-    """What the quiet time is for: the same bus without it believes replies to questions it gave up."""
+    """What the quiet time is for: the same bus without it believes replies to questions it gave
+    up."""
 
     async def main() -> None:
         answered, wrong = await _late_replies(0.0)

@@ -1,4 +1,5 @@
-"""Modbus TCP: the codec against any bytes, the client against answers that are late, strange or missing."""
+"""Modbus TCP: the codec against any bytes, the client against answers that are late, strange or
+missing."""
 
 from __future__ import annotations
 
@@ -88,7 +89,8 @@ def test_exceptions_have_names() -> None:
 
 
 class Server:
-    """Answers each question with its number as the one register it has, after the delay that comes next."""
+    """Answers each question with its number as the one register it has, after the delay that comes
+    next."""
 
     def __init__(self, delays: Iterable[float | None] = ()) -> None:
         self.delays = list(delays)

@@ -207,7 +207,8 @@ MESH_MODELS: dict[str, tuple[str, dict[str, str]]] = {
 
 
 def frames_of_joints(model: Any, angles: dict[str, float]) -> dict[str, Any]:
-    """Joint name to the 3 x 3 + 3 numbers of its link, seen from the link the first joint hangs on."""
+    """Joint name to the 3 x 3 + 3 numbers of its link, seen from the link the first joint hangs
+    on."""
     data = mujoco.MjData(model)
     for name, rad in angles.items():
         data.joint(name).qpos[0] = rad

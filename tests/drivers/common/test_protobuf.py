@@ -1,4 +1,5 @@
-"""The protobuf wire format: what is written is read back, and nothing but ``MalformedFrame`` comes of noise."""
+"""The protobuf wire format: what is written is read back, and nothing but ``MalformedFrame`` comes
+of noise."""
 
 from __future__ import annotations
 

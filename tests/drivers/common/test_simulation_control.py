@@ -1,4 +1,5 @@
-"""A twin's second simulation control: frames, who may move what, and pictures of whatever is behind it."""
+"""A twin's second simulation control: frames, who may move what, and pictures of whatever is behind
+it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Addresses as they are written, and a connection to the first of a host's addresses that takes it."""
+"""Addresses as they are written, and a connection to the first of a host's addresses that takes
+it."""
 
 from __future__ import annotations
 

@@ -135,7 +135,8 @@ def test_a_port_that_somebody_listens_at() -> None:
 
 
 def test_a_flood_takes_no_turn_from_others() -> None:
-    """Whatever waits: a task that is cancelled is cancelled, and what strangers send is not all dropped at once."""
+    """Whatever waits: a task that is cancelled is cancelled, and what strangers send is not all
+    dropped at once."""
 
     async def main() -> None:
         number = free_port()

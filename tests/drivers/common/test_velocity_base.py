@@ -1,4 +1,5 @@
-"""Stopping a base behind a service, and the ports it is done by: virtual time, services in memory."""
+"""Stopping a base behind a service, and the ports it is done by: virtual time, services in
+memory."""
 
 from __future__ import annotations
 

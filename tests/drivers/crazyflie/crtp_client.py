@@ -1,4 +1,5 @@
-"""A small client of CRTP over UDP that shares no code with the package: ``python crtp_client.py HOST PORT``.
+"""A small client of CRTP over UDP that shares no code with the package: ``python crtp_client.py
+HOST PORT``.
 
 It does what a ground station does and prints what it saw as JSON.
 """

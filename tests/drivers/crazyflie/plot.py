@@ -1,4 +1,5 @@
-"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after a process was killed in flight.
+"""Draw ``docs/robots/crazyflie.svg``: height and tilt of the twin after a process was killed in
+flight.
 
 ``python -m tests.drivers.crazyflie.plot``. Flies the twin once for each, in half a minute.
 """
@@ -20,6 +21,7 @@ VICTIMS = {
     "wire killed": ("wire",),
     "root killed": ("root",),
     "root and wire killed": ("root", "wire"),
+    "root, wire and standby killed": ("root", "standby", "wire"),
 }
 BEFORE_S, AFTER_S = 0.5, 3.5
 EVERY = 3
@@ -34,6 +36,8 @@ def fly(roles: tuple[str, ...]) -> Track:
         cf.fly()
         pids = [cf.pid(role) for role in roles]
         began_ns = time.monotonic_ns()
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
         time.sleep(AFTER_S + 0.2)

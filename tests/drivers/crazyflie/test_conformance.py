@@ -1,4 +1,5 @@
-"""The drone keeps what every driver must, its kill cells on the twin included; and its simulation flies."""
+"""The drone keeps what every driver must, its kill cells on the twin included; and its simulation
+flies."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> N
     }
     setpoint = until(lambda: cf.log.host("setpoint", began_ns), "a setpoint")[0]
     assert struct.unpack("<ff", setpoint.data[10:18]) == (pytest.approx(57.3, abs=0.1), pytest.approx(0.6))
-    hover = cf.first_safe(began_ns, "hold")
+    hover = cf.first_safe(setpoint.t_ns, "hold")  # before it, the hover of the takeoff was fed
     assert 0.25 < (hover.t_ns - began_ns) / 1e9 < 0.4 + SLACK_S, "a command lives 300 ms"
     assert state(cf.robot) == "holding"
     sensors = status(cf.robot)["sensors"]
@@ -150,7 +150,8 @@ def test_saf_001_a_setpoint_is_resent_for_its_lifetime_and_then_it_hovers(cf: Dr
     cf.take_off()
     began_ns = time.monotonic_ns()
     json_of(cf.robot.send_action({"vx": 0.4}))
-    hold = cf.first_safe(began_ns, "hold")
+    first = until(lambda: cf.log.host("setpoint", began_ns), "a setpoint")[0]
+    hold = cf.first_safe(first.t_ns, "hold")  # before it, the hover of the takeoff was fed
     sent = [one for one in cf.log.host("setpoint", began_ns) if one.t_ns < hold.t_ns]
     assert 3 <= len(sent) <= 9, "20 Hz while it lives"
     assert all(one.data == sent[0].data for one in sent)
@@ -244,11 +245,25 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
         cf.log.no_setpoint_after_safe(land.t_ns)
 
 
-def test_saf_016_root_and_wire_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> None:
     cf.fly()
-    wire, root = cf.pid("wire"), cf.pid("root")
+    pids = [cf.pid(role) for role in ("root", "wire")]
     began_ns = time.monotonic_ns()
-    for pid in (root, wire):
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
+    land = cf.first_safe(began_ns, "land")
+    assert (land.t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
+    cf.lands(began_ns, 3.0)
+    cf.log.no_setpoint_after_safe(land.t_ns)
+
+
+def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+    cf.fly()
+    pids = [cf.pid(role) for role in ("root", "standby", "wire")]
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
+    began_ns = time.monotonic_ns()
+    for pid in pids:
         os.kill(pid, signal.SIGKILL)
     time.sleep(0.3)
     assert not cf.log.host("setpoint", began_ns + 100_000_000), "nobody repeats anything"

@@ -1,4 +1,5 @@
-"""A radio and a USB port, with a stand-in for pyusb and the twin behind it. Nobody has seen this on hardware."""
+"""A radio and a USB port, with a stand-in for pyusb and the twin behind it. Nobody has seen this on
+hardware."""
 
 from __future__ import annotations
 

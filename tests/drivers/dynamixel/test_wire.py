@@ -1,5 +1,5 @@
-"""The Dynamixel wire reads, writes and makes safe: the twin's servos in memory under virtual time, then its process
-on a pty."""
+"""The Dynamixel wire reads, writes and makes safe: the twin's servos in memory under virtual time,
+then its process on a pty."""
 
 from __future__ import annotations
 
@@ -180,7 +180,8 @@ def test_an_arm_that_rests_or_holds_is_read_for_ever_and_does_not_trip() -> None
 
 
 def test_reads_alone_do_not_keep_a_setpoint_alive() -> None:
-    """The writer and the gate that would have stopped it are gone; somebody still asks for readings."""
+    """The writer and the gate that would have stopped it are gone; somebody still asks for
+    readings."""
 
     async def main() -> None:
         rig = await DynamixelRig().armed()

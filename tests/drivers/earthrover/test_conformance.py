@@ -1,4 +1,5 @@
-"""The rover keeps what every driver must, its kill cells on the twin included; and its simulation drives."""
+"""The rover keeps what every driver must, its kill cells on the twin included; and its simulation
+drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What the driver accepts and refuses: options, address, the twist and the lamp, and how long each may live."""
+"""What the driver accepts and refuses: options, address, the twist and the lamp, and how long each
+may live."""
 
 from __future__ import annotations
 

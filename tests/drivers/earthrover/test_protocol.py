@@ -1,4 +1,5 @@
-"""The rover's JSON and the HTTP around it: exact bodies, and no exception but the codec's own, whatever comes."""
+"""The rover's JSON and the HTTP around it: exact bodies, and no exception but the codec's own,
+whatever comes."""
 
 from __future__ import annotations
 

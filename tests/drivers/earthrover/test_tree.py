@@ -1,4 +1,5 @@
-"""The rover's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""The rover's whole tree on its twin: real processes, real sockets, judged by what the twin
+heard."""
 
 from __future__ import annotations
 
@@ -135,7 +136,8 @@ def test_saf_005_a_rover_that_reports_a_speed_is_not_reported_as_stopped(rover: 
 def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
     rover: RealRobot, twin: Twin
 ) -> None:
-    """The service is stopped, a command is handed to its socket, the caller stops, the service goes on."""
+    """The service is stopped, a command is handed to its socket, the caller stops, the service goes
+    on."""
     drive(rover, twin, linear=0.3)
     twin.pause()
     rover.send_action({"linear": 0.9})

@@ -1,4 +1,5 @@
-"""The twin's service as others see it: requests where it is installed, else the standard library; cameras."""
+"""The twin's service as others see it: requests where it is installed, else the standard library;
+cameras."""
 
 from __future__ import annotations
 

@@ -29,7 +29,8 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 
 async def connected(wire: FeetechWire) -> dict[str, Any]:
-    """Open, and again if need be, as a supervisor does: on a busy machine the twin may miss a ping."""
+    """Open, and again if need be, as a supervisor does: on a busy machine the twin may miss a
+    ping."""
     for _ in range(9):
         with contextlib.suppress(WireDown):
             return await wire.open()

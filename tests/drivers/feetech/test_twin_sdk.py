@@ -24,7 +24,8 @@ def twin(tmp_path: Path) -> Iterator[TwinProcess]:
 
 @pytest.fixture
 def port(twin: TwinProcess, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    # 34 ms of wall clock are too short on a busy machine, and after one late reply this SDK never recovers
+    # 34 ms of wall clock are too short on a busy machine, and after one late reply this SDK never
+    # recovers
     monkeypatch.setattr(port_handler, "LATENCY_TIMER", 2000)
     handler = sdk.PortHandler(twin.port)
     assert handler.openPort()

@@ -1,4 +1,5 @@
-"""The Feetech wire reads, writes and makes safe, on the twin's servos in memory under virtual time."""
+"""The Feetech wire reads, writes and makes safe, on the twin's servos in memory under virtual
+time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The generator keeps the limits of the arm as its controller sees them: by differences of successive commands."""
+"""The generator keeps the limits of the arm as its controller sees them: by differences of
+successive commands."""
 
 from __future__ import annotations
 

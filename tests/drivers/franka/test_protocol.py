@@ -1,4 +1,5 @@
-"""The codec: messages in any pieces, states and commands there and back, and garbage refused by its own error."""
+"""The codec: messages in any pieces, states and commands there and back, and garbage refused by its
+own error."""
 
 from __future__ import annotations
 

@@ -250,7 +250,8 @@ def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
     ],
 )
 def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, order: str, said: str) -> None:
-    """Named, disarmed; nothing goes on by itself when it is over, and arming is refused as long as it lasts."""
+    """Named, disarmed; nothing goes on by itself when it is over, and arming is refused as long as
+    it lasts."""
     began_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(moving) == "disarmed", "the tree notices by itself")

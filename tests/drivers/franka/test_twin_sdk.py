@@ -1,7 +1,8 @@
-"""The vendor's clients, as they are, against the twin: panda-python (FCI 5) and pylibfranka (FCI 10).
+"""The vendor's clients, as they are, against the twin: panda-python (FCI 5) and pylibfranka (FCI
+10).
 
-In processes of their own: their constructors wait for ever for a controller that is frozen, one of them with the
-interpreter's lock.
+In processes of their own: their constructors wait for ever for a controller that is frozen, one of
+them with the interpreter's lock.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""A Franka arm as others see it: recorded and replayed, in an agent's hands, by the command line."""
+"""A Franka arm as others see it: recorded and replayed, in an agent's hands, by the command
+line."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""A Kortex client of its own: blocking, without a line of the product's codec, written from the field tables of the
-vendor's public protobuf definitions. The vendor's own client is on no package index."""
+"""A Kortex client of its own: blocking, without a line of the product's codec, written from the
+field tables of the vendor's public protobuf definitions. The vendor's own client is on no package
+index."""
 
 from __future__ import annotations
 

@@ -135,7 +135,8 @@ def disturb(chance: random.Random, data: bytes) -> bytes:
 
 
 def fuzz(rounds: int, seed: int) -> int:
-    """Return how many disturbed frames were read as frames. Nothing but ``MalformedFrame`` may come of them."""
+    """Return how many disturbed frames were read as frames. Nothing but ``MalformedFrame`` may come
+    of them."""
     chance, read = random.Random(seed), 0
     feedback = p.Feedback(7, tuple(p.Actuator(float(at), 1.0, 2.0, 3.0, 40.0, 41.0, (1, 2)) for at in range(7)))
     payloads = (feedback.encode(), p.Login("admin", "admin").encode(), p.encode_speeds([1.0] * 7), b"\x08\x07")

@@ -347,7 +347,8 @@ def test_a_channel_that_is_needed_before_it_is_ready_logs_in_and_stops() -> None
 
 
 def test_a_stop_may_be_asked_for_again_and_again() -> None:
-    """The root writes before it fences the wire, is cut off, and writes again; until every joint has confirmed."""
+    """The root writes before it fences the wire, is cut off, and writes again; until every joint
+    has confirmed."""
 
     async def main() -> None:
         rig = await moving(Rig())

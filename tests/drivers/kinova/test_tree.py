@@ -46,7 +46,8 @@ class Bench:
         return self.arm.send_action({joint: self.arm.get_observation().get(joint, 0.0) + step})
 
     def works(self) -> None:
-        """It moves; on a busy machine after a second try: what was read 75 ms ago is no position."""
+        """It moves; on a busy machine after a second try: what was read 75 ms ago is no
+        position."""
 
         def moves() -> bool:
             if self.nudge()["status"] == "success":

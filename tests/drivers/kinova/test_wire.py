@@ -383,7 +383,8 @@ def test_every_third_answer_is_missing_and_all_goes_on() -> None:
 
 
 def test_of_answers_that_are_damaged_no_position_is_believed_and_the_stop_leaves() -> None:
-    """A frame has no checksum: damage to its last byte is a damaged fault bank, and stands there as one."""
+    """A frame has no checksum: damage to its last byte is a damaged fault bank, and stands there as
+    one."""
 
     async def main() -> None:
         rig = await Rig().armed()

@@ -1,6 +1,8 @@
-"""An FRI client of its own, written from the field numbers: it shares no line with the driver or the twin's codec.
+"""An FRI client of its own, written from the field numbers: it shares no line with the driver or
+the twin's codec.
 
-It answers every cycle, mirrors when it is asked to, and then moves towards a goal by at most so much a cycle.
+It answers every cycle, mirrors when it is asked to, and then moves towards a goal by at most so
+much a cycle.
 """
 
 from __future__ import annotations
@@ -78,8 +80,8 @@ def answer(sequence: int, reflected: int, position: Sequence[float] = ()) -> byt
 
 
 class Client:
-    """``port``: of both ends. It answers whoever speaks. Within its block the thread runs first, where the system
-    permits that: 22 ms without a turn end a session of 2 ms."""
+    """``port``: of both ends. It answers whoever speaks. Within its block the thread runs first,
+    where the system permits that: 22 ms without a turn end a session of 2 ms."""
 
     def __init__(self, port: int) -> None:
         self.sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -1,4 +1,5 @@
-"""What is refused before it reaches the arm: each gate and condition with its code, and what would be accepted."""
+"""What is refused before it reaches the arm: each gate and condition with its code, and what would
+be accepted."""
 
 from __future__ import annotations
 
@@ -175,7 +176,8 @@ def test_saf_014_names_and_numbers(action: dict[str, Any], code: str) -> None:
 
 
 def test_saf_019_a_joint_that_is_not_named_keeps_what_it_is_told() -> None:
-    """Of a hold that is older than what was read since: the robot's own program may have moved the arm."""
+    """Of a hold that is older than what was read since: the robot's own program may have moved the
+    arm."""
     assert accepted({"joint2": 0.51}).values[:7] == (TOLD[0], 0.51, *TOLD[2:])
     held = (0.2, *HERE[1:])
     assert accepted({"joint2": 0.51}, target=held, target_ns=NOW_NS).values[:7] == (0.2, 0.51, *HERE[2:])

@@ -1,4 +1,5 @@
-"""The FRI codec: both spellings of a list are read, and nothing but ``MalformedFrame`` comes of noise."""
+"""The FRI codec: both spellings of a list are read, and nothing but ``MalformedFrame`` comes of
+noise."""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ def test_an_answer_is_read_back(sequence: int, reflected: int, radians: tuple[fl
 
 
 def test_an_answer_byte_by_byte() -> None:
-    """As the sheet has it: header, positions one field each, and the end with the length of what is before it."""
+    """As the sheet has it: header, positions one field each, and the end with the length of what is
+    before it."""
     header = bytes.fromhex("0a08 0881800d 1003 1807")
     doubles = b"".join(b"\x09" + struct.pack("<d", 0.5) for _ in range(7))
     data = b"\x12\x41" + b"\x0a\x3f" + doubles

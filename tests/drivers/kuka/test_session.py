@@ -106,7 +106,8 @@ def test_while_a_setpoint_lives_no_two_answers_are_alike_and_the_arm_stays() -> 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=60), st.sampled_from([0.0, 0.02, 1.0]))
 def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
-    """The one before was heard, or the one that was taken last: no answer of a setpoint looks like a hold."""
+    """The one before was heard, or the one that was taken last: no answer of a setpoint looks like
+    a hold."""
     controller = Controller()
     controller.session.aim(off(HERE, 0, way), 0.02)
     before = HERE
@@ -131,7 +132,8 @@ def test_the_same_goal_again_changes_nothing() -> None:
 
 @given(st.lists(st.booleans(), min_size=1, max_size=120), st.sampled_from([2, 5, 10]))
 def test_of_answers_that_are_lost_no_jump_comes(arrived: list[bool], sample_ms: int) -> None:
-    """From what the controller has taken to what it takes next is one cycle's step at most, a hold included."""
+    """From what the controller has taken to what it takes next is one cycle's step at most, a hold
+    included."""
     controller = Controller(sample_ms)
     controller.session.aim((2.0,) * JOINTS, 0.02)
     for number, arrives in enumerate(arrived):

@@ -151,7 +151,8 @@ def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sample_ms", [10, 5, 2])
 def test_a_stream_moves_the_arm_at_every_sample_time(tmp_path: Path, sample_ms: int) -> None:
-    """0.3 rad at 0.5 rad/s. A machine that pauses ends the stream: then it goes on from where it is."""
+    """0.3 rad at 0.5 rad/s. A machine that pauses ends the stream: then it goes on from where it
+    is."""
     with arm(tmp_path, {"sample_ms": sample_ms}) as iiwa:
         began = iiwa.told()
         deadline_s = time.monotonic() + 60.0
@@ -222,14 +223,15 @@ def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
 def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
     tmp_path: Path, order: str, undo: str, code: str, text: str
 ) -> None:
-    """Nobody sends a setpoint that could be refused: the tree notices, holds and says why; nothing goes on when it
-    is lifted."""
+    """Nobody sends a setpoint that could be refused: the tree notices, holds and says why; nothing
+    goes on when it is lifted."""
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
         ordered_ns = time.monotonic_ns()
         iiwa.twin.command(order)
         ended = task_ended(iiwa.robot)
-        # Which of the two notices first is chance: the setpoint that is refused, or the tick that looks.
+        # Which of the two notices first is chance: the setpoint that is refused, or the tick that
+        # looks.
         until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
         assert text.partition(". ")[0] in f"{ended['exit_detail']}, {status(iiwa.robot)['cause']}"
         iiwa.first_safe_s(ordered_ns)
@@ -274,8 +276,8 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
 def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
     tmp_path: Path, fault: signal.Signals
 ) -> None:
-    """At 10 ms a session outlives 100 ms of silence just so: then the root goes on where the wire was; one that was
-    dropped is only monitored."""
+    """At 10 ms a session outlives 100 ms of silence just so: then the root goes on where the wire
+    was; one that was dropped is only monitored."""
     with arm(tmp_path, {"sample_ms": 10}) as iiwa:
         iiwa.roll_out()
         began_ns = time.monotonic_ns()

@@ -20,7 +20,8 @@ ARM = arm_of("kuka_iiwa")
 
 
 class Peer:
-    """A client in virtual time, cycle by cycle: it answers as it should, unless it is told otherwise."""
+    """A client in virtual time, cycle by cycle: it answers as it should, unless it is told
+    otherwise."""
 
     def __init__(self, sample_ms: int = 5, multiplier: int = 1) -> None:
         self.now_s = 0.0

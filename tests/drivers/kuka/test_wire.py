@@ -1,4 +1,5 @@
-"""Wire and stop channel on the twin's wire, in this process: what is answered, when, and what is said of it."""
+"""Wire and stop channel on the twin's wire, in this process: what is answered, when, and what is
+said of it."""
 
 from __future__ import annotations
 
@@ -76,7 +77,8 @@ class Rig:
         self._ended.set()
 
     async def lose(self) -> None:
-        """As the transport does with a link that is lost: the wire stays open for a safe state that is owed."""
+        """As the transport does with a link that is lost: the wire stays open for a safe state that
+        is owed."""
         self._serving.cancel()
         await self._ended.wait()
 

@@ -206,11 +206,10 @@ def runs(pid: int) -> bool:
 
 
 def spare_of(robot: RealRobot) -> int:
-    """Return the one child of the root that was not forked from it."""
+    """Return the child of the root that stands ready to stop the robot."""
     root = pid_of(robot, "root")
-    children = [int(pid) for pid in Path(f"/proc/{root}/task/{root}/children").read_text().split()]
-    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in (root, *children)}
-    (spare,) = [pid for pid in children if commands[pid] != commands[root]]
+    children = Path(f"/proc/{root}/task/{root}/children").read_text().split()
+    (spare,) = [int(pid) for pid in children if b" stop" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     return spare
 
 

@@ -1,4 +1,5 @@
-"""Reachy keeps what every driver must, its kill cells on the twin included; and its simulation moves."""
+"""Reachy keeps what every driver must, its kill cells on the twin included; and its simulation
+moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How Reachy is brought to a safe state, wherever it may be: on twins in this process, judged by their robots."""
+"""How Reachy is brought to a safe state, wherever it may be: on twins in this process, judged by
+their robots."""
 
 from __future__ import annotations
 

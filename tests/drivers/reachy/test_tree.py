@@ -154,7 +154,8 @@ def test_targets_that_the_daemon_ignores_are_told_and_all_moves_end(reachy: Real
 
 
 def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobot, twin: Twin) -> None:
-    """The daemon is stopped, a move is handed to its socket, the caller stops, the daemon goes on."""
+    """The daemon is stopped, a move is handed to its socket, the caller stops, the daemon goes
+    on."""
     move(reachy, twin, antenna_left=3.0)
     twin.pause()
     reachy.send_action({"antenna_left": 120.0, "duration": 8.0})

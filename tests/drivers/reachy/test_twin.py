@@ -1,4 +1,5 @@
-"""The twin's service as others see it, httpx and websockets; and what it does as the real daemon does."""
+"""The twin's service as others see it, httpx and websockets; and what it does as the real daemon
+does."""
 
 from __future__ import annotations
 

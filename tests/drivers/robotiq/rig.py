@@ -18,7 +18,8 @@ from tests.drivers.common.memory_port import MemoryPort, Permission
 
 
 class Rig:
-    """A wire on the twin's gripper, in memory. ``written``: kinds of what the gripper was told, in order."""
+    """A wire on the twin's gripper, in memory. ``written``: kinds of what the gripper was told, in
+    order."""
 
     def __init__(self, options: dict[str, Any] | None = None, **bench: Any) -> None:
         self.driver = Robotiq("robotiq_2f85", "192.0.2.10", options or {})

@@ -106,7 +106,8 @@ def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: i
 
 
 def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
-    """It may have been without power: being told to hold would activate it, and moves its fingers."""
+    """It may have been without power: being told to hold would activate it, and moves its
+    fingers."""
 
     async def main() -> None:
         rig = await Rig().armed()

@@ -1,4 +1,5 @@
-"""A gripper's whole tree on its twin: real processes, real sockets, judged by what the twin heard."""
+"""A gripper's whole tree on its twin: real processes, real sockets, judged by what the twin
+heard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The Robotiq twin: its gripper in virtual time, then its process with an unmodified pymodbus client."""
+"""The Robotiq twin: its gripper in virtual time, then its process with an unmodified pymodbus
+client."""
 
 from __future__ import annotations
 

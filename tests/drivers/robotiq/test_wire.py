@@ -115,7 +115,8 @@ def test_a_target_that_somebody_else_changes_is_told() -> None:
 
 @pytest.mark.parametrize("late", range(1, 20))
 def test_one_late_answer_shifts_nothing(late: int) -> None:
-    """The reference never came back from it: every command and every stop was refused from then on."""
+    """The reference never came back from it: every command and every stop was refused from then
+    on."""
 
     async def main() -> None:
         rig = Rig(activated=True)

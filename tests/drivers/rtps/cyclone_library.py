@@ -1,7 +1,8 @@
 """CycloneDDS's C library, as it is in the package that Unitree's users install: cyclonedds 0.10.2.
 
-That package has wheels up to Python 3.10 only, but the library in it needs no Python. It is fetched once by pip,
-checked against a hash, and kept beside the interpreter. ``STRANDS_ACTORS_LIBDDSC`` names another to use instead.
+That package has wheels up to Python 3.10 only, but the library in it needs no Python. It is fetched
+once by pip, checked against a hash, and kept beside the interpreter. ``STRANDS_ACTORS_LIBDDSC``
+names another to use instead.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""Unitree's own kind of DDS at the other end: CycloneDDS 0.10, a process of its own, driven by lines of JSON.
+"""Unitree's own kind of DDS at the other end: CycloneDDS 0.10, a process of its own, driven by
+lines of JSON.
 
-    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "reads": [...], ...}'
+    python cyclone_peer.py LIBRARY '{"domain": 78, "config": XML, "reliable": true, "reads": [...],
+    ...}'
 
 A sample is the C struct, as hexadecimal digits, or the fields of a request or a response; a request is answered
 with its text in capitals. The C library is called directly: its Python package has no wheel for our interpreters.

@@ -2,7 +2,8 @@
 
     python fastdds_peer.py DOMAIN
 
-Reads the low state, calls two services, sends commands; says in lines of JSON what came of it, then ends.
+Reads the low state, calls two services, sends commands; says in lines of JSON what came of it, then
+ends.
 """
 
 from __future__ import annotations

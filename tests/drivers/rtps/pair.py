@@ -1,4 +1,5 @@
-"""Two participants without sockets, in virtual time, with a network between them that a test may disturb."""
+"""Two participants without sockets, in virtual time, with a network between them that a test may
+disturb."""
 
 from __future__ import annotations
 
@@ -133,8 +134,8 @@ def sample(topic: str, number: int, size: int = 64) -> bytes:
 
 
 def number_of(payload: bytes, topic: str) -> int | None:
-    """The number of an intact sample; None when the checksum says it is damaged. Raise ``AssertionError`` when
-    it is an intact sample of another topic."""
+    """The number of an intact sample; None when the checksum says it is damaged. Raise
+    ``AssertionError`` when it is an intact sample of another topic."""
     if len(payload) < 4 + _NAME.size + 4:
         return None
     name, number, size = _NAME.unpack_from(payload, 4)

@@ -177,7 +177,8 @@ def run(main: Callable[[], Any]) -> None:
 @pytest.mark.parametrize("multicast", [True, False])
 @pytest.mark.parametrize(("reliable", "transient_local"), [(False, False), (True, False), (True, True)])
 def test_our_driver_and_a_cyclone_robot(multicast: bool, reliable: bool, transient_local: bool) -> None:
-    """LowCmd and a request from us, LowState (which Cyclone sends in fragments) and the response to us."""
+    """LowCmd and a request from us, LowState (which Cyclone sends in fragments) and the response to
+    us."""
     qos = {"reliable": reliable, "transient_local": transient_local}
     commands, states = [low_command(number) for number in range(20)], [low_state(number) for number in range(20)]
 

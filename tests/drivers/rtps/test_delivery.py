@@ -81,7 +81,8 @@ def test_what_fell_out_of_the_history_is_given_up() -> None:
 
 @pytest.mark.parametrize("transient_local", [False, True])
 def test_a_late_reader_gets_old_samples_only_if_both_want_it(transient_local: bool) -> None:
-    """A command that was written before somebody listened must not be executed when he begins to."""
+    """A command that was written before somebody listened must not be executed when he begins
+    to."""
     pair = Pair(transient_local=transient_local, depth=3)
     pair.write(1, 2, 3, 4, then_s=1.0)
     pair.read()
@@ -106,7 +107,8 @@ def test_a_late_reader_that_asks_for_what_is_not_its_business_gets_a_gap() -> No
 
 
 def test_a_reader_that_forgot_the_writer_gets_nothing_twice() -> None:
-    """A driver frozen for longer than its lease: the robot forgets it, meets it anew, must repeat nothing."""
+    """A driver frozen for longer than its lease: the robot forgets it, meets it anew, must repeat
+    nothing."""
     pair = Pair(lease_s=3.0)
     pair.read()
     pair.write(1, 2, then_s=0.1)

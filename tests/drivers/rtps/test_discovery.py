@@ -66,7 +66,8 @@ def test_other_types_do_not_match_and_it_is_said_why() -> None:
 
 
 def test_who_does_not_know_of_us_is_not_matched() -> None:
-    """B has announced its reader, and does not hear of A's writer: what A wrote now, B would not take."""
+    """B has announced its reader, and does not hear of A's writer: what A wrote now, B would not
+    take."""
     pair = Pair(reliable=False)
     pair.reader = pair.b.reader("rt/t", "T_", False, False, pair.log)
     from_a = pair.a.data.prefix

@@ -1,4 +1,5 @@
-"""Fast DDS at the other end: Booster's client, unchanged, finds our participant, reads, calls, writes."""
+"""Fast DDS at the other end: Booster's client, unchanged, finds our participant, reads, calls,
+writes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Two participants and a network that loses, repeats, reorders, truncates, damages and invents datagrams.
+"""Two participants and a network that loses, repeats, reorders, truncates, damages and invents
+datagrams.
 
-``STRANDS_ACTORS_RTPS_FUZZ`` is how many disturbed datagrams each test takes, ``STRANDS_ACTORS_RTPS_SEED`` where it
-begins.
+``STRANDS_ACTORS_RTPS_FUZZ`` is how many disturbed datagrams each test takes,
+``STRANDS_ACTORS_RTPS_SEED`` where it begins.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ LARGE_BYTES = 40_000
 
 
 class Talk:
-    """A writes three topics, B reads them: best effort, reliable, reliable in fragments. Strangers at first."""
+    """A writes three topics, B reads them: best effort, reliable, reliable in fragments. Strangers
+    at first."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -97,7 +99,8 @@ def _is_bounded(engine: Engine) -> bool:
 
 
 def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
-    """Loss, repetition, reordering, truncation, noise: what a network may do to datagrams whose checksum holds."""
+    """Loss, repetition, reordering, truncation, noise: what a network may do to datagrams whose
+    checksum holds."""
     talk = Talk(SEED)
 
     def fate(datagram: bytes) -> Iterable[tuple[int, bytes]]:
@@ -135,12 +138,14 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
 
 
 EPISODE = 500
-"""Disturbed datagrams before both begin anew: one with a senseless number may deafen a reader until then."""
+"""Disturbed datagrams before both begin anew: one with a senseless number may deafen a reader until
+then."""
 
 
 def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> None:
-    """Bytes changed, datagrams spliced, valid submessages with senseless numbers in a peer's name. A damaged
-    payload in an intact frame is the business of the robot's own checksum; nothing else may come of it."""
+    """Bytes changed, datagrams spliced, valid submessages with senseless numbers in a peer's name.
+    A damaged payload in an intact frame is the business of the robot's own checksum; nothing else
+    may come of it."""
     disturbed = damaged = delivered = malformed = 0
     while disturbed < COUNT:
         talk = Talk(SEED + disturbed)
@@ -156,7 +161,8 @@ def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> N
 
 
 def disturb(talk: Talk, count: int) -> int:
-    """Every other datagram is followed by a hostile one. Returns how many damaged payloads were handed over."""
+    """Every other datagram is followed by a hostile one. Returns how many damaged payloads were
+    handed over."""
 
     def fate(datagram: bytes) -> Iterable[tuple[int, bytes]]:
         if talk.random.random() < 0.5:
@@ -224,7 +230,8 @@ ENTITIES = (
 
 
 def forged(talk: Talk) -> bytes:
-    """Submessages of known entities with numbers from anywhere. No DATA: that would be an honest sample."""
+    """Submessages of known entities with numbers from anywhere. No DATA: that would be an honest
+    sample."""
     made = b""
     for _ in range(talk.random.randrange(1, 5)):
         kind, flags = talk.random.choice(KINDS), talk.random.choice((0x01, 0x01, 0x01, 0x03, 0x05, 0x00))

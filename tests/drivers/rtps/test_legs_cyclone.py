@@ -1,4 +1,5 @@
-"""The vendor's kind of DDS at the other end of the G1's twin: what it says is understood, what it hears obeyed."""
+"""The vendor's kind of DDS at the other end of the G1's twin: what it says is understood, what it
+hears obeyed."""
 
 from __future__ import annotations
 

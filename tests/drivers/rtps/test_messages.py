@@ -1,4 +1,5 @@
-"""The codec: what is encoded decodes to the same, in both byte orders, and what is cut off is malformed."""
+"""The codec: what is encoded decodes to the same, in both byte orders, and what is cut off is
+malformed."""
 
 from __future__ import annotations
 
@@ -218,8 +219,8 @@ def test_what_an_endpoint_does_not_say_has_its_default() -> None:
 
 
 def test_we_announce_protocol_2_2_and_no_vendor_parameter() -> None:
-    """Booster's Fast DDS drops participants that send 0x8007, or a version from 2.3 on; type information (0x75 and
-    0x8021) is what one generation of CycloneDDS ends another with."""
+    """Booster's Fast DDS drops participants that send 0x8007, or a version from 2.3 on; type
+    information (0x75 and 0x8021) is what one generation of CycloneDDS ends another with."""
     data = ParticipantData(PEER, (("10.0.0.1", 7410),), (), 10.0)
     ends = EndpointData(PEER + WRITER, "rt/lowcmd", "LowCmd_", True, 1, (("10.0.0.1", 7411),))
     assert messages.header(PEER)[:6] == b"RTPS\x02\x02"

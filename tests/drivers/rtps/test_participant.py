@@ -117,7 +117,8 @@ def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
 
 
 def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> None:
-    """A robot that says something once a period is not asked twice whether there is more; nothing stays behind."""
+    """A robot that says something once a period is not asked twice whether there is more; nothing
+    stays behind."""
     robot = Participant(DOMAIN, "127.0.0.32", (), False)
     driver = Participant(DOMAIN, "127.0.0.33", (robot.address,), False)
     states = Log()
@@ -154,8 +155,9 @@ def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> Non
 def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_have_waited(
     step_s: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SAF-012: the kernel stamps arrivals by the wall's clock. Neither is a sample an hour old when that has been
-    set forward, which would stop the robot, nor new however long it waited when that has been set back."""
+    """SAF-012: the kernel stamps arrivals by the wall's clock. Neither is a sample an hour old when
+    that has been set forward, which would stop the robot, nor new however long it waited when that
+    has been set back."""
     robot = Participant(DOMAIN, "127.0.0.27", (), False)
     driver = Participant(DOMAIN, "127.0.0.28", (robot.address,), False)
     seen: list[int] = []
@@ -182,8 +184,9 @@ def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_
 
 @pytest.mark.parametrize("only_host", [True, False])
 def test_a_driver_has_no_other_peer_than_its_robot(only_host: bool) -> None:
-    """SAF-009: another robot that finds it, because it was told of its address, hears none of its commands. (The
-    wire of a robot that was restarted had the address of another's, killed before, whose robot still called it.)"""
+    """SAF-009: another robot that finds it, because it was told of its address, hears none of its
+    commands. (The wire of a robot that was restarted had the address of another's, killed before,
+    whose robot still called it.)"""
     others_host = "127.0.0.30" if only_host else "127.0.0.29"
     robot = Participant(DOMAIN, "127.0.0.29", (), False)
     only = "127.0.0.29" if only_host else robot.address

@@ -1,4 +1,5 @@
-"""A wire of servos on its twin's servos, in memory under virtual time, for the tests of every such wire."""
+"""A wire of servos on its twin's servos, in memory under virtual time, for the tests of every such
+wire."""
 
 from __future__ import annotations
 

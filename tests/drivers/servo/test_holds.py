@@ -1,5 +1,5 @@
-"""A hold of servos moves no joint and energises none, whatever is known of them (SAF-019), on the twin's servos in
-memory under virtual time."""
+"""A hold of servos moves no joint and energises none, whatever is known of them (SAF-019), on the
+twin's servos in memory under virtual time."""
 
 from __future__ import annotations
 
@@ -163,7 +163,8 @@ def test_saf_019_a_hold_energises_no_motor_that_is_limp(heard: bool) -> None:
 
 
 def test_a_setpoint_energises_no_motor_that_is_limp() -> None:
-    """A goal for the whole arm would give its torque back to a servo that lost it, and pull it to an old target."""
+    """A goal for the whole arm would give its torque back to a servo that lost it, and pull it to
+    an old target."""
 
     async def main() -> None:
         rig = await FeetechRig().armed()

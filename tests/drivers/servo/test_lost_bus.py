@@ -1,5 +1,5 @@
-"""A tree with the real driver on a bus of servos in memory whose link is lost: what the servos' registers say then
-(SAF-020)."""
+"""A tree with the real driver on a bus of servos in memory whose link is lost: what the servos'
+registers say then (SAF-020)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What every wire of servos does alike when it makes its robot safe, on the twin's servos in memory."""
+"""What every wire of servos does alike when it makes its robot safe, on the twin's servos in
+memory."""
 
 from __future__ import annotations
 

@@ -29,7 +29,8 @@ def go2(robot: str = "unitree_go2", **options: Any) -> Go2Driver:
 
 
 def observation(driver: Driver, age_s: float = 0.0, **sensors: tuple[float, ...] | None) -> Observation:
-    """Of a robot that may be commanded, but for what is given; a sensor that is None is not there."""
+    """Of a robot that may be commanded, but for what is given; a sensor that is None is not
+    there."""
     stamp_ns = NOW_NS - round(age_s * NS)
     position = tuple((axis.low + axis.high) / 2 for axis in driver.table)
     known: dict[str, tuple[float, ...]] = {
@@ -361,7 +362,8 @@ def test_a_limit_itself_is_allowed(part: dict[str, float]) -> None:
 
 @pytest.mark.parametrize(("period_s", "reach_s"), [(0.002, 0.002), (0.02, 0.02), (1.0, 0.1), (0.0, CONTROL_S)])
 def test_saf_011_no_joint_jumps(period_s: float, reach_s: float) -> None:
-    """A stream steps as far as the joint turns in its period, a command on its own in a control period."""
+    """A stream steps as far as the joint turns in its period, a command on its own in a control
+    period."""
     driver = g1()
     knee = driver.axes.index("left_knee")
     target = [0.0] * (29 * 5)  # a target of before: the knee is straight

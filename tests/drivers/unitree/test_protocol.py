@@ -80,7 +80,8 @@ def test_a_command_is_summed_as_the_firmware_does(robot: str) -> None:
 
 
 def test_the_bitwise_sum_is_crc_32_mpeg_2() -> None:
-    """Of a message of one word, worked out by polynomial division: ones only, and its complement."""
+    """Of a message of one word, worked out by polynomial division: ones only, and its
+    complement."""
     assert slow_crc([0xFFFFFFFF]) == 0
     assert slow_crc([0]) == 0xC704DD7B
 

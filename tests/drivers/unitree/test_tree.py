@@ -74,7 +74,8 @@ def legs(
 
 
 class Stand:
-    """Keeps every joint where it is first seen. Half a second of actions at a time: the machine may be busy."""
+    """Keeps every joint where it is first seen. Half a second of actions at a time: the machine may
+    be busy."""
 
     def __init__(self, kp: float = 200.0, kd: float = 6.0) -> None:
         self._gains = {"kp": kp, "kd": kd}
@@ -303,7 +304,8 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
         assert go2.robot.release_sport_mode(attempts=2)["status"] == "success"
 
         def runs() -> bool:
-            """A machine that is busy for as long as a setpoint lives ends the rollout: then once more."""
+            """A machine that is busy for as long as a setpoint lives ends the rollout: then once
+            more."""
             if not go2.robot.get_task_status()["content"][0]["json"]["running"]:
                 go2.robot.resume()
                 go2.robot.run_policy(Stand(60.0, 5.0), duration=30.0)
@@ -325,7 +327,8 @@ def test_what_connecting_says(tmp_path: Path) -> None:
 
 
 def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
-    """It takes no commands of ours: frames go out all the same, and the report says who holds it."""
+    """It takes no commands of ours: frames go out all the same, and the report says who holds
+    it."""
     with legs(tmp_path, "unitree_go2") as go2:
         answer = go2.robot.stop()
         assert answer["status"] == "success", answer  # type: ignore[index]

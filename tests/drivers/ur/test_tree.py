@@ -1,4 +1,5 @@
-"""A UR arm on the real tree: real processes, the unmodified ur-rtde, the twin. Judged by the twin's log."""
+"""A UR arm on the real tree: real processes, the unmodified ur-rtde, the twin. Judged by the twin's
+log."""
 
 from __future__ import annotations
 
@@ -147,7 +148,8 @@ def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
 
 
 def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
-    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on by itself."""
+    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
+    by itself."""
     start = arm.get_observation()[PAN]
     steps = iter(range(1, 1000))
     json_of(arm.run_policy(lambda observation: {PAN: start + 0.018 * next(steps)}, duration=60.0))
@@ -193,7 +195,8 @@ def test_saf_013_a_latched_command_feeds_the_watchdog_as_long_as_the_caller_live
 def test_a_stop_of_the_controllers_own(
     moving: RealRobot, twin: Twin, order: str, undo: tuple[str, ...], name: str
 ) -> None:
-    """Named, nothing goes on by itself when it is lifted, and arming is refused as long as it stands."""
+    """Named, nothing goes on by itself when it is lifted, and arming is refused as long as it
+    stands."""
     twin.order(order)
     ended = until(lambda: None if (now := json_of(moving.get_task_status()))["running"] else now, "it ends")
     assert ended["exit_reason"] == "gate"
@@ -228,7 +231,8 @@ def protective_stop(twin: Twin) -> None:
 def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
 ) -> None:
-    """Nobody sends a setpoint that could be refused: the tree itself notices, makes safe and says why."""
+    """Nobody sends a setpoint that could be refused: the tree itself notices, makes safe and says
+    why."""
     json_of(nudge(arm))
     how(twin)
     ended_ns = time.monotonic_ns()
@@ -301,7 +305,8 @@ def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     twin.go_on()
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     assert twin.log.host("safe", thawed_ns)
-    # what was on its way when it froze is a few setpoints of a program that its watchdog had ended by then
+    # what was on its way when it froze is a few setpoints of a program that its watchdog had ended
+    # by then
     assert len(twin.log.host("setpoint", thawed_ns)) < 30
     comes_back(moving, twin)
 
@@ -374,7 +379,8 @@ STAGES = {
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, stage: str, how: str) -> None:
-    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is back."""
+    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is
+    back."""
     import threading
 
     arm = Robot("ur5e", mode="real", port=twin.port)

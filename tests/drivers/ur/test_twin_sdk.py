@@ -1,5 +1,5 @@
-"""ur-rtde, as it is, against the twin. In processes of its own: it keeps the interpreter's lock when it is closed,
-and its threads go on looking for a controller that is gone."""
+"""ur-rtde, as it is, against the twin. In processes of its own: it keeps the interpreter's lock
+when it is closed, and its threads go on looking for a controller that is gone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The codec: frames and reports in any pieces, what a request counts as, and whatever else may come."""
+"""The codec: frames and reports in any pieces, what a request counts as, and whatever else may
+come."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A recording of an xArm replays with the same decisions: setpoints, refusals, a controller's error, a stop."""
+"""A recording of an xArm replays with the same decisions: setpoints, refusals, a controller's
+error, a stop."""
 
 from __future__ import annotations
 

@@ -386,7 +386,8 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 5, 6, 7])
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, frames: int, how: str) -> None:
-    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is back."""
+    """The tree answers meanwhile, stop is bounded, and connecting works when the controller is
+    back."""
     arm = Robot("xarm7", mode="real", port=twin.port)
     connecting = threading.Thread(target=arm.connect_eagerly)
     try:

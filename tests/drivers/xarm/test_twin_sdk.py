@@ -1,5 +1,5 @@
-"""The vendor's xarm-python-sdk, as it is, against the twin. In processes of its own: it changes the default timeout
-of every socket of the process it is in, and prints to standard output."""
+"""The vendor's xarm-python-sdk, as it is, against the twin. In processes of its own: it changes the
+default timeout of every socket of the process it is in, and prints to standard output."""
 
 from __future__ import annotations
 

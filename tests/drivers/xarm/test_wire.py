@@ -1,4 +1,5 @@
-"""The wire in virtual time, on the twin's controller: what is written, in which order, and what is believed."""
+"""The wire in virtual time, on the twin's controller: what is written, in which order, and what is
+believed."""
 
 from __future__ import annotations
 

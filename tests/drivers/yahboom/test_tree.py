@@ -164,7 +164,8 @@ def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3
 def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_nothing_after(
     m3: RealRobot, twin: Twin
 ) -> None:
-    """Its writer goes on all the while, at 100 Hz: what waits is bounded, and the link counts as lost."""
+    """Its writer goes on all the while, at 100 Hz: what waits is bounded, and the link counts as
+    lost."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
     until_s = time.monotonic() + 1.0

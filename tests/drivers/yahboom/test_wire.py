@@ -336,7 +336,8 @@ def test_saf_005_slow_answers_confirm_late_and_hold_no_zero_up(answer_s: float) 
 
 
 def test_saf_005_odometry_of_before_the_zero_confirms_nothing() -> None:
-    """What was on its way when the bridge took the zero shows a base that stood before it was told to move."""
+    """What was on its way when the bridge took the zero shows a base that stood before it was told
+    to move."""
 
     async def test() -> None:
         world = World(watchdog_s=0)

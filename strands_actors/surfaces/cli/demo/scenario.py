@@ -1,4 +1,5 @@
-"""What happens in the demo, in order: move, break a process, look at the wire, resume, move again."""
+"""What happens in the demo, in order: move, break a process, look at the wire, resume, move
+again."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ class Fault(msgspec.Struct, frozen=True):
     signal: str
     reason: Reason  # as which the tree sees it: the driver's table of fallbacks has the safe state
     freezes: bool = False
-    """A death is seen at once. A freeze shows only by silence, as long as a heartbeat may be late."""
+    """A death is seen at once. A freeze shows only by silence, as long as a heartbeat may be
+    late."""
 
     def bound_ms(self, driver: type[Driver]) -> float:
         return round(1e3 * (driver.bound_s + (driver.timing.heartbeat_ttl_s if self.freezes else 0.0)), 3)
@@ -154,8 +156,8 @@ class Scenario:
         )
 
     def _insist(self, verb: Callable[[], dict[str, Any]], deadline: float) -> dict[str, Any]:
-        """Until it is accepted: a policy whose gate has died takes a moment to end by itself, and a machine
-        that has no time for the twin makes a robot that does not answer."""
+        """Until it is accepted: a policy whose gate has died takes a moment to end by itself, and a
+        machine that has no time for the twin makes a robot that does not answer."""
         while (answer := verb())["status"] != "success":
             if time.monotonic() > deadline:
                 raise Failed(answer["content"][0]["text"])

@@ -1,4 +1,5 @@
-"""Watches a robot while it runs: samples of its state, its tree, the wire. It only asks; it commands nothing."""
+"""Watches a robot while it runs: samples of its state, its tree, the wire. It only asks; it
+commands nothing."""
 
 from __future__ import annotations
 

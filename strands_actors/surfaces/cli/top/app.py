@@ -1,4 +1,5 @@
-"""The screen of ``top``: a line for each robot, the tree and the facts of the one that is selected."""
+"""The screen of ``top``: a line for each robot, the tree and the facts of the one that is
+selected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What ``top`` shows: every robot of this user, asked a few times a second, in a trio loop of its own thread.
+"""What ``top`` shows: every robot of this user, asked a few times a second, in a trio loop of its
+own thread.
 
 It asks and it passes on what the user wants; it holds no lease, and its end changes no robot.
 """

@@ -1,8 +1,9 @@
 """The end of ``top`` by a signal, or because its terminal has gone, whatever its screen waits for.
 
-A screen that nobody reads takes no more output, and the loop that draws it stands still; a terminal that is no
-controlling one ends without a signal. So signals are taken by Python's own handlers, which run while the loop waits
-for its output, and a thread looks at the terminal. What has not ended in ``GRACE_S`` is ended.
+A screen that nobody reads takes no more output, and the loop that draws it stands still; a terminal
+that is no controlling one ends without a signal. So signals are taken by Python's own handlers,
+which run while the loop waits for its output, and a thread looks at the terminal. What has not
+ended in ``GRACE_S`` is ended.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from types import FrameType
 from typing import Any
 
 GRACE_S = 1.0
-"""For the screen to be put back. An order has left long before; nobody is there to read what became of it."""
+"""For the screen to be put back. An order has left long before; nobody is there to read what became
+of it."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SCREEN_AS_IT_WAS = b"\x1b[?1049l\x1b[?25h\x1b[?1000l\x1b[?1002l\x1b[?1003l\x1b[?1006l\x1b[?2004l"
 
 
 @contextlib.contextmanager
 def ends_with_its_terminal(leave: Callable[[int], None]) -> Iterator[None]:
-    """In the main thread, around the screen. ``leave``: of any thread, with an exit code; it may have no effect."""
+    """In the main thread, around the screen. ``leave``: of any thread, with an exit code; it may
+    have no effect."""
     ending = _Ending(sys.stdin.fileno(), leave)
     before = {number: signal.signal(number, ending.by_signal) for number in SIGNALS}
     threading.Thread(target=ending.watch, name="top-terminal", daemon=True).start()
