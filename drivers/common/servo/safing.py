@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar, Generic
 
 import trio
@@ -155,22 +155,27 @@ class Safing(Generic[PacketT]):
         return tally.reports()
 
     async def hold(
-        self, known: Mapping[int, int], kept: Mapping[int, int] | None = None
+        self,
+        known: Mapping[int, int],
+        kept: Mapping[int, int] | None = None,
+        tell: Callable[[Mapping[int, int]], None] = lambda _: None,
     ) -> tuple[MotorReport, ...]:
         """Goals := positions. ``known``: where those that have torque are now. ``kept``: the last
         goals of those that have torque, told again to the others, since a goal from an older
         reading would move them. Both go out at once; then the others are asked where they are, and
         held there. One that does not answer keeps its last goal, and one without torque gets none:
-        a goal may energise it. Never raises."""
+        a goal may energise it. ``tell`` hears of all goals that leave, since a hold that is cut
+        short makes no report. Never raises."""
         tally = Tally(self._axes)
         goals = self.goals(known)
         told = {**(kept or {}), **goals}
         try:
             if told:
+                tell(told)
                 await self._burst(self._codec.hold(told), tally)
             with trio.move_on_after(CONFIRM_S):
                 for attempt in range(ATTEMPTS):
-                    await self._hold_others(goals, tally)
+                    await self._hold_others(goals, tally, tell)
                     if attempt and (again := {motor: goals[motor] for motor in tally.open() if motor in goals}):
                         self._bus.send(self._codec.hold(again))
                     await self._read_goals(goals, tally)
@@ -180,12 +185,15 @@ class Safing(Generic[PacketT]):
             tally.failed(str(error))
         return tally.reports({**told, **goals})
 
-    async def _hold_others(self, goals: dict[int, int], tally: Tally) -> None:
+    async def _hold_others(
+        self, goals: dict[int, int], tally: Tally, tell: Callable[[Mapping[int, int]], None]
+    ) -> None:
         """Ask those without a goal where they are, and hold them there."""
         if lacking := [motor for motor in tally.open() if motor not in goals]:
             found = self.goals(await self._read_places(lacking, tally))
             goals |= found
             if found:
+                tell(found)
                 await self._burst(self._codec.hold(found), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:

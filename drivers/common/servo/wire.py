@@ -258,7 +258,8 @@ class ServoWire(Wire, Generic[PacketT]):
     async def _hold(self, session: _Session[PacketT]) -> tuple[MotorReport, ...]:
         if not self._armed:
             return await session.safing.hold({})  # who has torque all the same is asked
-        reports = await session.safing.hold(session.known(), session.to_tell(session.goals))
+        kept = session.to_tell(session.goals)
+        reports = await session.safing.hold(session.known(), kept, session.told)
         session.told(
             {
                 axis.id: axis.count(report.target)

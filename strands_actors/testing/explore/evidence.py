@@ -65,19 +65,24 @@ class Evidence:
 
     @cached_property
     def _setpoints(self) -> list[tuple[Frame, Asked | None]]:
-        known: dict[tuple[int, int], Asked] = {}
+        """Known by the marks on their wrists, where these were written; else by all that was."""
+        marked: dict[tuple[int, int], Asked] = {}
+        goals: list[tuple[Asked, dict[int, int]]] = []
         for asked in self._conversation.setpoints:
             assert isinstance(asked.message, Setpoint)
-            for name, value in asked.message.action.items():
-                if name.startswith("wrist"):
-                    known[self._count(name, value)] = asked
-        motors = {motor for motor, _ in known}
+            action = {name: self._count(name, value) for name, value in asked.message.action.items()}
+            marked |= {mark: asked for name, mark in action.items() if name.startswith("wrist")}
+            goals.append((asked, dict(action.values())))
+        motors = {motor for motor, _ in marked}
         found: list[tuple[Frame, Asked | None]] = []
         for frame in self.frames:
-            if frame.kind == "setpoint":
-                marks = [(motor, goal) for motor, goal in frame.goals.items() if motor in motors]
-                if marks:
-                    found.append((frame, next((known[mark] for mark in marks if mark in known), None)))
+            if frame.kind != "setpoint":
+                continue
+            marks = [mark for mark in frame.goals.items() if mark[0] in motors]
+            if marks:
+                found.append((frame, next((marked[mark] for mark in marks if mark in marked), None)))
+            elif (asked_for := _last_that_fits(frame, goals)) is not None:
+                found.append((frame, asked_for))
         return found
 
     def counts(self, frame: Frame) -> bool:
@@ -169,6 +174,14 @@ _WRONG = frozenset(
 
 
 _DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
+
+
+def _last_that_fits(frame: Frame, goals: list[tuple[Asked, dict[int, int]]]) -> Asked | None:
+    for asked, told in reversed(goals):
+        named = told.keys() & frame.goals.keys()
+        if asked.at_s <= frame.t_s and named and all(told[motor] == frame.goals[motor] for motor in named):
+            return asked
+    return None
 
 
 def _near(t_s: float, fault: Fault) -> bool:
