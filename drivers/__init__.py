@@ -56,6 +56,7 @@ WIRES = {
     "xarm": "strands_actors.drivers.xarm.driver:XArm",
     "kuka": "strands_actors.drivers.kuka.driver:Kuka",
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
+    "rby1": "strands_actors.drivers.rby1.driver:RBY1",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",

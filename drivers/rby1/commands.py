@@ -1,0 +1,180 @@
+"""Commands of an RB-Y1, and what it says to them. Pure.
+
+    RobotCommand > ComponentBasedCommand > body: BodyComponentBasedCommand > torso, right arm, left arm
+                                         > head
+
+Each part is a ``JointPositionCommand``: positions, the time in which to be there, and for how long
+the controller holds them on after that. Field numbers: see ``protocol``.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import msgspec
+
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+NS = 1_000_000_000
+
+PARTS = {"torso": 6, "right_arm": 7, "left_arm": 7, "head": 2}
+"""The parts that are driven, and how many joints each has."""
+
+
+class Status(enum.IntEnum):
+    """How far a command is."""
+
+    IDLE = 0
+    INITIALIZING = 1
+    RUNNING = 2
+    FINISHED = 3
+
+
+class Finish(enum.IntEnum):
+    """Why a command has ended."""
+
+    UNKNOWN = 0
+    OK = 1
+    CANCELED = 2
+    PREEMPTED = 3
+    INITIALIZED_FAILED = 4
+    CONTROL_MANAGER_IDLE = 5
+    CONTROL_MANAGER_FAULT = 6
+    UNEXPECTED_STATE = 7
+
+
+class JointPosition(msgspec.Struct, frozen=True):
+    """``JointPositionCommand.Request``."""
+
+    position: tuple[float, ...]
+    minimum_s: float = 0.0
+    hold_s: float = 0.0
+
+    def encode(self) -> bytes:
+        header = pb.bytes_field(1, encode_duration(self.hold_s))
+        return (
+            pb.bytes_field(1, header)
+            + pb.bytes_field(2, encode_duration(self.minimum_s))
+            + pb.double_fields(3, self.position, packed=True)
+        )
+
+    @classmethod
+    def decode(cls, data: bytes) -> JointPosition:
+        """Raise ``MalformedFrame``, for numbers that are not finite, too."""
+        found = pb.message(data)
+        position = pb.doubles(data, 3)
+        if not all(map(math.isfinite, position)):
+            raise MalformedFrame(f"rb.api: joints at {position}")
+        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(found, 1)), 1))
+        return cls(position, decode_duration(pb.last_bytes(found, 2)), hold_s)
+
+
+def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
+    """Encode ``RobotCommandRequest`` for the parts that are given."""
+    told = {name: pb.bytes_field(2, part.encode()) for name, part in parts.items()}
+    body = b"".join(pb.bytes_field(number, told[name]) for name, number in _BODY.items() if name in told)
+    components = b""
+    if body:
+        components += pb.bytes_field(3, pb.bytes_field(6, body))
+    if "head" in told:
+        components += pb.bytes_field(4, told["head"])
+    return pb.bytes_field(2, pb.bytes_field(3, components)) + pb.varint_field(3, priority)
+
+
+class Command(msgspec.Struct, frozen=True):
+    """What a server reads of a ``RobotCommandRequest``."""
+
+    parts: dict[str, JointPosition]
+    priority: int = 0
+    stops: bool = False  # a ``StopCommand`` for the whole body
+
+    @classmethod
+    def decode(cls, data: bytes) -> Command:
+        """Joint positions of torso, arms and head, by part or for the body as a whole. Raise
+        ``MalformedFrame``."""
+        found = pb.message(data)
+        request = pb.message(pb.last_bytes(found, 2))
+        components = pb.message(pb.last_bytes(request, 3))
+        parts = dict(_parts(components))
+        for name, part in parts.items():
+            if len(part.position) != PARTS[name]:
+                raise MalformedFrame(f"rb.api: {len(part.position)} positions for {name}, which has {PARTS[name]}")
+        return cls(parts, pb.last_int(found, 3), bool(pb.last_bytes(request, 2)))
+
+
+def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPosition]]:
+    body = pb.message(pb.last_bytes(components, 3))
+    if 2 in body:
+        yield from _whole_body(JointPosition.decode(pb.last_bytes(body, 2)))
+    by_part = pb.message(pb.last_bytes(body, 6))
+    for name, number in _BODY.items():
+        command = pb.message(pb.last_bytes(by_part, number))
+        if 2 in command:
+            yield name, JointPosition.decode(pb.last_bytes(command, 2))
+    head = pb.message(pb.last_bytes(components, 4))
+    if 2 in head:
+        yield "head", JointPosition.decode(pb.last_bytes(head, 2))
+
+
+def _whole_body(body: JointPosition) -> Iterator[tuple[str, JointPosition]]:
+    """A body of twenty joints: torso, right arm, left arm."""
+    at = 0
+    for name in ("torso", "right_arm", "left_arm"):
+        yield name, msgspec.structs.replace(body, position=body.position[at : at + PARTS[name]])
+        at += PARTS[name]
+    if len(body.position) != at:
+        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {at}")
+
+
+_BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
+"""Fields of ``BodyComponentBasedCommand``."""
+
+
+class Feedback(msgspec.Struct, frozen=True):
+    """``RobotCommandResponse``, what is used of it."""
+
+    status: int = Status.IDLE
+    finish: int = Finish.UNKNOWN
+
+    def encode(self) -> bytes:
+        return pb.bytes_field(2, pb.varint_field(10, self.status) + pb.varint_field(11, self.finish))
+
+    @classmethod
+    def decode(cls, data: bytes) -> Feedback:
+        """Raise ``MalformedFrame``."""
+        found = pb.message(pb.last_bytes(pb.message(data), 2))
+        return cls(pb.last_int(found, 10), pb.last_int(found, 11))
+
+    @property
+    def dropped(self) -> str:
+        """Return why the robot does not do what it was told; empty: it does."""
+        if self.status != Status.FINISHED or self.finish == Finish.OK:
+            return ""
+        return Finish(self.finish).name if self.finish in tuple(Finish) else f"finish code {self.finish}"
+
+
+def split(values: Sequence[float]) -> dict[str, tuple[float, ...]]:
+    """Return a row of all driven joints, in the order of ``PARTS``, by part."""
+    rows, at = {}, 0
+    for name, count in PARTS.items():
+        rows[name] = tuple(values[at : at + count])
+        at += count
+    return rows
+
+
+def encode_duration(seconds: float) -> bytes:
+    """Encode a ``Duration`` that is not negative."""
+    whole, nanos = divmod(round(seconds * NS), NS)
+    return pb.varint_field(1, whole) + pb.varint_field(2, nanos)
+
+
+def decode_duration(data: bytes) -> float:
+    """Return seconds. Raise ``MalformedFrame``, for a negative one, too."""
+    found = pb.message(data)
+    whole, nanos = pb.last_int(found, 1), pb.last_int(found, 2)
+    if whole >> 63 or nanos >= NS:
+        raise MalformedFrame("rb.api: a negative time")
+    return whole + nanos / NS

@@ -1,0 +1,112 @@
+"""Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
+
+Safe is to hold, whatever the reason: ``CancelControl`` ends what the robot does, and its controller
+keeps it where it is. For a late writer the next command goes on from there; after a stop only
+``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks for what drops the arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract import tool_verbs
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, Timing
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+
+from .config import RBY1Config
+from .gates import CONDITIONS, all_gates
+from .robots import TABLES, parts_of
+
+HOLD_S = 0.3
+"""For how long the controller holds on to a target that is not repeated. The vendor's examples have
+1 s and more; how short a robot takes it, nobody of us has seen."""
+
+
+class Options(DriverOptions, frozen=True):
+    control_frequency: Annotated[
+        float,
+        option("targets a second, 10 to 100; a joint may step as far as it turns in one period", ge=10, le=100),
+    ] = 50.0
+    priority: Annotated[
+        int, option("of our commands: of two programs the robot obeys the higher one, 1 to 100", ge=1, le=100)
+    ] = 1
+    on_estop: Annotated[
+        Literal["stop", "power_off"],
+        option("what an e-stop does: hold the robot, or take the motors' power, which drops the arms"),
+    ] = "stop"
+
+
+class RBY1(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.rby1.wire:RBY1Wire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.rby1.stop_channel:RBY1StopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.rby1.twin:main"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
+        Sensor("odom", {"xy": "odometry_xy_m", "heading": "odometry_heading_rad"}),
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "reset_fault_control_manager": Service(
+            "Clear a fault of the control manager, once its cause is gone. Nothing moves before resume().", 3.0
+        )
+    }
+    TOOL_VERBS: ClassVar[tuple[tool_verbs.ToolVerb, ...]] = (
+        tool_verbs.SENSORS,
+        tool_verbs.STATE,
+        tool_verbs.STATUS,
+        tool_verbs.STOP,
+    )
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
+
+    config: RBY1Config
+    unit = "radians"
+    firmware_watchdog = (
+        f"control_hold_time, {HOLD_S * 1e3:g} ms in every command: without another one for so long, or without its "
+        "stream, the controller ends the command and holds the robot where it is. No register tells whether it is "
+        "armed"
+    )
+    conditions = CONDITIONS
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, Options, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        wanted = read_options(robot, Options, options)
+        period_s = 1.0 / wanted.control_frequency
+        self.robot = TABLES.canonical(robot)
+        self.declare(*parts_of(TABLES.table(robot)))
+        self.timing = Timing(
+            control_hz=wanted.control_frequency,
+            keepalive_s=HOLD_S / 3,
+            stream_ttl_s=0.1,
+            oneshot_ttl_s=None,
+            state_ttl_s=0.15,
+            arm_s=20.0,
+            safe_s=2.5,
+        )
+        self.fallbacks: Mapping[Reason, str] = {
+            **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
+            Reason.ESTOP: SafeState.OFF if wanted.on_estop == "power_off" else SafeState.STOP,
+        }
+        self.config = RBY1Config(
+            robot=self.robot,
+            port=port,
+            axes=self.axes,
+            ids=self.ids,
+            priority=wanted.priority,
+            period_s=period_s,
+            hold_s=HOLD_S,
+            silent_s=0.3,
+        )
+        self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        return {"robot": self.robot, "joints": {axis: target[axis] for axis in self.axes if axis in named}}

@@ -1,0 +1,161 @@
+"""What is refused before it reaches an RB-Y1. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.kernel.messages import Refused
+
+from .protocol import Manager, name_of
+
+CONTROLLER = "controller"
+"""Key of ``Observation.faults`` under which stands why the robot takes no targets of ours any
+more."""
+
+LEAD_S = 0.2
+"""A target may be ahead of where its joint was measured by what the joint turns meanwhile
+[assumed: no joint lags so far behind]."""
+
+_ROUNDING = 1e-9
+_FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
+_RESUME = "see to its cause, then stop() and resume()"
+
+
+def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return stale(axes, state_ttl_s), past_own_range(axes), too_fast(axes, period_s), runs_ahead(axes)
+
+
+# -- what must be true before power-on, for a motion to begin, and to go on
+
+
+def refuse_pressed(pressed: bool) -> Refused | None:
+    if not pressed:
+        return None
+    why = "move: the emergency stop button is pressed"
+    return Refused("emergency_stop", why, "release it, then resume()", "pressed", "released")
+
+
+def refuse_fault(manager: int) -> Refused | None:
+    if manager not in _FAULTS:
+        return None
+    name = name_of(Manager, manager)
+    remedy = "fix its cause, then reset_fault_control_manager() and resume()"
+    return Refused("fault", f"move: the control manager is in {name}", remedy, name, "no fault")
+
+
+def released(observation: Observation, now_ns: int) -> Refused | None:
+    return refuse_pressed(_number(observation, "emergency_stop") != 0)
+
+
+def faultless(observation: Observation, now_ns: int) -> Refused | None:
+    return refuse_fault(_number(observation, "control_manager"))
+
+
+def powered(observation: Observation, now_ns: int) -> Refused | None:
+    power, ready = _number(observation, "power"), _number(observation, "joints_ready")
+    if power == 1 and ready == 1:
+        return None
+    what = "the motors have no power" if power != 1 else "servos are off"
+    return Refused("power", f"move: {what}", _RESUME, "off", "on")
+
+
+def enabled(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse to move while the control manager does nothing."""
+    manager = _number(observation, "control_manager")
+    if manager == Manager.ENABLED:
+        return None
+    name, wanted = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
+    return Refused("not_enabled", f"move: the control manager is {name}", _RESUME, name, wanted)
+
+
+def obeying(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse when the robot has dropped our command: motion does not go on by itself after that."""
+    why = observation.faults.get(CONTROLLER)
+    return None if why is None else Refused("dropped", f"move: {why}", _RESUME, why, "RUNNING")
+
+
+CONDITIONS = tuple(Condition(check, always=True) for check in (released, faultless, powered, enabled, obeying))
+
+
+# -- of one setpoint
+
+
+def own_axes(axes: Sequence[Axis], observation: Observation) -> Sequence[Axis] | None:
+    """Return the axes with the ranges and speeds that the robot tells; None: it has not."""
+    names = ("range_low_rad", "range_high_rad", "speed_limit_rad_s")
+    low, high, speed = (observation.sensors.get(name, ()) for name in names)
+    if not len(low) == len(high) == len(speed) == len(axes):
+        return None
+    rows = zip(axes, low, high, speed, strict=True)
+    return [msgspec.structs.replace(axis, low=one, high=two, speed=rad_s) for axis, one, two, rad_s in rows]
+
+
+def past_own_range(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse what is past the ranges that the robot tells of itself."""
+
+    def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
+        own = own_axes(axes, state.observation)
+        if own is None:
+            why = "move: the robot's own limits are not known"
+            return Refused("no_limits", why, "reconnect", "none", f"{len(axes)} joints")
+        return past_range(own)(candidate, state)
+
+    return past_own_range
+
+
+def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
+    """Refuse a step from the last commanded target that is more than a joint turns in one control
+    period: in that time the robot is told to be there."""
+
+    def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
+        own = own_axes(axes, state.observation) or axes
+        for at in candidate.named:
+            step, allowed = abs(candidate.values[at] - state.target[at]), own[at].speed * period_s
+            if not step <= allowed + _ROUNDING:
+                shown = math.floor(allowed * 1e5) / 1e5
+                return Refused(
+                    "too_fast",
+                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                    f"step at most {shown:.5g} rad",
+                    f"{step:.5g}",
+                    f"{shown:.5g}",
+                )
+        return None
+
+    return too_fast
+
+
+def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse small steps that come quicker than a joint follows, or while something holds it
+    back."""
+
+    def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
+        own = own_axes(axes, state.observation) or axes
+        for at in candidate.named:
+            lead = abs(candidate.values[at] - state.observation.position[at])
+            allowed = own[at].speed * LEAD_S
+            if not lead <= allowed + _ROUNDING:
+                shown = math.floor(allowed * 1e4) / 1e4
+                return Refused(
+                    "runs_ahead",
+                    f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
+                    "send targets no quicker than the robot follows them",
+                    f"{lead:.4g}",
+                    f"{shown:.4g}",
+                )
+        return None
+
+    return runs_ahead
+
+
+def _number(observation: Observation, name: str) -> int:
+    """Return a sensor that is a whole number; -1 when the robot has not told it."""
+    row = observation.sensors.get(name)
+    return round(row[0]) if row and math.isfinite(row[0]) else -1

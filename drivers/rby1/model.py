@@ -1,0 +1,51 @@
+"""The robot's own model: the ranges and speeds of its joints, read from the URDF that it tells.
+Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import msgspec
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+MAX_CHARACTERS = 500_000
+_DECLARES = ("<!DOCTYPE", "<!ENTITY")
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """Of the driven joints, in axis order: radians and radians per second."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    speed: tuple[float, ...]
+
+
+def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
+    """Return the limits of ``joints``. Raise ``MalformedFrame`` that names what is missing."""
+    if len(urdf) > MAX_CHARACTERS or any(word in urdf for word in _DECLARES):
+        raise MalformedFrame("the robot's model is no plain URDF")
+    try:
+        root = ElementTree.fromstring(urdf)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise MalformedFrame(f"the robot's model is no URDF ({error})") from None
+    told = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")}
+    rows = [_row(told.get(name)) for name in joints]
+    if missing := [name for name, row in zip(joints, rows, strict=True) if row is None]:
+        raise MalformedFrame(f"the robot's model has no limits of {', '.join(missing)}")
+    low, high, speed = zip(*(row for row in rows if row is not None), strict=True)
+    return Limits(low, high, speed)
+
+
+def _row(limit: ElementTree.Element | None) -> tuple[float, float, float] | None:
+    """Return low, high and speed; None when one is missing or cannot be."""
+    if limit is None:
+        return None
+    try:
+        low, high, speed = (float(limit.get(name, "nan")) for name in ("lower", "upper", "velocity"))
+    except ValueError:
+        return None
+    good = math.isfinite(low) and math.isfinite(high) and low < high and 0.0 < speed < math.inf
+    return (low, high, speed) if good else None

@@ -1,0 +1,270 @@
+"""What is asked of an RB-Y1's gRPC server, beside commands and states: paths, enums, small
+messages. Pure.
+
+Field numbers and enums: the vendor's public definitions (package ``rb.api``, Apache-2.0), as
+rby1-sdk 0.10.0 has them.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+
+import msgspec
+
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+PORT = 50051
+ALL = ".*"
+"""Every supply, or every joint: the server takes names as regular expressions."""
+MOTOR_SUPPLY = "48v"
+
+
+class Method(enum.StrEnum):
+    """The services that are used."""
+
+    PING = "/rb.api.PingService/Ping"
+    GET_ROBOT_INFO = "/rb.api.RobotInfoService/GetRobotInfo"
+    GET_ROBOT_MODEL = "/rb.api.RobotInfoService/GetRobotModel"
+    GET_ROBOT_STATE = "/rb.api.RobotStateService/GetRobotState"
+    STATE_STREAM = "/rb.api.RobotStateService/GetRobotStateStream"
+    GET_MANAGER_STATE = "/rb.api.RobotStateService/GetControlManagerState"
+    POWER = "/rb.api.PowerService/PowerCommand"
+    JOINT = "/rb.api.PowerService/JointCommand"
+    SERVO_ON = "/rb.api.JointOperationService/ServoOn"
+    SERVO_OFF = "/rb.api.JointOperationService/ServoOff"
+    MANAGER = "/rb.api.ControlManagerService/ControlManagerCommand"
+    CANCEL = "/rb.api.ControlManagerService/CancelControl"
+    WAIT_READY = "/rb.api.ControlManagerService/WaitForControlReady"
+    COMMAND = "/rb.api.RobotCommandService/RobotCommand"
+    COMMAND_STREAM = "/rb.api.RobotCommandService/RobotCommandStream"
+
+
+class Manager(enum.IntEnum):
+    """State of the control manager."""
+
+    UNKNOWN = 0
+    IDLE = 1
+    ENABLED = 2
+    MINOR_FAULT = 3
+    MAJOR_FAULT = 4
+
+
+class Control(enum.IntEnum):
+    """What the control manager does."""
+
+    UNKNOWN = 0
+    IDLE = 1
+    EXECUTING = 2
+    SWITCHING = 3
+
+
+class ManagerOrder(enum.IntEnum):
+    ENABLE = 1
+    DISABLE = 2
+    RESET_FAULT = 3
+
+
+class PowerOrder(enum.IntEnum):
+    ON = 1
+    OFF = 2
+
+
+class JointOrder(enum.IntEnum):
+    SERVO_ON = 1
+    BRAKE_ENGAGE = 2
+    BRAKE_RELEASE = 3
+
+
+class Done(enum.IntEnum):
+    """Status of an answer to ``POWER``, ``JOINT``, ``SERVO_ON`` and ``SERVO_OFF``."""
+
+    UNKNOWN = 0
+    SUCCESS = 1
+    INTERNAL_ERROR = 2
+
+
+class Power(enum.IntEnum):
+    UNKNOWN = 0
+    ON = 1
+    OFF = 2
+
+
+def name_of(kind: type[enum.IntEnum], number: int) -> str:
+    """Return ``MAJOR_FAULT (4)``."""
+    known = number in tuple(kind)
+    return f"{kind(number).name if known else 'unknown'} ({number})"
+
+
+# -- requests
+
+
+def encode_order(name: str, order: int) -> bytes:
+    """Encode ``PowerCommandRequest`` or ``JointCommandRequest``."""
+    return pb.bytes_field(2, name.encode()) + pb.varint_field(3, order)
+
+
+def decode_order(data: bytes) -> tuple[str, int]:
+    """Return name and order. Raise ``MalformedFrame``."""
+    found = pb.message(data)
+    return text(pb.last_bytes(found, 2)), pb.last_int(found, 3)
+
+
+def encode_manager_order(order: ManagerOrder) -> bytes:
+    """Encode ``ControlManagerCommandRequest``."""
+    return pb.varint_field(2, order)
+
+
+def decode_manager_order(data: bytes) -> int:
+    """Raise ``MalformedFrame``."""
+    return pb.last_int(pb.message(data), 2)
+
+
+def encode_rate(hz: float) -> bytes:
+    """Encode ``GetRobotStateStreamRequest``."""
+    return pb.double_field(2, hz)
+
+
+def decode_rate(data: bytes) -> float:
+    """Return samples a second. Raise ``MalformedFrame``."""
+    return double(pb.message(data), 2)
+
+
+# -- answers
+
+
+def encode_done(done: Done, why: str = "") -> bytes:
+    return pb.varint_field(2, done) + (pb.bytes_field(3, why.encode()) if why else b"")
+
+
+def decode_done(data: bytes) -> tuple[int, str]:
+    """Return status and message. Raise ``MalformedFrame``."""
+    found = pb.message(data)
+    return pb.last_int(found, 2), text(pb.last_bytes(found, 3))
+
+
+def encode_model(urdf: str) -> bytes:
+    return pb.bytes_field(2, urdf.encode())
+
+
+def decode_model(data: bytes) -> str:
+    """Return the robot's URDF. Raise ``MalformedFrame``."""
+    return text(pb.last_bytes(pb.message(data), 2))
+
+
+def encode_ready(ready: bool) -> bytes:
+    """Encode ``WaitForControlReadyResponse``."""
+    return pb.varint_field(3, int(ready))
+
+
+class ManagerState(msgspec.Struct, frozen=True):
+    """``ControlManagerState``."""
+
+    state: int = Manager.UNKNOWN
+    control: int = Control.UNKNOWN
+    time_scale: float = 1.0
+    enabled: tuple[int, ...] = ()  # joints, by index
+
+    def encode(self) -> bytes:
+        joints = b"".join(pb.varint_field(4, joint) for joint in self.enabled)
+        return (
+            pb.varint_field(1, self.state)
+            + pb.double_field(2, self.time_scale)
+            + pb.varint_field(3, self.control)
+            + joints
+        )
+
+    @classmethod
+    def decode(cls, data: bytes) -> ManagerState:
+        """Raise ``MalformedFrame``."""
+        found = pb.message(data)
+        return cls(pb.last_int(found, 1), pb.last_int(found, 3), double(found, 2), pb.varints(data, 4))
+
+    @property
+    def text(self) -> str:
+        return name_of(Manager, self.state)
+
+
+def encode_manager_answer(state: ManagerState) -> bytes:
+    """Encode ``ControlManagerCommandResponse`` or ``GetControlManagerStateResponse``."""
+    return pb.bytes_field(2, state.encode())
+
+
+def decode_manager_answer(data: bytes) -> ManagerState:
+    """Raise ``MalformedFrame``."""
+    return ManagerState.decode(pb.last_bytes(pb.message(data), 2))
+
+
+class RobotInfo(msgspec.Struct, frozen=True):
+    """``RobotInfo``, what is used of it."""
+
+    model: str
+    version: str
+    joints: tuple[str, ...]  # by their index in every state
+    supplies: tuple[str, ...] = ()
+    emergency_stops: tuple[str, ...] = ()
+    parts: tuple[tuple[str, tuple[int, ...]], ...] = ()  # name of a part -> its joints, by index
+
+    def encode(self) -> bytes:
+        """Encode ``GetRobotInfoResponse``."""
+        info = (
+            pb.bytes_field(1, self.model.encode())
+            + b"".join(pb.bytes_field(3, pb.bytes_field(1, name.encode())) for name in self.supplies)
+            + pb.varint_field(4, len(self.joints))
+            + b"".join(pb.bytes_field(5, pb.bytes_field(1, name.encode())) for name in self.joints)
+            + b"".join(pb.bytes_field(11, pb.bytes_field(1, name.encode())) for name in self.emergency_stops)
+            + pb.bytes_field(12, self.model.encode())
+            + pb.bytes_field(16, self.version.encode())
+            + pb.bytes_field(17, b"0.10.0")
+            + pb.bytes_field(18, b"0.10.0")
+        )
+        parts = dict(self.parts)
+        for number, part in _PARTS.items():
+            info += b"".join(pb.varint_field(number, index) for index in parts.get(part, ()))
+        return pb.bytes_field(2, info)
+
+    @classmethod
+    def decode(cls, data: bytes) -> RobotInfo:
+        """Raise ``MalformedFrame``."""
+        info = pb.last_bytes(pb.message(data), 2)
+        found = pb.message(info)
+        return cls(
+            text(pb.last_bytes(found, 12)),
+            text(pb.last_bytes(found, 16)),
+            _names(found, 5),
+            _names(found, 3),
+            _names(found, 11),
+            tuple((part, pb.varints(info, number)) for number, part in _PARTS.items()),
+        )
+
+
+_PARTS = {6: "mobility", 7: "body", 8: "head", 13: "torso", 14: "right_arm", 15: "left_arm"}
+
+
+# -- parts of messages
+
+
+def messages(found: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:
+    """Yield each sub-message of a repeated field. Raise ``MalformedFrame``."""
+    for value in found.get(number, ()):
+        if not isinstance(value, bytes):
+            raise MalformedFrame(f"rb.api: field {number} is no message")
+        yield pb.message(value)
+
+
+def double(found: dict[int, list[pb.Value]], number: int) -> float:
+    """Return a ``double``, 0 when it is missing. Raise ``MalformedFrame``."""
+    return pb.as_double(pb.last_int(found, number))
+
+
+def text(data: bytes) -> str:
+    """Raise ``MalformedFrame`` for what is no UTF-8."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        raise MalformedFrame("rb.api: a text that is no UTF-8") from None
+
+
+def _names(found: dict[int, list[pb.Value]], number: int) -> tuple[str, ...]:
+    return tuple(text(pb.last_bytes(one, 1)) for one in messages(found, number))

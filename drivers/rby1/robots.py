@@ -1,0 +1,34 @@
+"""The robots of this wire, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.drivers.common.robot_tables import RobotTables
+
+from .commands import PARTS
+
+TABLES = RobotTables(__package__, "RB-Y1")
+
+_KINDS = {"torso": PartKind.TORSO, "right_arm": PartKind.ARM, "left_arm": PartKind.ARM, "head": PartKind.HEAD}
+
+FIRST_JOINT = 2
+"""Index of the first driven joint on a model A: the wheels come before it. The real one is what the
+robot tells."""
+
+
+def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
+    """Return the parts of a robot, with the ranges and speeds of the table."""
+    axes = [
+        Axis(key=joint["key"], unit="rad", low=low, high=high, speed=joint["speed_rad_s"], id=number)
+        for number, joint in enumerate(table["joints"], FIRST_JOINT)
+        for low, high in (joint["range_rad"],)
+    ]
+    parts, at = [], 0
+    for name, count in PARTS.items():
+        side = name.removesuffix("_arm") if name.endswith("_arm") else ""
+        parts.append(Part(_KINDS[name], tuple(axes[at : at + count]), side))
+        at += count
+    return tuple(parts)

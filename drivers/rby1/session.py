@@ -1,0 +1,168 @@
+"""One RB-Y1 while it is connected: who it is, its limits, its newest state, the stream of our
+commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.grpc import Call, Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.grpc_messages import Status
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS, Clock
+
+from . import protocol as p
+from .commands import Feedback, JointPosition, encode_command, split
+from .config import RBY1Config
+from .model import Limits, limits_of
+from .protocol import Method, RobotInfo
+from .states import RobotState
+
+CONNECT_S = 1.0
+HANDSHAKE_S = 1.0
+STATE_HZ = 100.0
+
+
+class Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, config: RBY1Config, connection: Connection, at: Sequence[int], limits: Limits) -> None:
+        """``at``: index of each axis in the rows of a state."""
+        self.connection = connection
+        self.limits = limits
+        self.state = RobotState(())
+        self.stamp_ns = 0
+        self.lost = ""  # why nothing is written before the next arming
+        self._config = config
+        self._at = at
+        self._states = connection.ask(Method.STATE_STREAM, p.encode_rate(STATE_HZ))
+        self._command: Call | None = None
+
+    def row(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return the driven joints of a row of all joints; NaN where it is shorter."""
+        return tuple(values[at] if at < len(values) else math.nan for at in self._at)
+
+    @property
+    def ready(self) -> bool:
+        """Return whether the servos of all driven joints are on."""
+        return all(at < len(self.state.ready) and self.state.ready[at] for at in self._at)
+
+    def silent_s(self, now_ns: int) -> float:
+        """Return how long the robot's clock has stood still."""
+        return (now_ns - self.stamp_ns) / NS
+
+    def take_waiting(self, now_ns: int) -> None:
+        """Take in what has arrived. Raise ``WireDown``."""
+        self.connection.take_waiting()
+        self._take_states(now_ns)
+        self._take_feedback()
+
+    async def next_state(self, clock: Clock, within_s: float) -> None:
+        """Wait for a state that has not come yet. Raise ``WireDown`` when none comes."""
+        before_ns = self.stamp_ns
+        with trio.move_on_after(within_s):
+            while self.stamp_ns == before_ns:
+                await self.connection.until(lambda: bool(self._states.messages) or self._ended, within_s)
+                self._take_states(clock.now_ns())
+        if self.stamp_ns == before_ns:
+            raise WireDown(f"{self._config.robot}: no new state within {within_s:g} s. Check the robot")
+        self._take_feedback()
+
+    def command(self, values: Sequence[float]) -> bytes:
+        """Return the message for a target of all driven joints."""
+        parts = {
+            name: JointPosition(row, self._config.period_s, self._config.hold_s)
+            for name, row in split(values).items()
+        }
+        return encode_command(parts, self._config.priority)
+
+    def send(self, message: bytes) -> None:
+        """Send a command now, on the stream that is open, else on a new one. Raise ``WireDown``."""
+        if self._command is None:
+            self._command = self.connection.call(Method.COMMAND_STREAM)
+        self._command.send(message)
+
+    def drop_stream(self) -> None:
+        """End the stream of commands. Raise ``WireDown``."""
+        command, self._command = self._command, None
+        if command is not None:
+            command.cancel()
+
+    @property
+    def _ended(self) -> bool:
+        return self._states.status is not None
+
+    def _take_states(self, now_ns: int) -> None:
+        if self._states.messages:
+            newest = self._states.messages.pop()
+            self._states.messages.clear()
+            try:
+                state = RobotState.decode(newest)
+            except MalformedFrame as malformed:
+                raise WireDown(f"{self._config.robot}: its state cannot be understood ({malformed})") from None
+            if state.time_ns != self.state.time_ns:
+                self.stamp_ns = now_ns
+            self.state = state
+        if self._ended:
+            raise WireDown(f"{self._config.robot}: it tells no more states ({self._states.failure()}). Reconnect")
+
+    def _take_feedback(self) -> None:
+        """See whether the robot does what it is told."""
+        command = self._command
+        if command is None:
+            return
+        while command.messages:
+            try:
+                dropped = Feedback.decode(command.messages.popleft()).dropped
+            except MalformedFrame as malformed:
+                dropped = str(malformed)
+            if dropped:
+                self.lost = f"the robot has dropped our command: {dropped}"
+        if command.status is not None:
+            self._command = None
+            if command.status is not Status.OK:
+                self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
+
+
+async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
+    """Connect, ask who it is and what its limits are, hear its first state; return the session and
+    facts for ``status``. Nothing is moved. Raise ``WireDown``."""
+    host, port = _address(config)
+    connection = await open_grpc(host, port, within_s=CONNECT_S, open_stream=open_stream)
+    try:
+        info = RobotInfo.decode(await connection.unary(Method.GET_ROBOT_INFO, b"", HANDSHAKE_S))
+        if missing := [axis for axis in config.axes if axis not in info.joints]:
+            raise WireDown(
+                f"open: the robot at {config.port} is a {info.model or 'robot'} without {', '.join(missing)}. "
+                f"{config.robot} has all of {', '.join(config.axes)}"
+            )
+        urdf = p.decode_model(await connection.unary(Method.GET_ROBOT_MODEL, b"", HANDSHAKE_S))
+        limits = limits_of(urdf, config.axes)
+        session = Session(config, connection, [info.joints.index(axis) for axis in config.axes], limits)
+        await session.next_state(clock, HANDSHAKE_S)
+    except MalformedFrame as malformed:
+        connection.close()
+        raise WireDown(f"open: {config.robot} at {config.port}: {malformed}. Update its software") from None
+    except BaseException:
+        connection.close()
+        raise
+    facts = {
+        "address": connection.name,
+        "model": info.model,
+        "model_version": info.version,
+        "supplies": list(info.supplies),
+        "limits": "the robot's own model",
+        "control_hold_time_s": config.hold_s,
+    }
+    return session, facts
+
+
+def _address(config: RBY1Config) -> tuple[str, int]:
+    try:
+        return config.address()
+    except ValueError as error:
+        raise WireDown(f"open: {error}") from None

@@ -1,0 +1,147 @@
+"""What an RB-Y1 says of itself, many times a second. Pure. Field numbers: see ``protocol``."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .protocol import ManagerState, Power, double, messages
+
+NS = 1_000_000_000
+MAX_JOINTS = 64
+
+
+class Fet(enum.IntEnum):
+    ON = 1
+    OFF = 2
+
+
+class Run(enum.IntEnum):
+    CONTROL_ON = 1
+    CONTROL_OFF = 2
+
+
+class RobotState(msgspec.Struct, frozen=True):
+    """``GetRobotStateResponse``: rows are by joint index, of all joints of the robot."""
+
+    position: tuple[float, ...]
+    velocity: tuple[float, ...] = ()
+    torque: tuple[float, ...] = ()
+    target: tuple[float, ...] = ()
+    current: tuple[float, ...] = ()
+    temperature: tuple[float, ...] = ()
+    ready: tuple[bool, ...] = ()
+    powers: tuple[int, ...] = ()
+    emergency_stops: tuple[int, ...] = ()  # 1: pressed
+    battery_pct: float = math.nan
+    battery_v: float = math.nan
+    odometry: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y, heading
+    center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    manager: ManagerState = ManagerState()
+    time_ns: int = 0  # of the robot's clock
+
+    @property
+    def pressed(self) -> bool:
+        """Return whether an emergency stop button is."""
+        return any(self.emergency_stops)
+
+    @property
+    def powered(self) -> bool:
+        """Return whether every supply is on."""
+        return bool(self.powers) and all(power == Power.ON for power in self.powers)
+
+    @classmethod
+    def decode(cls, data: bytes) -> RobotState:
+        """Raise ``MalformedFrame``, for positions and velocities that are not finite, too."""
+        answer = pb.message(data)
+        state = pb.last_bytes(answer, 2)
+        found = pb.message(state)
+        position, velocity = pb.doubles(state, 31), pb.doubles(state, 32)
+        if not all(map(math.isfinite, (*position, *velocity))):
+            raise MalformedFrame("rb.api: a joint that is nowhere")
+        if len(position) > MAX_JOINTS or len(velocity) != len(position):
+            raise MalformedFrame(f"rb.api: {len(position)} positions, {len(velocity)} velocities")
+        battery = pb.message(pb.last_bytes(found, 3))
+        odometry = pb.message(pb.last_bytes(found, 45))
+        place = pb.message(pb.last_bytes(odometry, 1))
+        mass = pb.message(pb.last_bytes(found, 46))
+        time = pb.message(pb.last_bytes(found, 1))
+        return cls(
+            position,
+            velocity,
+            pb.doubles(state, 34),
+            pb.doubles(state, 41),
+            pb.doubles(state, 33),
+            tuple(float(_signed(value)) for value in pb.varints(state, 48)),
+            tuple(value != 0.0 for value in pb.doubles(state, 30)),
+            tuple(pb.last_int(one, 1) for one in messages(found, 4)),
+            tuple(pb.last_int(one, 1) for one in messages(found, 100)),
+            double(battery, 3) if battery else math.nan,
+            double(battery, 1) if battery else math.nan,
+            (double(place, 1), double(place, 2), double(odometry, 2)),
+            (double(mass, 1), double(mass, 2), double(mass, 3)),
+            ManagerState.decode(pb.last_bytes(answer, 3)),
+            pb.last_int(time, 1) * NS + pb.last_int(time, 2),
+        )
+
+    def encode(self) -> bytes:
+        """Encode it as a server does."""
+        x, y, heading = self.odometry
+        battery = pb.double_field(1, self.battery_v) + pb.double_field(3, self.battery_pct)
+        place = pb.double_field(1, x) + pb.double_field(2, y)
+        seconds, nanos = divmod(self.time_ns, NS)
+        count = len(self.position)
+        state = (
+            pb.bytes_field(1, pb.varint_field(1, seconds) + pb.varint_field(2, nanos))
+            + pb.bytes_field(3, battery)
+            + b"".join(pb.bytes_field(4, pb.varint_field(1, power) + _volts(power)) for power in self.powers)
+            + b"".join(pb.bytes_field(5, self._joint(at)) for at in range(count))
+            + pb.double_fields(30, [float(ready) for ready in self.ready], packed=True)
+            + pb.double_fields(31, self.position, packed=True)
+            + pb.double_fields(32, self.velocity, packed=True)
+            + pb.double_fields(33, self.current, packed=True)
+            + pb.double_fields(34, self.torque, packed=True)
+            + pb.double_fields(41, self.target, packed=True)
+            + pb.double_fields(42, [0.0] * count, packed=True)
+            + b"".join(pb.varint_field(43, 10) for _ in range(count))
+            + pb.double_fields(44, [0.0] * count, packed=True)
+            + pb.bytes_field(45, pb.bytes_field(1, place) + pb.double_field(2, heading))
+            + pb.bytes_field(46, _vector(self.center_of_mass))
+            + b"".join(pb.varint_field(48, round(celsius)) for celsius in self.temperature)
+            + b"".join(pb.bytes_field(100, pb.varint_field(1, pressed)) for pressed in self.emergency_stops)
+        )
+        return pb.bytes_field(2, state) + pb.bytes_field(3, self.manager.encode())
+
+    def _joint(self, at: int) -> bytes:
+        """Encode ``JointState``."""
+        ready = bool(self.ready[at])
+        return (
+            pb.varint_field(1, int(ready))
+            + pb.varint_field(2, Fet.ON if ready else Fet.OFF)
+            + pb.varint_field(3, Run.CONTROL_ON if ready else Run.CONTROL_OFF)
+            + pb.varint_field(4, 1)
+            + pb.varint_field(10, int(self.powered))
+            + pb.double_field(11, self.position[at])
+            + pb.double_field(12, self.velocity[at])
+            + pb.double_field(14, self.torque[at])
+            + pb.double_field(21, self.target[at])
+            + pb.varint_field(30, round(self.temperature[at]))
+        )
+
+
+def _volts(power: int) -> bytes:
+    return pb.double_field(2, 48.0 if power == Power.ON else 0.0)
+
+
+def _vector(row: Sequence[float]) -> bytes:
+    return b"".join(pb.double_field(number, value) for number, value in enumerate(row, 1))
+
+
+def _signed(value: int) -> int:
+    return value - (1 << 64) if value >> 63 else value

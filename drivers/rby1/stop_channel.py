@@ -1,0 +1,57 @@
+"""The root's way to an RB-Y1: a connection of its own, kept up, and another where that is lost.
+
+Nothing of it can hang: gRPC is spoken by this package, on trio, so that it needs no process of its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.drivers.common.grpc import Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.kernel.clock import Clock
+
+from .config import RBY1Config
+from .protocol import Method
+from .stopping import ANSWER_S, Stop
+
+KEEP_S = 0.5
+CONNECT_S = 0.6
+
+
+class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
+    def __init__(
+        self, config: RBY1Config, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
+    ) -> None:
+        super().__init__(config, descriptors, clock)
+        self._open_stream = open_stream
+
+    async def connect(self) -> Connection:
+        return await self._open(CONNECT_S)
+
+    async def keep_up(self, session: Connection) -> None:
+        while True:
+            await trio.sleep(KEEP_S)
+            await session.unary(Method.PING, b"", KEEP_S)
+
+    async def make_safe_by(self, session: Connection | None, safe_state: str) -> tuple[MotorReport, ...]:
+        stop = Stop(self.config, session, lambda: self._open(ANSWER_S))
+        try:
+            return await stop.run(safe_state)
+        finally:
+            self.replace(stop.connection)
+
+    def close(self) -> None:
+        """In order: a robot that was frozen finds the stop when it goes on."""
+        if self.session is not None:
+            self.session.close_in_order()
+        super().close()
+
+    async def _open(self, within_s: float) -> Connection:
+        host, port = self.config.address()
+        return await open_grpc(host, port, within_s=within_s, open_stream=self._open_stream)

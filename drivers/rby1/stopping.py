@@ -1,0 +1,172 @@
+"""How an RB-Y1 is stopped: by the wire on its own connection, by the root on one of its own.
+
+``CancelControl`` ends whatever the robot does, and it holds where it is. When that is not answered,
+or does not help, the control manager is disabled. ``off`` takes the power of the motors away, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.grpc import Connection
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from . import protocol as p
+from .config import RBY1Config
+from .protocol import Control, Manager, ManagerOrder, Method, PowerOrder
+from .states import RobotState
+
+Order = tuple[Method, bytes]
+
+CANCEL: Order = (Method.CANCEL, b"")
+DISABLE: Order = (Method.MANAGER, p.encode_manager_order(ManagerOrder.DISABLE))
+POWER_OFF: Order = (Method.POWER, p.encode_order(p.MOTOR_SUPPLY, PowerOrder.OFF))
+
+ANSWER_S = 0.3
+"""How long one order waits for its answer."""
+ATTEMPTS = 3
+LOOK_S = 0.25
+"""How long the robot may take to stand, after an order that was answered."""
+STEADY_S = 0.05
+"""A robot that stands does so for this long: a command that it found late shows meanwhile."""
+POLL_S = 0.01
+STANDING_RAD_S = 0.05
+"""A joint that shows less stands [assumed]."""
+
+LONGEST_S = (ATTEMPTS + 1) * (ANSWER_S + LOOK_S)
+"""Of one stop, with an order that is the last resort."""
+
+_BUSY = (Control.EXECUTING, Control.SWITCHING)
+_CODE_OK = 1
+
+Connect = Callable[[], Awaitable[Connection]]
+
+
+class Stop:
+    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is
+    gone."""
+
+    def __init__(self, config: RBY1Config, connection: Connection | None, connect: Connect) -> None:
+        self.connection = connection
+        self._config = config
+        self._connect = connect
+        self._written = self._acknowledged = False
+        self._moving: Sequence[str] = config.axes
+        self._why = "not connected"
+
+    async def run(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """Bring the robot to ``safe_state``. Never raises; takes ``LONGEST_S`` at most."""
+        if safe_state == SafeState.OFF:
+            orders: list[Sequence[Order]] = [(CANCEL, DISABLE, POWER_OFF)] * ATTEMPTS
+        else:
+            orders = [(CANCEL,)] * ATTEMPTS
+            if safe_state != SafeState.HOLD:
+                orders.append((CANCEL, DISABLE))
+        for attempt in orders:
+            try:
+                if await self._try(attempt):
+                    return self._reports(True)
+            except WireDown as down:
+                self._why = str(down)
+        return self._reports(False)
+
+    async def _try(self, orders: Sequence[Order]) -> bool:
+        """Send the orders, then see what becomes of them. Raise ``WireDown``."""
+        with trio.move_on_after(ANSWER_S) as answering:
+            if self.connection is None or not self.connection.is_open:
+                self.connection = await self._connect()
+            connection = self.connection
+            # All leave before anything is waited for. One that is not answered is not withdrawn: a
+            # robot that was frozen finds it.
+            calls = [connection.ask(method, message) for method, message in orders]
+            self._written, self._why = True, "silent"
+            for call in calls:
+                answer = await connection.answer(call, ANSWER_S)
+                if answer is None:
+                    return False
+                if refusal := _refusal(answer, call.path):
+                    raise WireDown(f"{call.name}: {refusal}")
+            self._acknowledged = True
+        if answering.cancelled_caught:
+            return False
+        with trio.move_on_after(LOOK_S):
+            return await self._stands(connection, orders)
+        return False
+
+    async def _stands(self, connection: Connection, orders: Sequence[Order]) -> bool:
+        """Look until the robot stands, and does so for a while. A command that runs now was found
+        late: it is cancelled by the next attempt."""
+        steady_s: float | None = None
+        while True:
+            answer = await connection.unary(Method.GET_ROBOT_STATE, b"", LOOK_S)
+            try:
+                state = RobotState.decode(answer)
+            except MalformedFrame as malformed:
+                raise WireDown(f"{connection.name}: its state cannot be understood ({malformed})") from None
+            self._why = self._trouble(state, orders)
+            if state.manager.control == Control.EXECUTING:
+                return False
+            now_s = trio.current_time()
+            if self._why:
+                steady_s = None
+            elif steady_s is None:
+                steady_s = now_s
+            elif now_s - steady_s >= STEADY_S:
+                return True
+            await trio.sleep(POLL_S)
+
+    def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
+        """Return what is not as it was ordered; empty: nothing."""
+        rows = zip(self._config.axes, self._config.ids, strict=True)
+        speeds = {axis: abs(state.velocity[at]) if at < len(state.velocity) else 0.0 for axis, at in rows}
+        self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
+        if state.manager.control in _BUSY:
+            self._moving = self._config.axes
+            return f"its controller is {p.name_of(Control, state.manager.control)}"
+        if DISABLE in orders and state.manager.state == Manager.ENABLED:
+            self._moving = self._config.axes
+            return "its control manager is still enabled"
+        if POWER_OFF in orders and state.powered:
+            self._moving = self._config.axes
+            return "its motors still have power"
+        return "moves" if self._moving else ""
+
+    def _reports(self, safe: bool) -> tuple[MotorReport, ...]:
+        return tuple(
+            MotorReport(
+                axis,
+                number,
+                self._written,
+                self._acknowledged,
+                safe or (self._acknowledged and bool(self._moving) and axis not in self._moving),
+                "" if safe or (self._acknowledged and axis not in self._moving) else self._why,
+            )
+            for axis, number in zip(self._config.axes, self._config.ids, strict=True)
+        )
+
+
+def not_connected(config: RBY1Config, why: str = "not connected") -> tuple[MotorReport, ...]:
+    """Report that nothing was written."""
+    rows = zip(config.axes, config.ids, strict=True)
+    return tuple(MotorReport(axis, number, False, False, False, why) for axis, number in rows)
+
+
+def _refusal(answer: bytes, path: str) -> str:
+    """Return why the robot did not do it; empty: it did."""
+    try:
+        header = pb.message(pb.last_bytes(pb.message(answer), 1))
+        error = pb.message(pb.last_bytes(header, 4))
+        code = pb.last_int(error, 1, _CODE_OK)
+        if code > _CODE_OK:
+            return p.text(pb.last_bytes(error, 2)) or f"error {code}"
+        if path == Method.POWER:
+            done, why = p.decode_done(answer)
+            return "" if done == p.Done.SUCCESS else why or p.name_of(p.Done, done)
+    except MalformedFrame as malformed:
+        return str(malformed)
+    return ""

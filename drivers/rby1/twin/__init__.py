@@ -1,0 +1,117 @@
+"""The robot's end of an RB-Y1's wire: its gRPC server, MuJoCo behind it.
+
+Besides the control lines of every twin it takes ``emergency-stop pressed``, ``emergency-stop
+released``, ``manager MINOR_FAULT`` and ``manager MAJOR_FAULT``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
+
+import trio
+
+from strands_actors.drivers.common.twin import Fault, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin.grpc import GrpcHost
+from strands_actors.drivers.rby1.protocol import PORT, Manager
+from strands_actors.drivers.rby1.robots import TABLES
+
+from .body import RBY1Body
+from .controller import Controller
+from .service import RBY1Service
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": f"TCP port of its gRPC server (default: {PORT})",
+}
+
+TICK_S = 0.004
+
+
+class Machine:
+    """What may happen to the robot."""
+
+    def __init__(self, service: RBY1Service) -> None:
+        self._service = service
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None:
+        """Set a fault. ``unit`` 2 to 23: a joint, which can only get stuck. None: what the server
+        sends."""
+        plant = self._service.controller.plant
+        if unit is None:
+            self._service.faults.set(fault)
+        elif fault in (Fault.OK, Fault.STUCK) and 0 <= unit - 2 < len(plant.joints):
+            plant.set_stuck(unit - 2, fault is Fault.STUCK)
+        else:
+            raise ValueError(f"a joint, 2 to {len(plant.joints) + 1}, can be ok or stuck, not {fault}")
+
+    def power_cycle(self) -> None:
+        self._service.controller.wake_up()
+
+
+class RBY1Server(TcpServer):
+    """Serves one robot, and makes its time pass."""
+
+    def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
+        self._service = RBY1Service(controller)
+        self._grpc = GrpcHost(self._service)
+        self._body = RBY1Body(controller)
+        super().__init__(Machine(self._service), {port: self._grpc.serve}, log, host)
+
+    @property
+    def body(self) -> RBY1Body:
+        return self._body
+
+    def set_fault(self, text: str) -> None:
+        was_off = self._service.faults.of(None) is Fault.OFF
+        super().set_fault(text)
+        is_off = self._service.faults.of(None) is Fault.OFF
+        if is_off:
+            self._service.controller.wake_up()
+            self.unplug()
+        elif was_off:
+            self.plug()
+
+    def power_cycle(self) -> None:
+        """End every connection; the robot comes back without power on its motors."""
+        super().power_cycle()
+        self.unplug()
+        self.plug()
+
+    def order(self, words: Sequence[str]) -> bool:
+        controller = self._service.controller
+        match words:
+            case ["emergency-stop", "pressed" | "released" as word]:
+                controller.press(word == "pressed")
+            case ["manager", "MINOR_FAULT" | "MAJOR_FAULT" as word]:
+                controller.fail(Manager[word])
+            case _:
+                return False
+        return True
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(super().serve)
+            nursery.start_soon(self._tick)
+
+    async def _tick(self) -> None:
+        due_s = trio.current_time()
+        while True:
+            await self._frost.thawed()
+            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
+            self._service.tick()
+            self._grpc.flush()
+            due_s = max(due_s + TICK_S, trio.current_time() - TICK_S)
+            await trio.sleep_until(due_s)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", PORT))
+    controller = Controller(TABLES.table(robot))
+
+    def build(wire_log: WireLog) -> RBY1Server:
+        return RBY1Server(controller, wire_log, host, port)
+
+    run_server(build, **start)

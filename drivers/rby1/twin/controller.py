@@ -1,0 +1,326 @@
+"""The robot of the twin: its supplies, servos, control manager and commands. It knows no sockets.
+
+Time passes in ticks, on the clock it is given. What nobody has seen on a real robot is marked
+[assumed].
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import msgspec
+
+from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.rby1.commands import PARTS, Command, Finish, JointPosition
+from strands_actors.drivers.rby1.protocol import (
+    MOTOR_SUPPLY,
+    Control,
+    JointOrder,
+    Manager,
+    ManagerOrder,
+    ManagerState,
+    Power,
+    RobotInfo,
+)
+from strands_actors.drivers.rby1.robots import FIRST_JOINT
+from strands_actors.drivers.rby1.states import RobotState
+
+from .urdf import WHEELS, urdf_of
+
+SUPPLIES = ("5v", "12v", "24v", MOTOR_SUPPLY)
+ROOM_C, BATTERY_PCT, BATTERY_V = 30.0, 80.0, 50.0
+
+BRAKING_S = 0.05
+"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
+back."""
+
+LONGEST_S = 0.1
+"""A stall of the twin itself is dropped beyond this, not made up for."""
+
+_ROUNDING = 1e-6
+
+
+class Owner(Protocol):
+    """Whoever sent a command, and is told what becomes of it."""
+
+    def finished(self, why: Finish) -> None: ...
+
+
+class Motion(msgspec.Struct, frozen=True):
+    """One part on its way."""
+
+    begin: tuple[float, ...]
+    goal: tuple[float, ...]
+    begin_s: float
+    arrive_s: float
+    until_s: float  # then nobody holds on to the goal any more
+
+    def at(self, now_s: float) -> list[float]:
+        span_s = self.arrive_s - self.begin_s
+        share = 1.0 if span_s <= 0.0 else min(1.0, (now_s - self.begin_s) / span_s)
+        return [one + share * (two - one) for one, two in zip(self.begin, self.goal, strict=True)]
+
+
+class Controller:
+    def __init__(self, table: Mapping[str, Any], now_s: Callable[[], float] = time.monotonic) -> None:
+        """``table``: of ``robots.toml``."""
+        joints = table["joints"]
+        self.plant = Plant.from_table(table)
+        self.now_s = now_s
+        self.urdf = urdf_of(table)
+        self._ranges: list[tuple[float, float]] = [tuple(joint["range_rad"]) for joint in joints]
+        self._speeds: list[float] = [joint["speed_rad_s"] for joint in joints]
+        self._slices: dict[str, slice] = {}
+        at = 0
+        for name, count in PARTS.items():
+            self._slices[name] = slice(at, at + count)
+            at += count
+        self.info = RobotInfo(
+            "A",
+            "1.2",
+            (*WHEELS, *(joint["key"] for joint in joints)),
+            SUPPLIES,
+            ("EMO",),
+            (
+                ("mobility", (0, 1)),
+                ("body", tuple(range(FIRST_JOINT, FIRST_JOINT + 20))),
+                *((name, tuple(range(part.start + 2, part.stop + 2))) for name, part in self._slices.items()),
+            ),
+        )
+        self.wake_up()
+
+    def wake_up(self) -> None:
+        """Begin as when switched on: the arms stay where they are, the brakes hold."""
+        self.supplies = dict.fromkeys(SUPPLIES, False)
+        self.servos = [False] * len(self.info.joints)
+        self.manager: int = Manager.IDLE
+        self.pressed = False
+        self.led = False  # whether a simulation moves it: until it is energised on the wire
+        self.time_scale = 1.0
+        self._motions: dict[str, Motion] = {}
+        self._owner: Owner | None = None
+        self._priority = 0
+        self._rested = True  # nothing was energised yet: brakes hold the arms, too [assumed]
+        self._ticked_s = self.now_s()
+        self._set_brakes()
+        self._halt()
+        self.plant.catch_up(self._ticked_s)
+
+    # -- what it is
+
+    @property
+    def control(self) -> Control:
+        return Control.EXECUTING if self._motions else Control.IDLE
+
+    @property
+    def runs(self) -> bool:
+        """Return whether whoever is on the wire has the joints."""
+        return all(self.servos[FIRST_JOINT:])
+
+    @property
+    def manager_state(self) -> ManagerState:
+        enabled = tuple(range(len(self.servos))) if self.manager == Manager.ENABLED else ()
+        return ManagerState(self.manager, self.control, self.time_scale, enabled)
+
+    def state(self) -> RobotState:
+        plant, count = self.plant, len(self.servos)
+        wheels = (0.0,) * FIRST_JOINT
+        return RobotState(
+            position=wheels + plant.position_rad,
+            velocity=wheels + plant.velocity_rad_s,
+            torque=wheels + plant.effort_nm,
+            target=wheels + tuple(self._target),
+            current=(0.0,) * count,
+            temperature=(ROOM_C,) * count,
+            ready=tuple(self.servos),
+            powers=tuple(Power.ON if on else Power.OFF for on in self.supplies.values()),
+            emergency_stops=(int(self.pressed),),
+            battery_pct=BATTERY_PCT,
+            battery_v=BATTERY_V,
+            manager=self.manager_state,
+            time_ns=time.time_ns(),
+        )
+
+    # -- what may happen to it
+
+    def press(self, pressed: bool) -> None:
+        """Press or release the emergency stop button: it takes the power of the motors away."""
+        self.pressed = pressed
+        if pressed:
+            self.power(MOTOR_SUPPLY, False)
+
+    def fail(self, fault: Manager) -> None:
+        """Put the control manager into a fault; what runs is ended."""
+        self._end(Finish.CONTROL_MANAGER_FAULT)
+        self.manager = fault
+
+    # -- orders
+
+    def power(self, names: str, on: bool) -> bool:
+        """Switch the supplies that match. Return whether it is done."""
+        found = _matching(names, SUPPLIES)
+        if found is None or (on and self.pressed):
+            return False
+        for at in found:
+            self.supplies[SUPPLIES[at]] = on
+        if not self.supplies[MOTOR_SUPPLY]:
+            self._servos_off(range(len(self.servos)))
+        return True
+
+    def servo(self, names: str, order: int) -> bool:
+        """Switch the servos that match. Return whether it is done."""
+        found = _matching(names, self.info.joints)
+        if found is None:
+            return False
+        if order == JointOrder.SERVO_ON:
+            if not self.supplies[MOTOR_SUPPLY]:
+                return False
+            if not self.runs:
+                self._halt()
+            for at in found:
+                self.servos[at] = True
+            self.led = self._rested = False
+            self._set_brakes()
+        elif order == JointOrder.BRAKE_ENGAGE:
+            self._servos_off(found)
+        return True
+
+    def servo_off(self, names: str) -> bool:
+        found = _matching(names, self.info.joints)
+        if found is not None:
+            self._servos_off(found)
+        return found is not None
+
+    def order_manager(self, order: int) -> None:
+        match order:
+            case ManagerOrder.ENABLE if self.manager == Manager.IDLE and any(self.servos):
+                self._halt()
+                self.manager = Manager.ENABLED
+            case ManagerOrder.DISABLE if self.manager == Manager.ENABLED:
+                self._end(Finish.CONTROL_MANAGER_IDLE)
+                self.manager = Manager.IDLE
+            case ManagerOrder.RESET_FAULT if self.manager in (Manager.MINOR_FAULT, Manager.MAJOR_FAULT):
+                self.manager = Manager.IDLE
+
+    def cancel(self) -> None:
+        self._end(Finish.CANCELED)
+
+    def command(self, owner: Owner, command: Command) -> Finish | None:
+        """Take a command. Return why it is not done, else None: it runs, and takes the place of
+        whatever ran with no higher priority [assumed]."""
+        self.tick()
+        if self.manager != Manager.ENABLED:
+            faulty = self.manager in (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
+            return Finish.CONTROL_MANAGER_FAULT if faulty else Finish.CONTROL_MANAGER_IDLE
+        if command.stops:
+            self._end(Finish.CANCELED)
+            return Finish.OK
+        if not command.parts or not all(self._within(name, part) for name, part in command.parts.items()):
+            return Finish.INITIALIZED_FAILED
+        if self._motions and self._owner is not owner:
+            if command.priority < self._priority:
+                return Finish.PREEMPTED
+            self._end(Finish.PREEMPTED)
+        self._owner, self._priority = owner, command.priority
+        for name, part in command.parts.items():
+            self._motions[name] = self._motion(name, part)
+        return None
+
+    def leave(self, owner: Owner) -> None:
+        """A stream has ended, and its command with it."""
+        if self._owner is owner:
+            self._owner = None
+            self._end(Finish.CANCELED)
+
+    def _within(self, name: str, part: JointPosition) -> bool:
+        rows = zip(part.position, self._ranges[self._slices[name]], strict=True)
+        return all(low - _ROUNDING <= rad <= high + _ROUNDING for rad, (low, high) in rows)
+
+    def _motion(self, name: str, part: JointPosition) -> Motion:
+        """In the time it is given, but no quicker than its joints turn."""
+        now_s, joints = self.now_s(), self._slices[name]
+        begin = tuple(self._target[joints])
+        rows = zip(begin, part.position, self._speeds[joints], strict=True)
+        needed_s = max(abs(two - one) / speed for one, two, speed in rows)
+        arrive_s = now_s + max(part.minimum_s, needed_s)
+        return Motion(begin, part.position, now_s, arrive_s, arrive_s + part.hold_s)
+
+    # -- the joints
+
+    def aim(self, goal: Sequence[float]) -> None:
+        """Take the target of a simulation."""
+        self._target = list(goal)
+
+    def hold(self) -> None:
+        self._halt()
+
+    def lead(self, on: bool) -> None:
+        """Let a simulation move the robot, or take it back."""
+        self.led = on
+        self._rested = not on
+        self._halt()
+        self._set_brakes()
+
+    def _end(self, why: Finish) -> None:
+        """End what runs; the robot holds where it is."""
+        owner, self._owner = self._owner, None
+        if self._motions:
+            self._motions.clear()
+            self._halt()
+            if owner is not None:
+                owner.finished(why)
+
+    def _halt(self) -> None:
+        columns = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
+        self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
+
+    def _servos_off(self, joints: Sequence[int]) -> None:
+        for at in joints:
+            self.servos[at] = False
+        if not self.runs and self.manager == Manager.ENABLED:
+            self._end(Finish.UNEXPECTED_STATE)
+            self.manager = Manager.IDLE
+        self._set_brakes()
+
+    def _set_brakes(self) -> None:
+        """The torso has brakes. Arms and head drop without power, once they were energised
+        [assumed]."""
+        torso = self._slices["torso"].stop
+        for at in range(len(self.plant.joints)):
+            on = self.led or self.servos[FIRST_JOINT + at]
+            self.plant.set_stuck(at, not on and (at < torso or self._rested))
+            self.plant.set_torque(at, on)
+
+    # -- time
+
+    def tick(self) -> None:
+        now_s = self.now_s()
+        elapsed_s, self._ticked_s = min(now_s - self._ticked_s, LONGEST_S), now_s
+        self.advance(elapsed_s)
+        self.plant.catch_up(now_s)
+
+    def advance(self, elapsed_s: float) -> None:
+        """Set the joints' targets for now; end commands that nobody holds on to."""
+        now_s = self.now_s()
+        for name, motion in self._motions.items():
+            self._target[self._slices[name]] = motion.at(now_s)
+        if self._motions and all(now_s >= motion.until_s for motion in self._motions.values()):
+            owner, self._owner = self._owner, None
+            self._motions.clear()
+            if owner is not None:
+                owner.finished(Finish.OK)
+        for joint, rad in enumerate(self._target):
+            self.plant.set_target(joint, rad)
+
+
+def _matching(pattern: str, names: Sequence[str]) -> list[int] | None:
+    """Return which names a regular expression matches as a whole; None: it is none, or too long."""
+    if len(pattern) > 64:
+        return None
+    try:
+        return [at for at, name in enumerate(names) if re.fullmatch(pattern, name)]
+    except re.error:
+        return None

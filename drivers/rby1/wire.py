@@ -1,0 +1,226 @@
+"""An RB-Y1's gRPC server in the wire process.
+
+States are pushed on one call, commands go out on another; both are read and written without a wait.
+Only ``open``, ``arm``, ``make_safe`` and a service wait, each wait with a deadline.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, TypeVar
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.drivers.common.grpc import Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import RBY1Config
+from .gates import CONTROLLER, refuse_fault, refuse_pressed
+from .protocol import Control, JointOrder, Manager, ManagerOrder, Method, PowerOrder
+from .session import Session, open_session
+from .stop_channel import RBY1StopChannel
+from .stopping import ANSWER_S, Stop, not_connected
+
+T = TypeVar("T")
+
+QUIET_S = 0.1
+"""No setpoint is written to a robot that has been silent for so long: it would be taken up late."""
+
+ORDER_S = 2.0
+"""An order to supplies, servos or control manager is answered by then."""
+POWER_S = 5.0
+SERVO_S = 5.0
+ENABLE_S = 2.0
+"""By then a state shows what was ordered."""
+FRESH_S = 1.0
+
+
+class RBY1Wire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: RBY1Config, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+        self._config = config
+        self._clock = clock
+        self._open_stream = open_stream
+        self._session_or_none: Session | None = None
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        self._session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
+        return facts
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Power, servos, control manager: each only when it is not there yet, and after the
+        emergency stop buttons and the control manager's faults were looked at."""
+        session = self._session()
+        await session.next_state(self._clock, FRESH_S)
+        self._refuse(session)
+        if session.state.manager.control == Control.EXECUTING:
+            raise WireDown("arm: another program moves the robot. End it, then try again")
+        if not session.state.powered:
+            permit.check()
+            await self._order(session, Method.POWER, p.encode_order(p.ALL, PowerOrder.ON))
+            await self._until(session, lambda: session.state.powered, "power is not on", POWER_S, permit)
+        if not session.ready:
+            permit.check()
+            await self._order(session, Method.JOINT, p.encode_order(p.ALL, JointOrder.SERVO_ON))
+            await self._until(session, lambda: session.ready, "servos are not on", SERVO_S, permit)
+        if session.state.manager.state != Manager.ENABLED:
+            permit.check()
+            await self._manager(session, ManagerOrder.ENABLE)
+            await self._until(
+                session,
+                lambda: session.state.manager.state == Manager.ENABLED,
+                "the control manager is not enabled",
+                ENABLE_S,
+                permit,
+            )
+        permit.check()
+        session.drop_stream()
+        session.lost = ""
+        return self._observation(session)
+
+    @property
+    def prompt(self) -> bool:
+        return True
+
+    async def read(self) -> Observation:
+        session = self._session()
+        now_ns = self._clock.now_ns()
+        session.take_waiting(now_ns)
+        silent_s = session.silent_s(now_ns)
+        if silent_s > self._config.silent_s:
+            raise WireDown(
+                f"read: {self._config.robot} is silent for {silent_s * 1e3:.0f} ms. Check the robot and its network"
+            )
+        return self._observation(session)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        now_ns = self._clock.now_ns()
+        session.take_waiting(now_ns)
+        if session.lost:
+            raise PermitDenied(session.lost)
+        silent_s = session.silent_s(now_ns)
+        if silent_s > QUIET_S:
+            raise PermitDenied(f"the robot is silent for {silent_s * 1e3:.0f} ms")
+        message = session.command(values)
+        permit.check()
+        session.send(message)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return not_connected(self._config)
+        with contextlib.suppress(WireDown):
+            session.drop_stream()
+        stop = Stop(self._config, session.connection, self._connect)
+        try:
+            return await stop.run(safe_state)
+        finally:
+            if stop.connection is not None and stop.connection is not session.connection:
+                stop.connection.close_in_order()
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        channel = RBY1StopChannel(self._config, (), self._clock, self._open_stream)
+        try:
+            return await channel.make_safe(safe_state)
+        finally:
+            channel.close()
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """``reset_fault_control_manager``: what was a fault is idle; nothing is energised."""
+        session = self._session()
+        permit.check()
+        return {"control_manager": (await self._manager(session, ManagerOrder.RESET_FAULT)).text}
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.connection.close()
+        self._session_or_none = None
+
+    # -- arming
+
+    def _refuse(self, session: Session) -> None:
+        """Raise ``WireDown`` for a robot that may not be powered now."""
+        state = session.state
+        refusal = refuse_pressed(state.pressed) or refuse_fault(state.manager.state)
+        if refusal is not None:
+            raise WireDown(refusal.text.removeprefix("move: "))
+
+    async def _order(self, session: Session, method: Method, message: bytes) -> None:
+        answer = await session.connection.unary(method, message, ORDER_S)
+        done, why = _decoded(p.decode_done, answer)
+        if done != p.Done.SUCCESS:
+            name = method.rpartition("/")[2]
+            raise WireDown(
+                f"arm: the robot refuses {name}: {why or p.name_of(p.Done, done)}. Look at it, then try again"
+            )
+
+    async def _manager(self, session: Session, order: ManagerOrder) -> p.ManagerState:
+        answer = await session.connection.unary(Method.MANAGER, p.encode_manager_order(order), ORDER_S)
+        return _decoded(p.decode_manager_answer, answer)
+
+    async def _until(
+        self, session: Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
+    ) -> None:
+        """Wait for a state that shows it. Raise ``WireDown``."""
+        with trio.move_on_after(within_s):
+            while not ready():
+                await session.next_state(self._clock, FRESH_S)
+                permit.check()
+                self._refuse(session)
+        if not ready():
+            raise WireDown(f"arm: {otherwise} after {within_s:g} s. Look at the robot, then try again")
+
+    # -- parts
+
+    async def _connect(self) -> Connection:
+        host, port = self._config.address()
+        return await open_grpc(host, port, within_s=ANSWER_S, open_stream=self._open_stream)
+
+    def _observation(self, session: Session) -> Observation:
+        state, limits = session.state, session.limits
+        return Observation(
+            t_ns=session.stamp_ns,
+            position=session.row(state.position),
+            stamp_ns=(session.stamp_ns,) * len(self._config.axes),
+            velocity=session.row(state.velocity),
+            sensors={
+                "torque_nm": session.row(state.torque),
+                "temperature_c": session.row(state.temperature),
+                "battery_pct": (state.battery_pct,),
+                "battery_v": (state.battery_v,),
+                "odometry_xy_m": state.odometry[:2],
+                "odometry_heading_rad": state.odometry[2:],
+                "center_of_mass_m": state.center_of_mass,
+                "emergency_stop": (float(state.pressed),),
+                "power": (float(state.powered),),
+                "joints_ready": (float(session.ready),),
+                "control_manager": (float(state.manager.state),),
+                "control_state": (float(state.manager.control),),
+                "range_low_rad": limits.low,
+                "range_high_rad": limits.high,
+                "speed_limit_rad_s": limits.speed,
+            },
+            faults={CONTROLLER: session.lost} if session.lost else {},
+        )
+
+    def _session(self) -> Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:
+    """Raise ``WireDown`` for an answer that cannot be understood."""
+    try:
+        return decode(answer)
+    except MalformedFrame as malformed:
+        raise WireDown(f"the robot's answer cannot be understood ({malformed})") from None
