@@ -88,7 +88,7 @@ class RBY1(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.15,
             arm_s=20.0,
-            safe_s=2.5,
+            safe_s=3.0,
         )
         self.fallbacks: Mapping[Reason, str] = {
             **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},

@@ -20,6 +20,8 @@ ALL = ".*"
 """Every supply, or every joint: the server takes names as regular expressions."""
 MOTOR_SUPPLY = "48v"
 
+_CODE_OK = 1
+
 
 class Method(enum.StrEnum):
     """The services that are used."""
@@ -132,6 +134,19 @@ def decode_rate(data: bytes) -> float:
 
 
 # -- answers
+
+
+def headed(answer: bytes) -> bytes:
+    """Put a ``ResponseHeader`` before an answer: the vendor's client takes a call for done only
+    when the robot says that there was no error."""
+    return pb.bytes_field(1, pb.bytes_field(4, pb.varint_field(1, _CODE_OK))) + answer
+
+
+def error_of(answer: bytes) -> str:
+    """Return the error in an answer's header; empty: there is none. Raise ``MalformedFrame``."""
+    error = pb.message(pb.last_bytes(pb.message(pb.last_bytes(pb.message(answer), 1)), 4))
+    code = pb.last_int(error, 1, _CODE_OK)
+    return "" if code <= _CODE_OK else text(pb.last_bytes(error, 2)) or f"error {code}"
 
 
 def encode_done(done: Done, why: str = "") -> bytes:

@@ -11,6 +11,7 @@ import msgspec
 from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.malformed import MalformedFrame
 
+from .commands import encode_duration
 from .protocol import ManagerState, Power, double, messages
 
 NS = 1_000_000_000
@@ -126,6 +127,7 @@ class RobotState(msgspec.Struct, frozen=True):
             + pb.varint_field(2, Fet.ON if ready else Fet.OFF)
             + pb.varint_field(3, Run.CONTROL_ON if ready else Run.CONTROL_OFF)
             + pb.varint_field(4, 1)
+            + pb.bytes_field(9, encode_duration(0.0))  # without it the vendor's client takes the servo for off
             + pb.varint_field(10, int(self.powered))
             + pb.double_field(11, self.position[at])
             + pb.double_field(12, self.velocity[at])

@@ -12,7 +12,6 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.grpc import Connection
 from strands_actors.drivers.common.malformed import MalformedFrame
 
@@ -30,7 +29,7 @@ POWER_OFF: Order = (Method.POWER, p.encode_order(p.MOTOR_SUPPLY, PowerOrder.OFF)
 ANSWER_S = 0.3
 """How long one order waits for its answer."""
 ATTEMPTS = 3
-LOOK_S = 0.25
+LOOK_S = 0.4
 """How long the robot may take to stand, after an order that was answered."""
 STEADY_S = 0.05
 """A robot that stands does so for this long: a command that it found late shows meanwhile."""
@@ -39,10 +38,9 @@ STANDING_RAD_S = 0.05
 """A joint that shows less stands [assumed]."""
 
 LONGEST_S = (ATTEMPTS + 1) * (ANSWER_S + LOOK_S)
-"""Of one stop, with an order that is the last resort."""
+"""Of one stop, with the order that is the last resort."""
 
 _BUSY = (Control.EXECUTING, Control.SWITCHING)
-_CODE_OK = 1
 
 Connect = Callable[[], Awaitable[Connection]]
 
@@ -159,14 +157,9 @@ def not_connected(config: RBY1Config, why: str = "not connected") -> tuple[Motor
 def _refusal(answer: bytes, path: str) -> str:
     """Return why the robot did not do it; empty: it did."""
     try:
-        header = pb.message(pb.last_bytes(pb.message(answer), 1))
-        error = pb.message(pb.last_bytes(header, 4))
-        code = pb.last_int(error, 1, _CODE_OK)
-        if code > _CODE_OK:
-            return p.text(pb.last_bytes(error, 2)) or f"error {code}"
-        if path == Method.POWER:
-            done, why = p.decode_done(answer)
-            return "" if done == p.Done.SUCCESS else why or p.name_of(p.Done, done)
+        if why := p.error_of(answer):
+            return why
+        done, why = p.decode_done(answer) if path == Method.POWER else (p.Done.SUCCESS, "")
+        return "" if done == p.Done.SUCCESS else why or p.name_of(p.Done, done)
     except MalformedFrame as malformed:
         return str(malformed)
-    return ""

@@ -218,6 +218,11 @@ class RBY1Wire(Wire):
         return self._session_or_none
 
 
+def _refused(method: Method, why: str) -> WireDown:
+    name = method.rpartition("/")[2]
+    return WireDown(f"the robot refuses {name}: {why}. Look at it, then try again")
+
+
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:
     """Raise ``WireDown`` for an answer that cannot be understood."""
     try:

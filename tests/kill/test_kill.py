@@ -25,6 +25,7 @@ HARDEST = (
     "xarm7",
     "kuka_iiwa",
     "kinova_gen3",
+    "rby1",
     "panda",
     "earthrover",
     "yahboom_m3pro",

@@ -33,7 +33,7 @@ from .urdf import WHEELS, urdf_of
 SUPPLIES = ("5v", "12v", "24v", MOTOR_SUPPLY)
 ROOM_C, BATTERY_PCT, BATTERY_V = 30.0, 80.0, 50.0
 
-BRAKING_S = 0.05
+BRAKING_S = 0.02
 """A servo of the twin lags so far behind its target: where it halts from any speed without turning
 back."""
 

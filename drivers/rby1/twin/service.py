@@ -63,9 +63,9 @@ class RBY1Service:
         elif method is Method.STATE_STREAM:
             self._states[call] = StateStream(call, p.decode_rate(message), self.controller.now_s())
         elif self.faults.of(None) is Fault.STUCK and kind_of(method, message) not in ("read", "keepalive"):
-            call.answer(p.encode_done(Done.SUCCESS))  # it answers, and does nothing
+            call.answer(p.headed(p.encode_done(Done.SUCCESS)))  # it answers, and does nothing
         else:
-            call.answer(self._obey(method, message))
+            call.answer(p.headed(self._obey(method, message)))
 
     def over(self, call: ServerCall) -> None:
         command = self._commands.get(call)
