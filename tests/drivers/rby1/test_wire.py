@@ -137,7 +137,7 @@ async def test_limits_for_fewer_joints_than_named_refuse_bring_up(world: World, 
 @in_a_world
 async def test_a_port_that_is_no_address_is_named(world: World) -> None:
     config = msgspec.structs.replace(world.driver.config, port="robot:x")
-    with pytest.raises(WireDown, match="port is 'robot:x'. Give an address"):
+    with pytest.raises(WireDown, match=r"port is 'robot:x'\. Give an address"):
         await RBY1Wire(config, world.wire()._clock, world.open_stream).open()
 
 
@@ -170,7 +170,7 @@ async def test_the_emergency_stop_button_is_refused_before_power_on(world: World
     world.controller.press(True)
     wire = world.wire()
     await wire.open()
-    with pytest.raises(WireDown, match="the emergency stop button is pressed. release it"):
+    with pytest.raises(WireDown, match=r"the emergency stop button is pressed\. release it"):
         await wire.arm(Permission())
     assert set(world.kinds()) == {"read"}
     world.controller.press(False)

@@ -1,0 +1,238 @@
+"""The codec: what is written is read again, and whatever else may come is its own error."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.drivers.common.grpc_messages import ClientEnd, ServerEnd
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.rby1 import protocol as p
+from strands_actors.drivers.rby1.commands import (
+    PARTS,
+    Command,
+    Feedback,
+    Finish,
+    JointPosition,
+    Status,
+    decode_duration,
+    encode_command,
+    encode_duration,
+    split,
+)
+from strands_actors.drivers.rby1.model import limits_of
+from strands_actors.drivers.rby1.protocol import Manager, ManagerState, RobotInfo
+from strands_actors.drivers.rby1.robots import TABLES
+from strands_actors.drivers.rby1.states import RobotState
+from strands_actors.drivers.rby1.twin.service import kind_of
+from strands_actors.drivers.rby1.twin.urdf import urdf_of
+
+DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+
+rad = st.floats(-7.0, 7.0)
+seconds = st.floats(0.0, 1e6).map(lambda value: round(value, 9))
+
+
+def positions(count: int) -> st.SearchStrategy[JointPosition]:
+    return st.builds(JointPosition, st.tuples(*[rad] * count), seconds, seconds)
+
+
+some_parts = st.fixed_dictionaries({}, optional={name: positions(count) for name, count in PARTS.items()})
+managers = st.builds(
+    ManagerState, st.integers(0, 4), st.integers(0, 3), st.floats(0, 1), st.tuples(*[st.integers(0, 23)] * 3)
+)
+rows = st.tuples(*[rad] * 24)
+
+
+@given(some_parts, st.integers(0, 100))
+def test_a_command_is_read_as_it_was_written(parts: dict[str, JointPosition], priority: int) -> None:
+    read = Command.decode(encode_command(parts, priority))
+    assert (read.parts, read.priority, read.stops) == (parts, priority, False)
+
+
+@given(seconds)
+def test_a_duration_is_exact_to_a_nanosecond(value: float) -> None:
+    assert decode_duration(encode_duration(value)) == pytest.approx(value, abs=2e-9)
+
+
+@given(managers)
+def test_a_manager_state_is_read_as_it_was_written(state: ManagerState) -> None:
+    assert p.decode_manager_answer(p.encode_manager_answer(state)) == state
+
+
+@given(
+    st.builds(
+        RobotState,
+        rows,
+        rows,
+        rows,
+        rows,
+        rows,
+        st.tuples(*[st.integers(0, 90).map(float)] * 24),
+        st.tuples(*[st.booleans()] * 24),
+        st.tuples(*[st.integers(0, 2)] * 4),
+        st.tuples(st.integers(0, 1)),
+        rad,
+        rad,
+        st.tuples(rad, rad, rad),
+        st.tuples(rad, rad, rad),
+        managers,
+        st.integers(0, 2**62),
+    )
+)
+def test_a_state_is_read_as_it_was_written(state: RobotState) -> None:
+    assert RobotState.decode(state.encode()) == state
+
+
+def test_who_it_is_is_read_as_it_was_written() -> None:
+    info = RobotInfo("A", "1.2", ("right_wheel", "torso_0"), ("5v", "48v"), ("EMO",), (("torso", (1,)),))
+    read = RobotInfo.decode(info.encode())
+    assert (read.model, read.version, read.joints, read.supplies) == ("A", "1.2", info.joints, info.supplies)
+    assert dict(read.parts)["torso"] == (1,)
+
+
+@pytest.mark.parametrize("finish", list(Finish))
+def test_what_a_robot_says_to_a_command(finish: Finish) -> None:
+    done = Feedback.decode(Feedback(Status.FINISHED, finish).encode())
+    assert done.dropped == ("" if finish is Finish.OK else finish.name)
+    assert Feedback.decode(Feedback(Status.RUNNING, finish).encode()).dropped == ""
+    assert Feedback(Status.FINISHED, 99).dropped == "finish code 99"
+
+
+def test_an_answers_header_says_whether_it_was_done() -> None:
+    from strands_actors.drivers.common import protobuf as pb
+
+    assert p.error_of(p.headed(b"")) == p.error_of(b"") == ""
+    error = pb.varint_field(1, 2) + pb.bytes_field(2, b"busy")
+    assert p.error_of(pb.bytes_field(1, pb.bytes_field(4, error))) == "busy"
+    assert p.error_of(pb.bytes_field(1, pb.bytes_field(4, pb.varint_field(1, 3)))) == "error 3"
+
+
+def test_a_row_is_split_by_part() -> None:
+    parts = split(range(22))
+    assert parts["torso"] == tuple(range(6)) and parts["head"] == (20, 21)
+
+
+# -- its model
+
+
+def test_limits_are_read_from_the_robots_own_model() -> None:
+    table = TABLES.table("rby1")
+    joints = [joint["key"] for joint in table["joints"]]
+    limits = limits_of(urdf_of(table), joints)
+    assert list(zip(limits.low, limits.high, strict=True)) == [tuple(j["range_rad"]) for j in table["joints"]]
+    assert list(limits.speed) == [j["speed_rad_s"] for j in table["joints"]]
+
+
+@pytest.mark.parametrize(
+    ("limit", "says"),
+    [
+        ("", "no limits of a"),
+        ('<limit lower="0" upper="1"/>', "no limits of a"),
+        ('<limit lower="1" upper="0" velocity="1"/>', "no limits of a"),
+        ('<limit lower="0" upper="inf" velocity="1"/>', "no limits of a"),
+        ('<limit lower="0" upper="1" velocity="0"/>', "no limits of a"),
+        ('<limit lower="x" upper="1" velocity="1"/>', "no limits of a"),
+    ],
+)
+def test_limits_that_cannot_be_are_none(limit: str, says: str) -> None:
+    with pytest.raises(MalformedFrame, match=says):
+        limits_of(f'<robot><joint name="a">{limit}</joint></robot>', ["a"])
+
+
+@pytest.mark.parametrize(
+    "urdf", ['<!DOCTYPE x [<!ENTITY a "a">]><robot>&a;</robot>', "<robot>" + " " * 600_000, "\0"]
+)
+def test_a_model_that_is_no_plain_urdf_is_refused(urdf: str) -> None:
+    with pytest.raises(MalformedFrame, match="URDF"):
+        limits_of(urdf, ["a"])
+
+
+# -- what else may come
+
+READERS: dict[str, Callable[[bytes], Any]] = {
+    "command": Command.decode,
+    "state": RobotState.decode,
+    "info": RobotInfo.decode,
+    "manager": p.decode_manager_answer,
+    "done": p.decode_done,
+    "error": p.error_of,
+    "order": p.decode_order,
+    "rate": p.decode_rate,
+    "model": p.decode_model,
+    "feedback": Feedback.decode,
+}
+
+
+def samples() -> dict[str, bytes]:
+    state = RobotState(*[(0.1,) * 24] * 6, (True,) * 24, (1,) * 4, (0,), manager=ManagerState(2, 1))
+    part = JointPosition((0.1,) * 7, 0.02, 0.3)
+    return {
+        "command": encode_command({"right_arm": part, "left_arm": part}, 1),
+        "state": state.encode(),
+        "info": RobotInfo("A", "1.2", ("a", "b"), ("48v",), ("EMO",)).encode(),
+        "manager": p.encode_manager_answer(ManagerState(Manager.ENABLED)),
+        "done": p.headed(p.encode_done(p.Done.INTERNAL_ERROR, "why")),
+        "error": p.headed(b""),
+        "order": p.encode_order("48v", 1),
+        "rate": p.encode_rate(100.0),
+        "model": p.encode_model("<robot/>"),
+        "feedback": Feedback(Status.FINISHED, Finish.PREEMPTED).encode(),
+    }
+
+
+def test_disturbed_messages_raise_the_codecs_own_error_and_no_other() -> None:
+    chance = random.Random(50051)
+    good = samples()
+    for name, data in good.items():
+        READERS[name](data)
+    names, refused = list(good), 0
+    for _ in range(DISTURBED):
+        name = chance.choice(names)
+        copy = bytearray(good[name])
+        for _ in range(chance.randint(1, 3)):
+            at = chance.randrange(len(copy) + 1)
+            match chance.randrange(3):
+                case 0 if at < len(copy):
+                    copy[at] ^= 1 << chance.randrange(8)
+                case 1:
+                    del copy[at : at + chance.randint(1, 9)]
+                case _:
+                    copy[at:at] = chance.randbytes(chance.randint(1, 9))
+        try:
+            READERS[name](bytes(copy))
+        except MalformedFrame:
+            refused += 1
+    assert refused > DISTURBED // 20
+
+
+def test_a_disturbed_command_on_the_wire_moves_nothing_it_does_not_say() -> None:
+    """Through both ends of HTTP/2: a call that cannot be understood is no setpoint."""
+    client, server = ClientEnd("h:1"), ServerEnd()
+    stream = client.call(p.Method.COMMAND_STREAM)
+    client.send(stream, b"\xff\xff")
+    heard = [event for event in server.feed(client.outgoing()) if getattr(event, "message", None)]
+    assert len(heard) == 1
+    with pytest.raises(MalformedFrame):
+        kind_of(p.Method.COMMAND_STREAM, b"\xff\xff")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none_are_refused(value: float) -> None:
+    bad = encode_command({"torso": JointPosition((value, *(0.0,) * 5))}, 1)
+    with pytest.raises(MalformedFrame, match="joints at"):
+        Command.decode(bad)
+    with pytest.raises(MalformedFrame, match="nowhere"):
+        RobotState.decode(RobotState(*[(value,) * 2] * 5, (30.0,) * 2, (True,) * 2).encode())
+
+
+def test_a_part_with_another_number_of_joints_is_refused() -> None:
+    with pytest.raises(MalformedFrame, match="5 positions for torso, which has 6"):
+        Command.decode(encode_command({"torso": JointPosition((0.0,) * 5)}, 1))
