@@ -38,6 +38,7 @@ STEPS = {
     "ur5e": WITH_POLICY,
     "xarm7": WITH_POLICY,
     "kinova_gen3": WITH_POLICY,
+    "rby1": WITH_POLICY,
     "robotiq_2f85": WITHOUT,
     "kuka_iiwa": WITH_POLICY,
     "panda": WITHOUT,

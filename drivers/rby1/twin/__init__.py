@@ -1,7 +1,7 @@
 """The robot's end of an RB-Y1's wire: its gRPC server, MuJoCo behind it.
 
 Besides the control lines of every twin it takes ``emergency-stop pressed``, ``emergency-stop
-released``, ``manager MINOR_FAULT`` and ``manager MAJOR_FAULT``.
+released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import trio
 
 from strands_actors.drivers.common.twin import Fault, Start, TcpServer, WireLog, known_options, run_server
 from strands_actors.drivers.common.twin.grpc import GrpcHost
-from strands_actors.drivers.rby1.protocol import PORT, Manager
+from strands_actors.drivers.rby1.protocol import PORT, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
 
 from .body import RBY1Body
@@ -85,6 +85,8 @@ class RBY1Server(TcpServer):
                 controller.press(word == "pressed")
             case ["manager", "MINOR_FAULT" | "MAJOR_FAULT" as word]:
                 controller.fail(Manager[word])
+            case ["manager", "ok"]:
+                controller.order_manager(ManagerOrder.RESET_FAULT)
             case _:
                 return False
         return True

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot
+from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, task_ended, until, why
@@ -37,7 +37,8 @@ def twin(twin_process: Twin) -> Iterator[Twin]:
     twin_process.go_on()
     twin_process.fault("ok")
     twin_process.plug()
-    twin_process.power_cycle()
+    twin_process.order("emergency-stop released")
+    twin_process.order("manager ok")
 
 
 @contextlib.contextmanager
@@ -245,14 +246,12 @@ def test_the_button_is_named_at_connect_and_nothing_is_energised(twin: Twin, run
 
 def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: Path) -> None:
     with robot_on(twin, on_estop="power_off") as robot:
-        began_ns = time.monotonic_ns()
-        report = json_of(robot.stop())
-        assert report["safe_state"] == "stop"
+        assert json_of(robot.stop())["safe_state"] == "stop"
         json_of(robot.resume())
         estopped_ns = time.monotonic_ns()
-        robot.estop()
-        safe = until(lambda: twin.log.host("safe", estopped_ns)[2:], "cancel, disable and power off")
-        assert safe and estopped_ns > began_ns
+        (outcome,) = estop(by="the test", within_s=5.0)
+        assert outcome.safe_state == "off"
+        until(lambda: twin.log.host("safe", estopped_ns)[2:], "cancel, disable and power off")
         until(lambda: status(robot)["sensors"]["power"] == [0.0], "the motors have no power")
 
 
