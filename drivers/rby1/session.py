@@ -30,26 +30,24 @@ STATE_HZ = 100.0
 class Session:
     """What exists between ``open`` and ``close``."""
 
-    def __init__(self, config: RBY1Config, connection: Connection, at: Sequence[int], limits: Limits) -> None:
-        """``at``: index of each axis in the rows of a state."""
+    def __init__(self, config: RBY1Config, connection: Connection, limits: Limits) -> None:
         self.connection = connection
         self.limits = limits
         self.state = RobotState(())
         self.stamp_ns = 0
         self.lost = ""  # why nothing is written before the next arming
         self._config = config
-        self._at = at
         self._states = connection.ask(Method.STATE_STREAM, p.encode_rate(STATE_HZ))
         self._command: Call | None = None
 
     def row(self, values: Sequence[float]) -> tuple[float, ...]:
         """Return the driven joints of a row of all joints; NaN where it is shorter."""
-        return tuple(values[at] if at < len(values) else math.nan for at in self._at)
+        return tuple(values[at] if at < len(values) else math.nan for at in self._config.ids)
 
     @property
     def ready(self) -> bool:
         """Return whether the servos of all driven joints are on."""
-        return all(at < len(self.state.ready) and self.state.ready[at] for at in self._at)
+        return all(at < len(self.state.ready) and self.state.ready[at] for at in self._config.ids)
 
     def silent_s(self, now_ns: int) -> float:
         """Return how long the robot's clock has stood still."""
@@ -135,14 +133,10 @@ async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream
     connection = await open_grpc(host, port, within_s=CONNECT_S, open_stream=open_stream)
     try:
         info = RobotInfo.decode(await connection.unary(Method.GET_ROBOT_INFO, b"", HANDSHAKE_S))
-        if missing := [axis for axis in config.axes if axis not in info.joints]:
-            raise WireDown(
-                f"open: the robot at {config.port} is a {info.model or 'robot'} without {', '.join(missing)}. "
-                f"{config.robot} has all of {', '.join(config.axes)}"
-            )
+        _refuse_another(config, info)
         urdf = p.decode_model(await connection.unary(Method.GET_ROBOT_MODEL, b"", HANDSHAKE_S))
         limits = limits_of(urdf, config.axes)
-        session = Session(config, connection, [info.joints.index(axis) for axis in config.axes], limits)
+        session = Session(config, connection, limits)
         await session.next_state(clock, HANDSHAKE_S)
     except MalformedFrame as malformed:
         connection.close()
@@ -159,6 +153,19 @@ async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream
         "control_hold_time_s": config.hold_s,
     }
     return session, facts
+
+
+def _refuse_another(config: RBY1Config, info: RobotInfo) -> None:
+    """Raise ``WireDown`` for a robot whose joints are not those of this one, each in its place: rows
+    of a state have no names."""
+    count = len(info.joints)
+    rows = zip(config.axes, config.ids, strict=True)
+    missing = [axis for axis, at in rows if at >= count or info.joints[at] != axis]
+    if missing:
+        raise WireDown(
+            f"open: the robot at {config.port} is a model {info.model or '?'} without {', '.join(missing)} where a "
+            "model A has them. Use an RB-Y1 of model A"
+        )
 
 
 def _address(config: RBY1Config) -> tuple[str, int]:

@@ -6,13 +6,14 @@ own.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import trio
 
 from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import KeptSession
-from strands_actors.drivers.common.grpc import Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.grpc import CallFailed, Connection, OpenStream, open_grpc
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
@@ -22,6 +23,8 @@ from .stopping import ANSWER_S, Stop
 
 KEEP_S = 0.5
 CONNECT_S = 0.6
+KEPT = 2
+"""Connections on which a stop was not answered; they are closed last."""
 
 
 class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
@@ -30,6 +33,7 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
     ) -> None:
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
+        self._silent: list[Connection] = []
 
     async def connect(self) -> Connection:
         return await self._open(CONNECT_S)
@@ -37,20 +41,24 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
     async def keep_up(self, session: Connection) -> None:
         while True:
             await trio.sleep(KEEP_S)
-            await session.unary(Method.PING, b"", KEEP_S)
+            with contextlib.suppress(CallFailed):  # that is an answer, too
+                await session.unary(Method.PING, b"", KEEP_S)
 
     async def make_safe_by(self, session: Connection | None, safe_state: str) -> tuple[MotorReport, ...]:
         stop = Stop(self.config, session, lambda: self._open(ANSWER_S))
         try:
             return await stop.run(safe_state)
         finally:
-            self.replace(stop.connection)
+            self.session = stop.connection
+            self._silent += stop.silent
+            while len(self._silent) > KEPT:
+                self._silent.pop(0).close_in_order()
 
     def close(self) -> None:
         """In order: a robot that was frozen finds the stop when it goes on."""
-        if self.session is not None:
-            self.session.close_in_order()
-        super().close()
+        for connection in (*self._silent, *([self.session] if self.session else [])):
+            connection.close_in_order()
+        self._silent, self.session = [], None
 
     async def _open(self, within_s: float) -> Connection:
         host, port = self.config.address()

@@ -6,13 +6,14 @@ or does not help, the control manager is disabled. ``off`` takes the power of th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.grpc import Connection
+from strands_actors.drivers.common.grpc import Call, Connection
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p
@@ -46,11 +47,14 @@ Connect = Callable[[], Awaitable[Connection]]
 
 
 class Stop:
-    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is
-    gone."""
+    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is gone, or
+    when nobody answers on it."""
 
     def __init__(self, config: RBY1Config, connection: Connection | None, connect: Connect) -> None:
         self.connection = connection
+        self.silent: list[Connection] = []
+        """Connections on which orders were not answered. Nothing is withdrawn there: a robot that
+        was frozen finds it. Whoever made the stop closes them."""
         self._config = config
         self._connect = connect
         self._written = self._acknowledged = False
@@ -65,36 +69,45 @@ class Stop:
             orders = [(CANCEL,)] * ATTEMPTS
             if safe_state != SafeState.HOLD:
                 orders.append((CANCEL, DISABLE))
-        for attempt in orders:
-            try:
-                if await self._try(attempt):
-                    return self._reports(True)
-            except WireDown as down:
-                self._why = str(down)
+        with trio.move_on_after(LONGEST_S):
+            for attempt in orders:
+                try:
+                    if await self._try(attempt):
+                        return self._reports(True)
+                except WireDown as down:
+                    self._why = str(down)
         return self._reports(False)
 
     async def _try(self, orders: Sequence[Order]) -> bool:
         """Send the orders, then see what becomes of them. Raise ``WireDown``."""
-        with trio.move_on_after(ANSWER_S) as answering:
-            if self.connection is None or not self.connection.is_open:
-                self.connection = await self._connect()
-            connection = self.connection
-            # All leave before anything is waited for. One that is not answered is not withdrawn: a
-            # robot that was frozen finds it.
-            calls = [connection.ask(method, message) for method, message in orders]
-            self._written, self._why = True, "silent"
-            for call in calls:
-                answer = await connection.answer(call, ANSWER_S)
-                if answer is None:
-                    return False
-                if refusal := _refusal(answer, call.path):
-                    raise WireDown(f"{call.name}: {refusal}")
-            self._acknowledged = True
-        if answering.cancelled_caught:
+        if self.connection is None or not self.connection.is_open:
+            self.connection = None
+            self.connection = await self._connect()
+        connection = self.connection
+        calls = [connection.ask(method, message) for method, message in orders]  # all, before any wait
+        self._written = True
+        if not await self._answered(connection, calls):
+            self._why = "silent"
+            if not self.silent:  # another one, once: more would not be answered either
+                self.silent.append(connection)
+                self.connection = None
             return False
         with trio.move_on_after(LOOK_S):
             return await self._stands(connection, orders)
         return False
+
+    async def _answered(self, connection: Connection, calls: Sequence[Call]) -> bool:
+        """Return whether all orders are answered in time. Raise ``WireDown`` when one is
+        refused."""
+        until_s = trio.current_time() + ANSWER_S
+        for call in calls:
+            answer = await connection.answer(call, until_s - trio.current_time())
+            if answer is None:
+                return False
+            if refusal := _refusal(answer, call.path):
+                raise WireDown(f"{call.name}: {refusal}")
+        self._acknowledged = True
+        return True
 
     async def _stands(self, connection: Connection, orders: Sequence[Order]) -> bool:
         """Look until the robot stands, and does so for a while. A command that runs now was found
@@ -121,7 +134,8 @@ class Stop:
     def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
         """Return what is not as it was ordered; empty: nothing."""
         rows = zip(self._config.axes, self._config.ids, strict=True)
-        speeds = {axis: abs(state.velocity[at]) if at < len(state.velocity) else 0.0 for axis, at in rows}
+        known = len(state.velocity)
+        speeds = {axis: abs(state.velocity[at]) if at < known else math.inf for axis, at in rows}
         self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
         if state.manager.control in _BUSY:
             self._moving = self._config.axes
@@ -135,16 +149,17 @@ class Stop:
         return "moves" if self._moving else ""
 
     def _reports(self, safe: bool) -> tuple[MotorReport, ...]:
+        """``safe``: every joint is. Else those are that were seen to stand beside others that
+        moved."""
+        stood, why = self._acknowledged and bool(self._moving), self._why or "not seen at rest"
+        rows = zip(self._config.axes, self._config.ids, strict=True)
         return tuple(
-            MotorReport(
-                axis,
-                number,
-                self._written,
-                self._acknowledged,
-                safe or (self._acknowledged and bool(self._moving) and axis not in self._moving),
-                "" if safe or (self._acknowledged and axis not in self._moving) else self._why,
+            MotorReport(axis, number, self._written, self._acknowledged, True)
+            if safe or (stood and axis not in self._moving)
+            else MotorReport(
+                axis, number, self._written, self._acknowledged, False, self._why or "not seen at rest"
             )
-            for axis, number in zip(self._config.axes, self._config.ids, strict=True)
+            for axis, number in rows
         )
 
 

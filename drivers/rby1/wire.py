@@ -124,8 +124,9 @@ class RBY1Wire(Wire):
         try:
             return await stop.run(safe_state)
         finally:
-            if stop.connection is not None and stop.connection is not session.connection:
-                stop.connection.close_in_order()
+            for connection in (*stop.silent, *([stop.connection] if stop.connection else [])):
+                if connection is not session.connection:
+                    connection.close_in_order()
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         channel = RBY1StopChannel(self._config, (), self._clock, self._open_stream)

@@ -18,6 +18,7 @@ from strands_actors.drivers.rby1 import protocol as p
 from strands_actors.drivers.rby1.commands import Command, Finish
 from strands_actors.drivers.rby1.driver import HOLD_S
 from strands_actors.drivers.rby1.protocol import Control, Manager, Method
+from strands_actors.drivers.rby1.stop_channel import KEPT
 from strands_actors.drivers.rby1.stopping import ANSWER_S, ATTEMPTS, LONGEST_S
 from strands_actors.drivers.rby1.wire import QUIET_S, RBY1Wire
 from tests.drivers.common.memory_port import Permission, virtual
@@ -101,28 +102,22 @@ async def test_opening_asks_and_moves_nothing(world: World) -> None:
 
 
 @in_a_world
-async def test_axes_are_found_by_name_whatever_their_order(world: World) -> None:
-    order = list(reversed(world.controller.info.joints))
-    info = msgspec.structs.replace(world.controller.info, joints=tuple(order))
-    state = world.controller.state()
-    world.controller.info = info
-    world.controller.state = lambda: msgspec.structs.replace(  # type: ignore[method-assign]
-        state, position=tuple(map(float, range(24))), time_ns=round(trio.current_time() * 1e9)
-    )
-    wire = world.wire()
-    await wire.open()
-    seen = await wire.read()
-    assert seen.position[0] == order.index("torso_0")
-    assert seen.position[-1] == order.index("head_1")
-
-
-@in_a_world
 async def test_another_model_is_named(world: World) -> None:
     info = world.controller.info
     world.controller.info = msgspec.structs.replace(info, model="UB", joints=info.joints[:8])
-    with pytest.raises(WireDown, match="is a UB without right_arm_0, "):
+    with pytest.raises(WireDown, match="is a model UB without right_arm_0, "):
         await world.wire().open()
     assert world.streams[-1].closed
+
+
+@in_a_world
+async def test_joints_in_another_order_are_another_robot(world: World) -> None:
+    """Rows of a state have no names: a stop would look at the wrong joints."""
+    info = world.controller.info
+    order = [*info.joints[:-2], info.joints[-1], info.joints[-2]]
+    world.controller.info = msgspec.structs.replace(info, joints=tuple(order))
+    with pytest.raises(WireDown, match="without head_0, head_1 where a model A has them"):
+        await world.wire().open()
 
 
 @with_each("urdf", ["", "<robot/>", "no xml", '<robot><joint name="torso_0"/></robot>'])
@@ -450,6 +445,20 @@ async def test_a_hold_does_not_disable(world: World) -> None:
 
 
 @in_a_world
+async def test_saf_005_joints_whose_speed_is_not_told_do_not_stand(world: World) -> None:
+    wire = await armed(world)
+    state = world.controller.state
+    world.controller.state = (
+        lambda: msgspec.structs.replace(  # type: ignore[method-assign]
+            state(), position=state().position[:22], velocity=state().velocity[:22]
+        )
+    )
+    motors = await wire.make_safe("stop")
+    assert [motor.axis for motor in motors if not motor.safe] == ["head_0", "head_1"]
+    assert motors[-1].detail == "moves"
+
+
+@in_a_world
 async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> None:
     wire = await armed(world)
     await wire.write(stepped(world, 0.02), Permission())
@@ -471,10 +480,11 @@ async def test_saf_005_a_frozen_robot_is_an_error_that_names_every_joint_and_is_
     world.frozen = True
     began_s = trio.current_time()
     motors = await wire.make_safe("stop")
-    assert trio.current_time() - began_s == pytest.approx((ATTEMPTS + 1) * ANSWER_S, abs=0.01)
+    assert trio.current_time() - began_s == pytest.approx((ATTEMPTS + 1) * ANSWER_S, abs=0.02)
     assert trio.current_time() - began_s < world.driver.timing.safe_s
     assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
-    assert {motor.detail for motor in motors} == {"silent"}
+    assert "does not speak gRPC" in motors[0].detail, "another connection was tried"
+    assert not world.streams[0].closed, "on which the order still stands"
 
 
 @in_a_world
@@ -488,7 +498,7 @@ async def test_saf_010_what_a_frozen_robot_finds_late_is_followed_by_the_stop(wo
     assert world.kinds("read", "enable")[0] == "setpoint", "it was on its way"
     assert set(world.kinds("read", "enable")[1:]) == {"safe"}
     assert world.controller.control == Control.IDLE
-    assert world.controller.manager == Manager.IDLE, "the last resort was found, too"
+    assert world.controller.manager == Manager.ENABLED, "nobody disabled what could not answer"
 
 
 @in_a_world
@@ -573,6 +583,43 @@ async def test_saf_003_the_stop_channel_has_a_connection_of_its_own_before_it_is
         nursery.cancel_scope.cancel()
     channel.close()
     assert world.streams[-1].closed == "in order", "so that a frozen robot still finds it"
+
+
+@in_a_world
+async def test_saf_020_a_kept_connection_that_has_died_in_silence_is_not_waited_for_twice(world: World) -> None:
+    """Half open: it takes what is written, and nobody is there."""
+    wire = await armed(world)
+    channel = world.stop_channel()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        kept = world.streams[-1]
+        kept._take = lambda data: None  # type: ignore[method-assign]
+        await wire.write(stepped(world, 0.03), Permission())
+        began_s = trio.current_time()
+        motors = await channel.make_safe("stop")
+        assert all(motor.safe for motor in motors)
+        assert trio.current_time() - began_s < 2 * ANSWER_S + 0.2
+        assert not kept.closed
+        nursery.cancel_scope.cancel()
+    channel.close()
+    assert kept.closed == world.streams[-1].closed == "in order"
+
+
+@in_a_world
+async def test_a_robot_that_speaks_and_does_nothing_does_not_collect_connections(world: World) -> None:
+    await armed(world)
+    world.service.message = lambda call, t_ns, message: None  # type: ignore[method-assign]
+    channel = world.stop_channel()
+    for _ in range(6):
+        began_s = trio.current_time()
+        motors = await channel.make_safe("stop")
+        assert {motor.detail for motor in motors} == {"silent"}
+        assert trio.current_time() - began_s <= LONGEST_S + 0.01 < world.driver.timing.safe_s
+    assert sum(not stream.closed for stream in world.streams) <= 1 + KEPT + 1, (
+        "the wire's, the last ones, the newest"
+    )
+    channel.close()
+    assert sum(not stream.closed for stream in world.streams) == 1
 
 
 @in_a_world
