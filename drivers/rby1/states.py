@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import struct
 from collections.abc import Sequence
 
 import msgspec
@@ -63,7 +64,7 @@ class RobotState(msgspec.Struct, frozen=True):
         answer = pb.message(data)
         state = pb.last_bytes(answer, 2)
         found = pb.message(state)
-        position, velocity = pb.doubles(state, 31), pb.doubles(state, 32)
+        position, velocity = _row(found, 31), _row(found, 32)
         if not all(map(math.isfinite, (*position, *velocity))):
             raise MalformedFrame("rb.api: a joint that is nowhere")
         if len(position) > MAX_JOINTS or len(velocity) != len(position):
@@ -76,11 +77,11 @@ class RobotState(msgspec.Struct, frozen=True):
         return cls(
             position,
             velocity,
-            pb.doubles(state, 34),
-            pb.doubles(state, 41),
-            pb.doubles(state, 33),
-            tuple(float(_signed(value)) for value in pb.varints(state, 48)),
-            tuple(value != 0.0 for value in pb.doubles(state, 30)),
+            _row(found, 34),
+            _row(found, 41),
+            _row(found, 33),
+            tuple(float(_signed(value)) for value in _numbers(found, 48)),
+            tuple(value != 0.0 for value in _row(found, 30)),
             tuple(pb.last_int(one, 1) for one in messages(found, 4)),
             tuple(pb.last_int(one, 1) for one in messages(found, 100)),
             double(battery, 3) if battery else math.nan,
@@ -135,6 +136,29 @@ class RobotState(msgspec.Struct, frozen=True):
             + pb.double_field(21, self.target[at])
             + pb.varint_field(30, round(self.temperature[at]))
         )
+
+
+def _row(found: dict[int, list[pb.Value]], number: int) -> tuple[float, ...]:
+    """Return a repeated ``double`` of a message that was taken apart: a hundred states a second are
+    read once each. Raise ``MalformedFrame``."""
+    values = found.get(number, [])
+    if len(values) == 1 and isinstance(values[0], bytes) and len(values[0]) % 8 == 0:
+        return struct.unpack(f"<{len(values[0]) // 8}d", values[0])
+    return pb.doubles(b"".join(_again(number, value) for value in values), number)
+
+
+def _again(number: int, value: pb.Value) -> bytes:
+    return (
+        pb.bytes_field(number, value) if isinstance(value, bytes) else pb.double_field(number, pb.as_double(value))
+    )
+
+
+def _numbers(found: dict[int, list[pb.Value]], number: int) -> list[int]:
+    """Return a repeated varint, packed or not. Raise ``MalformedFrame``."""
+    numbers: list[int] = []
+    for value in found.get(number, ()):
+        numbers += [value] if isinstance(value, int) else pb.varints(pb.bytes_field(number, value), number)
+    return numbers
 
 
 def _volts(power: int) -> bytes:

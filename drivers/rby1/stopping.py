@@ -156,9 +156,7 @@ class Stop:
         return tuple(
             MotorReport(axis, number, self._written, self._acknowledged, True)
             if safe or (stood and axis not in self._moving)
-            else MotorReport(
-                axis, number, self._written, self._acknowledged, False, self._why or "not seen at rest"
-            )
+            else MotorReport(axis, number, self._written, self._acknowledged, False, why)
             for axis, number in rows
         )
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.grpc_messages import ClientEnd, ServerEnd
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.rby1 import protocol as p
@@ -91,6 +92,17 @@ def test_a_state_is_read_as_it_was_written(state: RobotState) -> None:
     assert RobotState.decode(state.encode()) == state
 
 
+def test_rows_are_read_packed_or_not() -> None:
+    rows = (0.25, -1.5)
+    for packed in (True, False):
+        state = b"".join(pb.double_fields(number, rows, packed) for number in (31, 32, 34))
+        celsius = (
+            pb.bytes_field(48, bytes((30, 31))) if packed else pb.varint_field(48, 30) + pb.varint_field(48, 31)
+        )
+        read = RobotState.decode(pb.bytes_field(2, state + celsius))
+        assert (read.position, read.velocity, read.torque, read.temperature) == (rows, rows, rows, (30.0, 31.0))
+
+
 def test_who_it_is_is_read_as_it_was_written() -> None:
     info = RobotInfo("A", "1.2", ("right_wheel", "torso_0"), ("5v", "48v"), ("EMO",), (("torso", (1,)),))
     read = RobotInfo.decode(info.encode())
@@ -107,8 +119,6 @@ def test_what_a_robot_says_to_a_command(finish: Finish) -> None:
 
 
 def test_an_answers_header_says_whether_it_was_done() -> None:
-    from strands_actors.drivers.common import protobuf as pb
-
     assert p.error_of(p.headed(b"")) == p.error_of(b"") == ""
     error = pb.varint_field(1, 2) + pb.bytes_field(2, b"busy")
     assert p.error_of(pb.bytes_field(1, pb.bytes_field(4, error))) == "busy"
