@@ -108,8 +108,8 @@ def check_scheduling() -> Iterator[Check]:
     user = os.environ.get("USER") or str(os.getuid())
     grant = (
         rf"printf '{user} - rtprio 20\n{user} - memlock unlimited\n' | "
-        "sudo tee /etc/security/limits.d/robots.conf, then log in again (systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; "
-        "docker: --ulimit rtprio=20 --ulimit memlock=-1)"
+        "sudo tee /etc/security/limits.d/robots.conf, then log in again "
+        "(systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; docker: --ulimit rtprio=20 --ulimit memlock=-1)"
     )
     if len(os.sched_getaffinity(0)) < 2:
         yield Check("scheduling", WEAK, "one core: a robot's tree does not run before other programs", "use two")
