@@ -15,6 +15,7 @@ from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import Clock
 
@@ -39,11 +40,6 @@ def frames(safe_state: str) -> tuple[str, ...]:
     """Return what brings the robot to a safe state, in the order in which it is sent."""
     ends = (p.STOP_MOVE, p.TRACKING_STOP, p.WOBBLING_STOP)
     return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
-
-
-def nothing_pending() -> bool:
-    """Of who cannot know of earlier commands."""
-    return False
 
 
 class Stopper:
