@@ -246,10 +246,13 @@ async def open_grpc(
     port: int,
     *,
     within_s: float,
+    settle: bool = True,
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> Connection:
-    """Connect, and hear the peer's settings, within ``within_s``. Raise ``WireDown``."""
+    """Connect, and hear the peer's settings, within ``within_s``. Without ``settle`` nothing is
+    heard first: for a stop, which is also for a peer that cannot be understood. Raise
+    ``WireDown``."""
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     connection: Connection | None = None
     opened = False
@@ -258,8 +261,7 @@ async def open_grpc(
             end = ClientEnd(name, max_message=max_message)
             connection = Connection(name, await open_stream(host, port), end)
             connection._flush()
-            await connection.until(lambda: end.settled, within_s)
-            opened = end.settled
+            opened = not settle or await connection.until(lambda: end.settled, within_s)
     finally:
         if connection is not None and not opened:
             connection.close()

@@ -36,7 +36,8 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
         self._silent: list[Connection] = []
 
     async def connect(self) -> Connection:
-        return await self._open(CONNECT_S)
+        host, port = self.config.address()
+        return await open_grpc(host, port, within_s=CONNECT_S, open_stream=self._open_stream)
 
     async def keep_up(self, session: Connection) -> None:
         while True:
@@ -45,7 +46,7 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
                 await session.unary(Method.PING, b"", KEEP_S)
 
     async def make_safe_by(self, session: Connection | None, safe_state: str) -> tuple[MotorReport, ...]:
-        stop = Stop(self.config, session, lambda: self._open(ANSWER_S))
+        stop = Stop(self.config, session, lambda: connect_to_stop(self.config, self._open_stream))
         try:
             return await stop.run(safe_state)
         finally:
@@ -60,6 +61,9 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
             connection.close_in_order()
         self._silent, self.session = [], None
 
-    async def _open(self, within_s: float) -> Connection:
-        host, port = self.config.address()
-        return await open_grpc(host, port, within_s=within_s, open_stream=self._open_stream)
+
+async def connect_to_stop(config: RBY1Config, open_stream: OpenStream) -> Connection:
+    """Connect, and hear nothing first: a stop is written to a robot that cannot be understood, too.
+    Raise ``WireDown``."""
+    host, port = config.address()
+    return await open_grpc(host, port, within_s=ANSWER_S, settle=False, open_stream=open_stream)

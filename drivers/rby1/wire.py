@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.grpc import Connection, OpenStream, open_grpc
+from strands_actors.drivers.common.grpc import OpenStream
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
@@ -24,8 +24,8 @@ from .config import RBY1Config
 from .gates import CONTROLLER, refuse_fault, refuse_pressed
 from .protocol import Control, JointOrder, Manager, ManagerOrder, Method, PowerOrder
 from .session import Session, open_session
-from .stop_channel import RBY1StopChannel
-from .stopping import ANSWER_S, Stop, not_connected
+from .stop_channel import RBY1StopChannel, connect_to_stop
+from .stopping import Stop, not_connected
 
 T = TypeVar("T")
 
@@ -120,7 +120,7 @@ class RBY1Wire(Wire):
             return not_connected(self._config)
         with contextlib.suppress(WireDown):
             session.drop_stream()
-        stop = Stop(self._config, session.connection, self._connect)
+        stop = Stop(self._config, session.connection, lambda: connect_to_stop(self._config, self._open_stream))
         try:
             return await stop.run(safe_state)
         finally:
@@ -181,10 +181,6 @@ class RBY1Wire(Wire):
             raise WireDown(f"arm: {otherwise} after {within_s:g} s. Look at the robot, then try again")
 
     # -- parts
-
-    async def _connect(self) -> Connection:
-        host, port = self._config.address()
-        return await open_grpc(host, port, within_s=ANSWER_S, open_stream=self._open_stream)
 
     def _observation(self, session: Session) -> Observation:
         state, limits = session.state, session.limits

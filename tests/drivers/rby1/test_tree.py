@@ -327,6 +327,10 @@ def test_it_recovers_from_what_it_cannot_use(moving: RealRobot, twin: Twin, faul
         moving.stop()
     else:
         until(lambda: not status(moving)["connected"], "the loss is noticed")
+    if fault == "garbage":
+        began_ns = time.monotonic_ns()
+        assert "not confirmed" in why(moving.stop())
+        assert twin.log.first_safe(began_ns) is not None, "a stop is written to who cannot be understood"
     twin.fault("ok")
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     comes_back(moving, twin)

@@ -483,7 +483,8 @@ async def test_saf_005_a_frozen_robot_is_an_error_that_names_every_joint_and_is_
     assert trio.current_time() - began_s == pytest.approx((ATTEMPTS + 1) * ANSWER_S, abs=0.02)
     assert trio.current_time() - began_s < world.driver.timing.safe_s
     assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
-    assert "does not speak gRPC" in motors[0].detail, "another connection was tried"
+    assert {motor.detail for motor in motors} == {"silent"}
+    assert len(world.streams) == 2, "another connection was tried"
     assert not world.streams[0].closed, "on which the order still stands"
 
 
@@ -498,7 +499,7 @@ async def test_saf_010_what_a_frozen_robot_finds_late_is_followed_by_the_stop(wo
     assert world.kinds("read", "enable")[0] == "setpoint", "it was on its way"
     assert set(world.kinds("read", "enable")[1:]) == {"safe"}
     assert world.controller.control == Control.IDLE
-    assert world.controller.manager == Manager.ENABLED, "nobody disabled what could not answer"
+    assert world.controller.manager == Manager.IDLE, "the last resort was found, too"
 
 
 @in_a_world
@@ -603,6 +604,21 @@ async def test_saf_020_a_kept_connection_that_has_died_in_silence_is_not_waited_
         nursery.cancel_scope.cancel()
     channel.close()
     assert kept.closed == world.streams[-1].closed == "in order"
+
+
+@in_a_world
+async def test_saf_020_a_stop_is_written_to_a_robot_that_cannot_be_understood(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    world.service.faults.set(Fault.GARBAGE)
+    with pytest.raises(WireDown):
+        await cycle(wire, 30)
+    wire.close()
+    before, began_s = len(world.written), trio.current_time()
+    motors = await wire.reach("stop")
+    assert world.written[before].kind == "safe" and world.written[before].t_s == began_s
+    assert all(motor.written and not motor.safe for motor in motors)
+    assert "HTTP/2" in motors[0].detail
 
 
 @in_a_world
