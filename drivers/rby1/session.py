@@ -156,8 +156,8 @@ async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream
 
 
 def _refuse_another(config: RBY1Config, info: RobotInfo) -> None:
-    """Raise ``WireDown`` for a robot whose joints are not those of this one, each in its place: rows
-    of a state have no names."""
+    """Raise ``WireDown`` for a robot whose joints are not those of this one, each in its place:
+    rows of a state have no names."""
     count = len(info.joints)
     rows = zip(config.axes, config.ids, strict=True)
     missing = [axis for axis, at in rows if at >= count or info.joints[at] != axis]

@@ -47,8 +47,8 @@ Connect = Callable[[], Awaitable[Connection]]
 
 
 class Stop:
-    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is gone, or
-    when nobody answers on it."""
+    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is gone,
+    or when nobody answers on it."""
 
     def __init__(self, config: RBY1Config, connection: Connection | None, connect: Connect) -> None:
         self.connection = connection
