@@ -1,0 +1,268 @@
+"""A gRPC client for a wire process or a stop channel: h2 over ``tcp_port``, a deadline on every
+wait.
+
+One object is one connection. A message leaves at once or raises: nothing waits to be sent, and
+nothing is sent again on a later connection. Check a permit directly before ``Call.send``: there is
+no wait in it. A call whose answer was not waited for is not withdrawn, so that a stop still stands
+when a peer that was frozen goes on; ``Call.cancel`` withdraws one.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Awaitable, Callable
+from typing import Protocol
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+
+from .grpc_messages import MAX_MESSAGE, ClientEnd, Ended, Heard, Left, Status
+from .malformed import MalformedFrame
+from .tcp_port import ByteStream, open_tcp
+
+KEPT = 256
+"""Messages of one call that nobody has taken; the oldest make room."""
+
+
+class Stream(ByteStream, Protocol):
+    def read_waiting(self) -> bytes | None: ...
+    def close_in_order(self) -> None: ...
+
+
+OpenStream = Callable[[str, int], Awaitable[Stream]]
+
+
+class CallFailed(WireDown):
+    """The peer answers, and does not do it."""
+
+    def __init__(self, text: str, status: Status) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Call:
+    """One call. ``messages``: what was heard and not taken yet, newest last."""
+
+    def __init__(self, connection: Connection, path: str, stream: int) -> None:
+        self._connection = connection
+        self.path = path
+        self.stream = stream
+        self.messages: deque[bytes] = deque(maxlen=KEPT)
+        self.status: Status | None = None
+        """How it ended; None: it has not."""
+        self.text = ""
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition("/")[2]
+
+    def send(self, message: bytes, last: bool = False) -> None:
+        """Send a message now. Raise ``WireDown``, and close the connection, when it does not leave
+        whole."""
+        self._connection.send(self, message, last)
+
+    def cancel(self) -> None:
+        """Withdraw it. Raise ``WireDown``. Harmless when it is over."""
+        self._connection.cancel(self)
+
+    def failure(self) -> CallFailed:
+        """Return why it ended, as an error."""
+        status = self.status if self.status is not None else Status.UNKNOWN
+        return CallFailed(f"{self.name}: {status.name}{f' ({self.text})' if self.text else ''}", status)
+
+
+class Connection:
+    """An open connection. Several tasks may wait on it at once."""
+
+    def __init__(self, name: str, stream: Stream, end: ClientEnd) -> None:
+        """Made by ``open_grpc``."""
+        self.name = name
+        self._stream = stream
+        self._end = end
+        self._calls: dict[int, Call] = {}
+        self._news = trio.Event()
+        self._reader: trio.CancelScope | None = None
+        self._why = ""  # it is closed
+
+    @property
+    def is_open(self) -> bool:
+        return not self._why
+
+    def call(self, path: str) -> Call:
+        """Begin a call; its first bytes leave now. Raise ``WireDown``."""
+        self._check()
+        try:
+            call = Call(self, path, self._end.call(path))
+        except MalformedFrame as malformed:
+            raise self._gone(str(malformed)) from None
+        self._calls[call.stream] = call
+        self._flush()
+        return call
+
+    def ask(self, path: str, message: bytes) -> Call:
+        """Send a question now, and return the call on which its answer comes. Raise
+        ``WireDown``."""
+        call = self.call(path)
+        call.send(message, last=True)
+        return call
+
+    async def answer(self, call: Call, within_s: float) -> bytes | None:
+        """Return the answer to ``ask``; None: not yet. Raise ``CallFailed`` when there is none,
+        ``WireDown`` when the connection is gone."""
+        await self.until(lambda: bool(call.messages) or call.status is not None, within_s)
+        if call.messages:
+            return call.messages.popleft()
+        if call.status is not None:
+            raise call.failure()
+        return None
+
+    async def unary(self, path: str, message: bytes, within_s: float) -> bytes:
+        """Ask and wait. Raise ``WireDown`` when no answer comes in time, too: then the question is
+        withdrawn. Raise ``CallFailed``."""
+        call = self.ask(path, message)
+        answered = False
+        try:
+            answer = await self.answer(call, within_s)
+            answered = answer is not None
+            if answer is not None:
+                return answer
+        finally:
+            if not answered and self.is_open:
+                call.cancel()
+        raise WireDown(f"{self.name}: {call.name}: no answer within {within_s * 1e3:.0f} ms. Check the robot")
+
+    async def until(self, ready: Callable[[], bool], within_s: float) -> bool:
+        """Take in what comes until ``ready()``; return whether it was in time. Raise ``WireDown``
+        when the connection is gone."""
+        with trio.move_on_after(within_s):
+            while not ready():
+                self._check()
+                if self._reader is None:
+                    self._take(await self._read())
+                else:
+                    await self._news.wait()  # whoever reads takes in everybody's
+        return ready()
+
+    def take_waiting(self) -> None:
+        """Take in what has arrived. Never waits. Raise ``WireDown``."""
+        self._check()
+        while (data := self._read_waiting()) is not None:
+            self._take(data)
+
+    def send(self, call: Call, message: bytes, last: bool) -> None:
+        """As ``Call.send``."""
+        self._check()
+        try:
+            self._end.send(call.stream, message, last)
+        except MalformedFrame as malformed:
+            raise self._gone(str(malformed)) from None
+        self._flush()
+
+    def cancel(self, call: Call) -> None:
+        """As ``Call.cancel``."""
+        if self._calls.pop(call.stream, None) is not None:
+            call.status, call.text = Status.CANCELLED, "by us"
+            self._end.reset(call.stream)
+            self._flush()
+
+    def close(self) -> None:
+        """Throw the connection away with what has not arrived yet. Harmless when called again."""
+        self._gone("closed by us")
+
+    def close_in_order(self) -> None:
+        """As ``close``, but what was sent still arrives: for a stop."""
+        if not self._why:
+            self._stream.close_in_order()
+        self._gone("closed by us")
+
+    async def _read(self) -> bytes:
+        data = b""
+        try:
+            with trio.CancelScope() as self._reader:  # cancelled by ``close``: nothing else ends the wait
+                data = await self._stream.read()
+        except WireDown as down:
+            raise self._gone(str(down)) from None
+        finally:
+            self._reader = None
+            self._wake()  # whoever waits for us reads on
+        self._check()
+        return data
+
+    def _read_waiting(self) -> bytes | None:
+        try:
+            return self._stream.read_waiting()
+        except WireDown as down:
+            raise self._gone(str(down)) from None
+
+    def _take(self, data: bytes) -> None:
+        try:
+            events = self._end.feed(data)
+        except MalformedFrame as malformed:
+            raise self._gone(str(malformed)) from None
+        left = ""
+        for event in events:
+            match event:
+                case Heard(stream, message) if stream in self._calls:
+                    self._calls[stream].messages.append(message)
+                case Ended(stream, status, text) if stream in self._calls:
+                    call = self._calls.pop(stream)
+                    call.status, call.text = status, text
+                case Left(why):
+                    left = why
+        if left:
+            raise self._gone(left)
+        self._flush()  # what HTTP/2 answers by itself
+        self._wake()
+
+    def _flush(self) -> None:
+        data = self._end.outgoing()
+        if data:
+            try:
+                self._stream.write(data)
+            except WireDown as down:
+                raise self._gone(str(down)) from None
+
+    def _check(self) -> None:
+        if self._why:
+            raise WireDown(f"{self.name}: the connection is closed ({self._why}). Reconnect")
+
+    def _gone(self, why: str) -> WireDown:
+        if not self._why:
+            self._why = why
+            if self._reader is not None:
+                self._reader.cancel()
+            self._stream.close()
+            self._wake()
+        return WireDown(f"{self.name}: {why}. Check the robot and its network, then reconnect")
+
+    def _wake(self) -> None:
+        news, self._news = self._news, trio.Event()
+        news.set()
+
+
+async def open_grpc(
+    host: str,
+    port: int,
+    *,
+    within_s: float,
+    max_message: int = MAX_MESSAGE,
+    open_stream: OpenStream = open_tcp,
+) -> Connection:
+    """Connect, and hear the peer's settings, within ``within_s``. Raise ``WireDown``."""
+    name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    connection: Connection | None = None
+    opened = False
+    try:
+        with trio.move_on_after(within_s):
+            end = ClientEnd(name, max_message=max_message)
+            connection = Connection(name, await open_stream(host, port), end)
+            connection._flush()
+            await connection.until(lambda: end.settled, within_s)
+            opened = end.settled
+    finally:
+        if connection is not None and not opened:
+            connection.close()
+    if connection is None or not opened:
+        raise WireDown(f"{name}: it does not speak gRPC within {within_s * 1e3:.0f} ms. Check port=, and the robot")
+    return connection

@@ -1,0 +1,187 @@
+"""A robot behind a gRPC service: calls in, messages out, with the twin mechanism's faults.
+
+Messages are handed over in the order of the wire, one after the other; the service answers each at
+once, or later, from a tick of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Protocol
+
+from strands_actors.drivers.common.grpc_messages import (
+    MAX_MESSAGE,
+    Called,
+    Ended,
+    HalfClosed,
+    Heard,
+    Left,
+    ServerEnd,
+    Status,
+)
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .faults import DELAYED_S, SLOW_S, Fault, Faults, Reply
+from .tcp import ClientGone, Connection
+
+_LATER_S = {Fault.SLOW: SLOW_S, Fault.DELAYED: DELAYED_S}
+
+
+class ServerCall:
+    """One call of a client."""
+
+    def __init__(self, client: GrpcClient, path: str, stream: int) -> None:
+        self.client = client
+        self.path = path
+        self._stream = stream
+        self.is_open = True
+
+    @property
+    def has_room(self) -> bool:
+        """Return whether the client has taken what was sent: a sample for one that has not is left
+        out."""
+        return self.is_open and self.client.end.has_room(self._stream)
+
+    def heard(self, t_ns: int, kind: str, message: bytes, safe_state: str | None = None) -> None:
+        """Log a message of the client's, without what HTTP/2 puts around it."""
+        self.client.connection.log.write(t_ns, "host", [(kind, message)], safe_state)
+
+    def send(self, message: bytes) -> None:
+        """Send a message. Harmless when the call is over. A client that does not read loses the
+        connection."""
+        try:
+            self.client.end.send(self._stream, message)
+        except MalformedFrame:
+            self.client.connection.abort()
+
+    def end(self, status: Status = Status.OK, text: str = "") -> None:
+        """End it. Harmless when it is over."""
+        self.is_open = False
+        self.client.end.end(self._stream, status, text)
+
+    def answer(self, message: bytes) -> None:
+        """Send the one message of a unary call, and end it."""
+        if self.client.service.faults.apply(Reply(0.0, b"")) is not None:
+            self.send(message)
+            self.end()
+
+
+class GrpcService(Protocol):
+    """One service for all its clients."""
+
+    faults: Faults
+
+    def called(self, call: ServerCall) -> bool:
+        """Take a call. False: there is no such method."""
+        ...
+
+    def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
+        """Take a message of it, read at ``t_ns``. Raise ``MalformedFrame``: the call ends with
+        INTERNAL."""
+        ...
+
+    def over(self, call: ServerCall) -> None:
+        """The client sends nothing more on it, or has given it up, or is gone
+        (``call.is_open``)."""
+        ...
+
+
+class GrpcClient:
+    """One connection."""
+
+    def __init__(self, service: GrpcService, connection: Connection, max_message: int) -> None:
+        self.service = service
+        self.connection = connection
+        self.end = ServerEnd(max_message)
+        self._calls: dict[int, ServerCall] = {}
+        self._leaving: deque[tuple[float, bytes]] = deque()
+
+    def take(self, t_ns: int, data: bytes) -> None:
+        """Raise ``ClientGone`` for what cannot be understood, and when the client leaves."""
+        try:
+            events = self.end.feed(data)
+        except MalformedFrame:
+            raise ClientGone from None
+        for event in events:
+            match event:
+                case Called(stream, path):
+                    call = self._calls[stream] = ServerCall(self, path, stream)
+                    if not self.service.called(call):
+                        call.end(Status.UNIMPLEMENTED, f"no method {path}")
+                case Heard(stream, message) if self._open(stream):
+                    self._message(self._calls[stream], t_ns, message)
+                case HalfClosed(stream) if self._open(stream):
+                    self.service.over(self._calls[stream])
+                case Ended(stream) if stream in self._calls:
+                    self._end(self._calls.pop(stream))
+                case Left():
+                    raise ClientGone
+
+    def flush(self) -> None:
+        """Send what waits, as the faults have it: later, or damaged. In its order always: HTTP/2
+        allows no other."""
+        for stream in [stream for stream, call in self._calls.items() if not call.is_open]:
+            del self._calls[stream]
+        now_s = time.monotonic()
+        data = self.end.outgoing()
+        if data:
+            self._leaving.append((now_s + self._delay_s(), self._damaged(data)))
+        while self._leaving and self._leaving[0][0] <= now_s:
+            self.connection.send(self._leaving.popleft()[1])
+
+    def close(self) -> None:
+        """The client is gone: so are its calls."""
+        for call in self._calls.values():
+            self._end(call)
+        self._calls.clear()
+
+    def _open(self, stream: int) -> bool:
+        return stream in self._calls and self._calls[stream].is_open
+
+    def _message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
+        try:
+            self.service.message(call, t_ns, message)
+        except MalformedFrame as malformed:
+            call.end(Status.INTERNAL, str(malformed))
+            self.service.over(call)
+
+    def _end(self, call: ServerCall) -> None:
+        if call.is_open:
+            call.is_open = False
+            self.service.over(call)
+
+    def _delay_s(self) -> float:
+        return _LATER_S.get(self.service.faults.of(None), 0.0)
+
+    def _damaged(self, data: bytes) -> bytes:
+        garbage = self.service.faults.of(None) is Fault.GARBAGE
+        return bytes(byte ^ 0xA5 for byte in data) if garbage else data
+
+
+class GrpcHost:
+    """All clients of one service."""
+
+    def __init__(self, service: GrpcService, max_message: int = MAX_MESSAGE) -> None:
+        self._service = service
+        self._max_message = max_message
+        self._clients: set[GrpcClient] = set()
+
+    async def serve(self, connection: Connection) -> None:
+        """The ``Handler`` of its port: serve one client until it is gone."""
+        client = GrpcClient(self._service, connection, self._max_message)
+        self._clients.add(client)
+        try:
+            client.flush()
+            while True:
+                t_ns, data = await connection.receive()
+                client.take(t_ns, data)
+                client.flush()
+        finally:
+            self._clients.discard(client)
+            client.close()
+
+    def flush(self) -> None:
+        """Send what the service has said since. Call it at every tick."""
+        for client in list(self._clients):
+            client.flush()
