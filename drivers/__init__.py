@@ -58,6 +58,7 @@ WIRES = {
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
+    "spot": "strands_actors.drivers.spot.driver:Spot",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",

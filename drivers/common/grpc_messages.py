@@ -27,6 +27,11 @@ WINDOW = 1 << 20
 """How many bytes the peer may send on a stream, and on the connection, before they are read."""
 
 _PREFIX = 5
+_FRAME_HEAD = 9
+_MAX_FRAME = 16_384
+"""What an end that says nothing else takes."""
+_PREFACE = 24
+"""Bytes of a client before its first frame."""
 _SERVER_BACKLOG = 1 << 20
 """A client that reads so slowly that more than this waits for it loses the connection."""
 
@@ -120,6 +125,32 @@ def framed(message: bytes) -> bytes:
     return b"\0" + len(message).to_bytes(4, "big") + message
 
 
+class _FrameSizes:
+    """Look at the size of each HTTP/2 frame as it begins: h2 would wait for the end of one that is
+    far too long."""
+
+    def __init__(self, skip: int) -> None:
+        """``skip``: bytes before the first frame."""
+        self._skip = skip
+        self._head = b""
+
+    def feed(self, data: bytes) -> None:
+        """Raise ``MalformedFrame``."""
+        at = 0
+        while at < len(data):
+            if self._skip:
+                step = min(self._skip, len(data) - at)
+                self._skip -= step
+            else:
+                step = min(_FRAME_HEAD - len(self._head), len(data) - at)
+                self._head += data[at : at + step]
+                if len(self._head) == _FRAME_HEAD:
+                    self._skip, self._head = int.from_bytes(self._head[:3], "big"), b""
+                    if self._skip > _MAX_FRAME:
+                        raise MalformedFrame(f"HTTP/2: a frame of {self._skip} bytes")
+            at += step
+
+
 class _End:
     """What client and server have in common."""
 
@@ -127,6 +158,7 @@ class _End:
         config = h2.config.H2Configuration(client_side=client, header_encoding="utf-8")
         self._http = h2.connection.H2Connection(config)
         self._max_message = max_message
+        self._sizes = _FrameSizes(0 if client else _PREFACE)
         self._decoders: dict[int, MessageDecoder] = {}
         codes = h2.settings.SettingCodes
         self._http.local_settings = h2.settings.Settings(
@@ -145,6 +177,7 @@ class _End:
     def feed(self, data: bytes) -> list[Event]:
         """Return what the bytes say. Raise ``MalformedFrame``: then nothing on this connection can
         be understood any more."""
+        self._sizes.feed(data)
         try:
             return [told for event in self._http.receive_data(data) for told in self._told(event)]
         except h2.exceptions.ProtocolError as error:
@@ -285,9 +318,6 @@ class ServerEnd(_End):
         self._answer(stream)
         said = [("grpc-message", quote(text))] if text else []
         self._trailers[stream] = [("grpc-status", str(int(status))), *said]
-            ("grpc-status", str(int(status))),
-            *([("grpc-message", quote(text))] if text else []),
-        ]
         self._flush(stream)
 
     def reset(self, stream: int) -> None:

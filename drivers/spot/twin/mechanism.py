@@ -57,6 +57,9 @@ class Mechanism:
     def cut(self) -> None:
         """Motors off at once, wherever it is: what stands falls."""
         self.pass_time()
+        self._switch_off()
+
+    def _switch_off(self) -> None:
         self.motors = Motors.OFF
         self.halt()
         self.up, self.wants_up, self._cuts_when_down = 0.0, False, False
@@ -67,8 +70,8 @@ class Mechanism:
         self.pass_time()
         self.halt()
         self.wants_up, self._cuts_when_down = False, True
-        if self.motors is Motors.POWERING_ON:
-            self.cut()
+        if self.motors is not Motors.ON:
+            self._switch_off()
 
     def stand(self, hand: Hand) -> None:
         self.pass_time()
@@ -160,7 +163,7 @@ class Mechanism:
             rise_s = float(table["stand_s"] if self.wants_up else table["sit_s"])
             self.up = _towards(self.up, float(self.wants_up), step_s / rise_s)
             if self._cuts_when_down and self.up == 0.0:
-                self.cut()
+                self._switch_off()
         moving = self.motors is Motors.ON and self.stands and not self.stuck
         wanted = self.told if moving else REST
         ramp = float(table["ramp_m_s2"]) * step_s
