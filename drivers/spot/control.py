@@ -3,10 +3,10 @@ endpoint of our own. Each method is one exchange, or a few; nothing is repeated 
 
 from __future__ import annotations
 
-
 import trio
 
 from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS
 
 from . import protocol as p
@@ -219,13 +219,44 @@ class EstopEndpoint:
             raise WireDown(f"e-stop: a check-in is answered with status {status}. Check the robot")
         return True
 
+    async def read_back(self) -> str:
+        """Return why the robot is held by an e-stop of software, or waits longer for us than it was
+        told; empty: neither. Raise ``WireDown``."""
+        status = (await self._session.call("GetEstopSystemStatus", {})).get("status", {})
+        ours = [one.get("endpoint", {}) for one in status.get("endpoints", ())]
+        waits_s = [
+            p.stamp_ns(one.get("timeout", {})) / NS for one in ours if one.get("name") == self._session.client
+        ]
+        if not waits_s:
+            return "our endpoint is not in force"
+        if abs(waits_s[0] - self._timeout_s) > _ROUNDING_S:
+            return f"our endpoint waits {waits_s[0]:g} s, not {self._timeout_s:g}"
+        return "" if status.get("stop_level") == p.StopLevel.NONE else "its e-stop is asserted"
+
 
 async def read_state(session: Session, within_s: float = ANSWER_S) -> p.Reading:
     """Return what the robot reports of itself. Raise ``WireDown``."""
     try:
         return p.reading(await session.call("GetRobotState", {}, within_s))
-    except p.MalformedFrame as malformed:
+    except MalformedFrame as malformed:
         raise WireDown(f"robot state: {malformed}") from None
 
 
+class FreshState:
+    """Readings that are newer than the first one after an order: that may have been on its way."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._since_ns: int | None = None
+
+    async def read(self) -> p.Reading | None:
+        """Return what the robot reports; None: nothing newer. Raise ``WireDown``."""
+        reading = await read_state(self._session)
+        if self._since_ns is None:
+            self._since_ns = reading.stamp_ns
+        return reading if reading.stamp_ns > self._since_ns else None
+
+
+NOTHING_SINCE = "not confirmed: it has reported nothing since"
 _MOTORS_ON = 4
+_ROUNDING_S = 0.001

@@ -134,8 +134,7 @@ class Spot(Driver):
         }
         self.firmware_watchdog = (
             f"a twist ends {TWIST_S:g} s after it was sent; without a check-in of our e-stop endpoint for "
-            f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors. The endpoint is read back when it "
-            "is set up"
+            f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors; resume() reads its time-out back"
         )
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

@@ -50,7 +50,8 @@ TABLES: Mapping[str, str] = {
     "ServiceEntry": "name 1 text, type 2 text, authority 3 text, user_token_required 5 bool",
     # time-sync
     "TimeSyncUpdateRequest": f"{_REQUEST}, previous_round_trip 2 RoundTrip, clock_identifier 3 text",
-    "TimeSyncUpdateResponse": f"{_REPLY}, previous_estimate 2 Estimate, state 3 TimeSyncState, clock_identifier 4 text",
+    "TimeSyncUpdateResponse": f"{_REPLY}, previous_estimate 2 Estimate, state 3 TimeSyncState, "
+    "clock_identifier 4 text",
     "RoundTrip": "client_tx 1 Timestamp, server_rx 2 Timestamp, server_tx 3 Timestamp, client_rx 4 Timestamp",
     "Estimate": "round_trip_time 1 Timestamp, clock_skew 2 Timestamp",
     "TimeSyncState": "best_estimate 1 Estimate, status 2 uint, measurement_time 3 Timestamp",
@@ -70,7 +71,8 @@ TABLES: Mapping[str, str] = {
     "GetEstopConfigRequest": f"{_REQUEST}, target_config_id 4 text",
     "GetEstopConfigResponse": f"{_REPLY}, request 2 GetEstopConfigRequest, active_config 3 EstopConfig",
     "SetEstopConfigRequest": f"{_REQUEST}, config 3 EstopConfig, target_config_id 4 text",
-    "SetEstopConfigResponse": f"{_REPLY}, request 2 SetEstopConfigRequest, active_config 3 EstopConfig, status 4 uint",
+    "SetEstopConfigResponse": f"{_REPLY}, request 2 SetEstopConfigRequest, active_config 3 EstopConfig, "
+    "status 4 uint",
     "GetEstopSystemStatusRequest": _REQUEST,
     "GetEstopSystemStatusResponse": f"{_REPLY}, status 3 EstopStatus",
     # lease
@@ -100,7 +102,8 @@ TABLES: Mapping[str, str] = {
     "RobotStateResponse": f"{_REPLY}, robot_state 2 RobotState",
     "RobotState": "power_state 1 PowerState, battery_states 2 Battery*, estop_states 5 EStopState*, "
     "kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults",
-    "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, robot_power_state 6 uint",
+    "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, "
+    "robot_power_state 6 uint",
     "Battery": "identifier 2 text, charge_percentage 3 Number, voltage 6 Number, status 8 uint",
     "EStopState": "name 2 text, type 3 uint, state 4 uint, state_description 5 text",
     "Kinematics": "joint_states 2 Joint*, velocity_of_body_in_vision 8 Twist3, velocity_of_body_in_odom 12 Twist3, "
@@ -125,8 +128,8 @@ TABLES: Mapping[str, str] = {
     "Empty": "",
     "SafePowerOff": "unsafe_action 1 uint",
     "Synchronized": "arm_command 1 Arm, mobility_command 2 Mobility, gripper_command 3 Gripper",
-    "Mobility": "se2_velocity_request 2 Velocity, sit_request 3 Empty, stand_request 4 Empty, stop_request 6 Empty, "
-    "params 100 Any",
+    "Mobility": "se2_velocity_request 2 Velocity, sit_request 3 Empty, stand_request 4 Empty, "
+    "stop_request 6 Empty, params 100 Any",
     "Any": "type_url 1 text, value 2 MobilityParams",
     "MobilityParams": "locomotion_hint 3 uint",
     "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, se2_frame_name 5 text",
@@ -200,31 +203,25 @@ def _encode_field(field: Field, value: Any) -> bytes:
 
 def decode(name: str, data: bytes) -> Message:
     """Return the fields that are set. Raise ``MalformedFrame``."""
-    return _decode(name, data, _DEEPEST)
-
-
-def _decode(name: str, data: bytes, deeper: int) -> Message:
-    if deeper == 0:
-        raise MalformedFrame(f"protobuf: {name} is nested too deeply")
     known, told = _by_number(name), Message()
     for number, kind, value in pb.fields(data):
         if number not in known:
             continue
         key, field = known[number]
         if field.repeated:
-            told.setdefault(key, []).extend(_several(field, kind, value, deeper))
+            told.setdefault(key, []).extend(_several(field, kind, value))
         else:
-            told[key] = _one(field, kind, value, deeper)
+            told[key] = _one(field, kind, value)
     return told
 
 
-def _several(field: Field, kind: int, value: pb.Value, deeper: int) -> Sequence[Any]:
+def _several(field: Field, kind: int, value: pb.Value) -> Sequence[Any]:
     if field.kind == "uint" and isinstance(value, bytes):
         return pb.varints(pb.bytes_field(1, value), 1)  # packed
-    return (_one(field, kind, value, deeper),)
+    return (_one(field, kind, value),)
 
 
-def _one(field: Field, kind: int, value: pb.Value, deeper: int) -> Any:
+def _one(field: Field, kind: int, value: pb.Value) -> Any:
     match field.kind:
         case "uint" | "int" | "bool" if kind == pb.VARINT and isinstance(value, int):
             if field.kind == "int" and value > _ALL_BITS // 2:
@@ -241,9 +238,7 @@ def _one(field: Field, kind: int, value: pb.Value, deeper: int) -> Any:
             raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")
     if not isinstance(value, bytes):
         raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")
-    return _decode(field.kind, value, deeper - 1)
+    return decode(field.kind, value)
 
 
 _ALL_BITS = (1 << 64) - 1
-_DEEPEST = 20
-"""The tables nest a third as deeply; one of them contains itself by way of a request."""

@@ -276,6 +276,11 @@ def challenge_response(challenge: int) -> int:
 # -- what it reports
 
 
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z."""
+
+
 class Reading(NamedTuple):
     """``joints``: wire name to position and velocity. ``pressed``: e-stops that are."""
 
@@ -284,16 +289,18 @@ class Reading(NamedTuple):
     joints: Mapping[str, tuple[float, float]]
     battery_pct: float
     battery_v: float
-    twist: tuple[float, float, float]
+    twist: Vector
     """Of the body, in its own frame."""
-    xyz_m: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
-    """w, x, y, z of the body in odometry's frame."""
+    xyz_m: Vector
+    quaternion: Quaternion
+    """Of the body in odometry's frame."""
     faults: tuple[int, ...]
     """Ids of behaviour faults."""
+    stamp_ns: int
+    """When it was so, on the robot's clock."""
 
     @property
-    def rpy_rad(self) -> tuple[float, float, float]:
+    def rpy_rad(self) -> Vector:
         return roll_pitch_yaw(self.quaternion)
 
     @property
@@ -321,10 +328,11 @@ def reading(told: Message) -> Reading:
         joints,
         _number(battery, "charge_percentage"),
         _number(battery, "voltage"),
-        _body_twist(motion.get("velocity_of_body_in_odom", {}), quaternion),
+        _body_twist(motion.get("velocity_of_body_in_odom"), quaternion),
         xyz,
         quaternion,
         tuple(one.get("behavior_fault_id", 0) for one in state.get("behavior_fault_state", {}).get("faults", ())),
+        stamp_ns(motion.get("acquisition_timestamp", {})),
     )
 
 
@@ -336,12 +344,12 @@ def _number(message: Message, key: str, default: float = math.nan) -> float:
     return value if math.isfinite(value) else math.nan
 
 
-def _vector(message: Message) -> tuple[float, float, float]:
+def _vector(message: Message) -> Vector:
     x, y, z = (float(message.get(axis, 0.0)) for axis in "xyz")
     return x, y, z
 
 
-def _body_in_odom(motion: Message) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
     """The tree has its root in the body: odometry's frame is told as seen from there."""
     edges = {
         one.get("key", ""): one.get("value", {}) for one in motion.get("transforms_snapshot", {}).get("edges", ())
@@ -358,17 +366,18 @@ def _body_in_odom(motion: Message) -> tuple[tuple[float, float, float], tuple[fl
     return (-rx, -ry, -rz), back
 
 
-def _body_twist(velocity: Message, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float]:
-    """Speeds are told in odometry's frame: turn them into the body's."""
+def _body_twist(velocity: Message | None, quaternion: Quaternion) -> Vector:
+    """Speeds are told in odometry's frame: turn them into the body's. A robot that does not tell
+    them is not known to stand."""
+    if velocity is None:
+        return math.nan, math.nan, math.nan
     linear, angular = _vector(velocity.get("linear", {})), _vector(velocity.get("angular", {}))
     w, x, y, z = quaternion
     vx, vy, _ = rotated((w, -x, -y, -z), linear)
     return vx, vy, angular[2]
 
 
-def rotated(
-    quaternion: tuple[float, float, float, float], vector: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def rotated(quaternion: Quaternion, vector: Vector) -> Vector:
     """Return a vector turned by a unit quaternion (w, x, y, z)."""
     w, *axis = quaternion
     a, b, c = axis

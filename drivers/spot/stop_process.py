@@ -13,7 +13,7 @@ from strands_actors.kernel.clock import NS, Clock
 
 from .config import SpotConfig
 from .control import EstopEndpoint
-from .session import Session
+from .session import OpenStream, Session
 from .stopping import SERVICES, stop_by_estop
 
 Reports = tuple[MotorReport, ...]
@@ -27,11 +27,20 @@ STOP_S = 1.7
 
 
 class EstopChannel(KeptSession[SpotConfig, Session]):
-    def __init__(self, config: SpotConfig, descriptors: Sequence[int], clock: Clock) -> None:
+    """``open_stream``: for tests."""
+
+    def __init__(
+        self,
+        config: SpotConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_stream: OpenStream | None = None,
+    ) -> None:
         super().__init__(config, descriptors, clock)
+        self._open_stream = open_stream
 
     async def connect(self) -> Session:
-        session = Session(self.config, self.clock)
+        session = Session(self.config, self.clock, self._open_stream)
         opened = False
         try:
             await session.open(SERVICES)

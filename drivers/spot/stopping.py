@@ -10,10 +10,10 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.velocity_base import Outcome
 
 from . import protocol as p
-from .control import EstopEndpoint, read_state
+from .control import NOTHING_SINCE, EstopEndpoint, FreshState
 from .session import Session
 
-LOOK_S = 0.05
+LOOK_S = 0.02
 """Between two looks at the robot."""
 
 SERVICES = ("estop", "robot-state")
@@ -51,6 +51,7 @@ class _Stop:
         self.written = False
         self.acknowledged = False
         self.is_anothers = False
+        self._fresh = FreshState(session)
 
     async def step(self) -> str:
         """Say it, until it was taken, and look. Return why the robot is not safe yet; empty: it is.
@@ -61,10 +62,7 @@ class _Stop:
                 return detail
         if self.is_anothers:
             return ""
-        motors = (await read_state(self._session)).motors
-        if motors is p.Motors.OFF:
-            return ""
-        return f"not confirmed: its motors are {p.name_of(p.Motors, motors)}"
+        return why_on(await self._fresh.read())
 
     async def _assert(self) -> str:
         if not self._endpoint.is_known and not await self._endpoint.find():
@@ -83,3 +81,13 @@ class _Stop:
         if status == p.CheckIn.ENDPOINT_UNKNOWN:
             self._endpoint.forget()
         return f"not confirmed: a check-in is answered with status {status}"
+
+
+def why_on(reading: p.Reading | None) -> str:
+    """Return why its motors are not known to be off; empty: they are. None: nothing was reported
+    since the order."""
+    if reading is None:
+        return NOTHING_SINCE
+    if reading.motors is p.Motors.OFF:
+        return ""
+    return f"not confirmed: its motors are {p.name_of(p.Motors, reading.motors)}"

@@ -22,12 +22,12 @@ from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from .config import SAFE_S, SpotConfig
-from .control import BodyLease, EstopEndpoint, LeaseLost, RobotTime, read_state
+from .control import NOTHING_SINCE, BodyLease, EstopEndpoint, FreshState, LeaseLost, RobotTime, read_state
 from .gates import BEHAVIOUR, COMMAND, ESTOP, LEASE, sensors_of
 from .messages import Message
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW, wire_name
 from .session import ANSWER_S, NoAnswer, OpenStream, Session
-from .stopping import LOOK_S, stop_by_estop
+from .stopping import LOOK_S, stop_by_estop, why_on
 
 SYNC_S = 5.0
 """Within which the robot's clock must be known."""
@@ -118,7 +118,7 @@ class SpotWire(Wire):
                 try:
                     await self._lease.retain()
                 except LeaseLost as lost:
-                    self._faults[LEASE] = str(lost)
+                    self._note(lost)
             if session.host_ns() - self._time.synced_ns > SYNC_AGAIN_S * NS:
                 await self._time.sync(ANSWER_S)
             if now_ns - session.token_ns > TOKEN_S * NS:
@@ -144,22 +144,38 @@ class SpotWire(Wire):
             await self._lease.acquire()
             self._faults.pop(LEASE, None)
         if not self._estop.is_known:
-            await self._estop.set_up()
+            await self._set_up_estop()
         permit.check()
         if not await self._estop.check_in(p.StopLevel.NONE, permit):
             raise WireDown("arm: the robot does not know our e-stop endpoint any more. Call resume() again")
         self._faults.pop(ESTOP, None)
         self._checked_in_ns = self._clock.now_ns()
-        pressed: tuple[str, ...] = ()
-        with trio.move_on_after(RELEASED_S):
-            while pressed := (await read_state(self._session())).pressed:
-                await trio.sleep(LOOK_S)
-        if pressed:
-            raise WireDown(f"arm: the robot is E-stopped ({', '.join(pressed)}). Release it first")
+        await self._until_released()
         permit.check()
         self._is_armed = True
         self._faults.pop(COMMAND, None)
         return await self.read()
+
+    async def _set_up_estop(self) -> None:
+        """Raise ``WireDown``: then the robot is another's, and the lease is not kept from him."""
+        try:
+            await self._estop.set_up()
+        except WireDown:
+            with contextlib.suppress(WireDown):
+                await self._lease.give_back()
+            raise
+
+    async def _until_released(self) -> None:
+        """Read back that our endpoint counts, and that the robot is free. Raise ``WireDown``."""
+        why = "it has not said"
+        with trio.move_on_after(RELEASED_S):
+            while True:
+                pressed = (await read_state(self._session())).pressed
+                why = ", ".join(pressed) or await self._estop.read_back()
+                if not why:
+                    return
+                await trio.sleep(LOOK_S)
+        raise WireDown(f"arm: the robot is E-stopped ({why}). Release it first")
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         if not self._is_armed:
@@ -180,7 +196,7 @@ class SpotWire(Wire):
         try:
             status = await self._commanded(command, permit)
         except LeaseLost as lost:
-            self._faults[LEASE] = str(lost)
+            self._note(lost)
             return p.Command.UNKNOWN
         if status == p.Command.NO_TIMESYNC:
             raise WireDown("time sync: the robot's clock was set anew. Reconnect")
@@ -227,7 +243,7 @@ class SpotWire(Wire):
         """Tell it to stand still, and see that it does. One that another has the lease of is not
         moved by us."""
         written = acknowledged = False
-        detail = "silent"
+        detail, fresh = "silent", FreshState(self._session())
         with trio.move_on_after(HOLD_S):
             while True:
                 try:
@@ -237,7 +253,7 @@ class SpotWire(Wire):
                         acknowledged = status in (p.Command.OK, p.Command.NOT_POWERED_ON)
                         detail = f"not confirmed: a stop is answered with {p.name_of(p.Command, status)}"
                     if acknowledged:
-                        detail = await self._why_moving()
+                        detail = await self._why_moving(fresh)
                     if not detail:
                         return Outcome(True, True, "")
                 except LeaseLost as lost:
@@ -250,10 +266,12 @@ class SpotWire(Wire):
                 await trio.sleep(LOOK_S)
         return Outcome(written, acknowledged, detail)
 
-    async def _why_moving(self) -> str:
+    async def _why_moving(self, fresh: FreshState) -> str:
         """Return why it does not stand still; empty: it does. Motors that are being powered on are
         switched off again. Raise ``LeaseLost``, ``WireDown``."""
-        reading = await read_state(self._session())
+        reading = await fresh.read()
+        if reading is None:
+            return NOTHING_SINCE
         if reading.motors is p.Motors.POWERING_ON:
             session = self._session()
             asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
@@ -274,8 +292,11 @@ class SpotWire(Wire):
                 if status not in (p.Command.OK, p.Command.NOT_POWERED_ON):
                     return Outcome(True, False, f"not confirmed: {p.name_of(p.Command, status)}"), ""
                 acknowledged = True
-                while (motors := (await read_state(self._session())).motors) is not p.Motors.OFF:
-                    detail = f"not confirmed: its motors are {p.name_of(p.Motors, motors)}"
+                fresh = FreshState(self._session())
+                while True:
+                    detail = why_on(await fresh.read())
+                    if not detail:
+                        break
                     await trio.sleep(LOOK_S)
                 self._estop.level = p.StopLevel.SETTLE_THEN_CUT  # nothing more is fed
                 return Outcome(True, True, ""), await self._lease.give_back()
@@ -353,7 +374,7 @@ class SpotWire(Wire):
             told = await session.answer(asked)
             self._lease.check(told)
         except LeaseLost as lost:
-            self._faults[LEASE] = str(lost)
+            self._note(lost)
             return self._refused("stand", p.Command.UNKNOWN)
         status = told.get("status", 0)
         number = told.get("power_command_id", 0)
@@ -385,6 +406,11 @@ class SpotWire(Wire):
             )
         why = p.name_of(p.Command, status)
         return Refused("robot", f"{service}: the robot refuses it: {why}", "look at the robot", why)
+
+    def _note(self, lost: LeaseLost) -> None:
+        """Keep who took the lease: later it is only known that it is not ours."""
+        if lost.owner or LEASE not in self._faults:
+            self._faults[LEASE] = str(lost)
 
     def _session(self) -> Session:
         if self._session_or_none is None:

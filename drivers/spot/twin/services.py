@@ -46,6 +46,7 @@ class SpotTwin:
         skew_s: float = SKEW_S,
         sync_s: float = 0.0,
         arm: bool = True,
+        wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         table = TABLES.table(robot)
         self.mechanism = Mechanism(table, now_s)
@@ -56,6 +57,7 @@ class SpotTwin:
         self.muted: set[str] = set()
         """Methods that are carried out, and never answered."""
         self._now_s = now_s
+        self._wall_ns = wall_ns
         self._skew_s = skew_s
         self._sync_s = sync_s
         self._has_arm = arm
@@ -197,7 +199,7 @@ class SpotTwin:
     # -- time, login
 
     def robot_ns(self) -> int:
-        return time.time_ns() + round(self._skew_s * p.NS)
+        return self._wall_ns() + round(self._skew_s * p.NS)
 
     def _log_in(self, request: Message) -> Message:
         if request.get("token") == TOKEN:
