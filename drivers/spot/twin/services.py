@@ -149,7 +149,7 @@ class SpotTwin:
             case "ReturnLease":
                 return {"status": self.leases.give_back(lease)}, ("config", None)
             case "RetainLease":
-                return {"lease_use_result": self.leases.use(lease)}, ("other", None)
+                return {"lease_use_result": self.leases.use(lease)}, ("config", None)
             case "ListLeases":
                 return {"resources": [self.leases.listed()]}, ("read", None)
             case "GetRobotState":
