@@ -1,7 +1,7 @@
 """Several benches side by side, each a ``worker`` process, until every cell has its trials.
 
 Orders are a few trials of one cell. A worker keeps its robot as long as there are orders for it; a
-robot that runs before everything else (``Timing.realtime``) has one bench only, and the first.
+robot whose bound is shorter than ``SHORT_S`` has one bench only, and the first.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ AT_ONCE = 10
 """Trials of an order: few enough that the workers end together."""
 END_S = 15.0
 """For a worker whose trial is not over."""
+SHORT_S = 0.05
+"""What is promised within less takes most of a processor, and is measured by one bench at a time."""
 ATTEMPTS = 3
 """An order that fails so often is given up; the others are not."""
 
@@ -48,7 +50,7 @@ class Plan:
         for robot, driver_class in drivers.items():
             driver = driver_of(robot, driver_class)
             where = "" if driver_class is None else where_is(driver_class)
-            if driver.timing.realtime:
+            if driver.bound_s < SHORT_S:
                 self._alone.add(robot)
             wanted = [cell for cell in cells(driver) if not cell.why_not]
             self._left[robot] = deque(

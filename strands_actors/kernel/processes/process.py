@@ -126,10 +126,11 @@ class Started(Protocol):
 class OwnChild(ChildProcess):
     """A child of this very process.
 
-    A process that runs before everything else (``realtime``) looks at its child's end, and leaves the burial to a
-    thread of ordinary priority, later: to bury a process the kernel walks over what is known of it in /proc, and
-    goes on walking while one of the child's own threads is not done with that. Who runs first keeps that thread
-    from its processor: two such roots on two processors walked for minutes, and wrote no safe frame."""
+    A process that runs before others (``health/realtime.py``) looks at its child's end, and leaves
+    the waitpid to a thread of ordinary priority, later: in it the kernel walks over what is known of
+    the child in /proc, and goes on walking while one of the child's own threads is not done with
+    that. Who runs first keeps that thread from its processor: two such roots on two processors
+    walked for minutes, and wrote no safe frame."""
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
         # Nobody else buries it: until we do, the number is its own.
