@@ -110,14 +110,17 @@ class BodyLease:
             told = await self._session.call("RetainLease", {"lease": p.newer_lease(self._lease, self._uses)})
             self.check(told)
 
-    def check(self, told: Message) -> None:
-        """Look at what a reply says of the lease. Raise ``LeaseLost``: then it is ours no more."""
+    def check(self, told: Message) -> bool:
+        """Return whether the robot took a request by its lease. False: it has seen a newer use of
+        ours. Raise ``LeaseLost``: then the lease is ours no more."""
         use = told.get("lease_use_result", {})
-        status = use.get("status", 0)
+        status, owner = use.get("status", 0), use.get("owner", {}).get("client_name", "")
         if status in (p.LeaseUse.OK, p.LeaseUse.UNMANAGED):
-            return
+            return True
+        if status == p.LeaseUse.OLDER and owner == self._session.client:
+            return False
         self._lease = None
-        raise LeaseLost(use.get("owner", {}).get("client_name", ""))
+        raise LeaseLost(owner)
 
     async def give_back(self) -> str:
         """Return the lease. Return why it was not; empty: it was, or there is none. Raise
@@ -189,14 +192,17 @@ class EstopEndpoint:
 
     def say(self, level: p.StopLevel, permit: Permit | None = None) -> Asked:
         """Check in now, with the challenge that is known. Raise ``WireDown``."""
-        self.level = level
+        if level is not p.StopLevel.NONE:
+            self.level = level  # whether it leaves or not
         body = {
             "endpoint": self._endpoint,
             "challenge": self._challenge,
             "response": p.challenge_response(self._challenge),
             "stop_level": int(level),
         }
-        return self._session.ask("EstopCheckIn", body, permit)
+        asked = self._session.ask("EstopCheckIn", body, permit)
+        self.level = level  # a permit that is denied lets nothing be powered
+        return asked
 
     async def heard(self, asked: Asked, within_s: float = ANSWER_S) -> p.CheckIn | int:
         """Return what the robot says to a check-in, and keep its next challenge. Raise

@@ -5,9 +5,12 @@ Nothing here repeats anything, or keeps anything alive.
 
 from __future__ import annotations
 
+import hashlib
 import socket
 import time
+import uuid
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Protocol
 
 from strands_actors.contract.driver import Permit, WireDown
@@ -60,7 +63,7 @@ class Session:
         self._token = ""
         self._began_ns = clock.now_ns()
         self._epoch_ns = time.time_ns() - self._began_ns
-        self.client = f"strands-actors {socket.gethostname()}"
+        self.client = own_name()
         """The name under which the robot knows us: a lease or an e-stop endpoint of this name is
         ours."""
         self.token_ns = 0
@@ -170,6 +173,16 @@ class Session:
     async def _open_tls(self, authority: str, /) -> Stream:
         address = self._config.address()
         return await open_tls(address.host, address.port, self._config.tls(), authority, within_s=CONNECT_S)
+
+
+def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
+    """Return what this machine is called: hosts of one name are common, and one of them must not
+    take the other's lease for its own."""
+    try:
+        number = machine_id.read_bytes().strip()
+    except OSError:
+        number = uuid.getnode().to_bytes(6, "big")
+    return f"strands-actors {socket.gethostname()} {hashlib.sha256(number).hexdigest()[:8]}"
 
 
 class _End(ClientEnd):

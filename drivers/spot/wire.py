@@ -110,9 +110,7 @@ class SpotWire(Wire):
         session, now_ns = self._session(), self._clock.now_ns()
         with contextlib.suppress(NoAnswer):  # ``read`` judges how long it may be silent
             if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
-                self._checked_in_ns = now_ns
-                if not await self._estop.check_in(p.StopLevel.NONE):
-                    self._faults[ESTOP] = "the robot's e-stop was set up anew by somebody else"
+                await self._check_in(now_ns)
             if self._lease.is_held and now_ns - self._retained_ns >= RETAIN_S * NS:
                 self._retained_ns = now_ns
                 try:
@@ -123,6 +121,19 @@ class SpotWire(Wire):
                 await self._time.sync(ANSWER_S)
             if now_ns - session.token_ns > TOKEN_S * NS:
                 await session.log_in()
+
+    async def _check_in(self, now_ns: int) -> None:
+        """A check-in that comes after the time-out would lift an e-stop that has come by then: it is
+        not sent."""
+        late_s = (now_ns - self._checked_in_ns) / NS
+        if late_s >= self._config.estop_timeout_s:
+            self._estop.level = p.StopLevel.SETTLE_THEN_CUT
+            self._faults[ESTOP] = f"a check-in of our e-stop endpoint was {late_s:.1f} s late"
+            return
+        if await self._estop.check_in(p.StopLevel.NONE):
+            self._checked_in_ns = now_ns
+        else:
+            self._faults[ESTOP] = "the robot's e-stop was set up anew by somebody else"
 
     @property
     def _check_in_ns(self) -> int:
@@ -214,7 +225,8 @@ class SpotWire(Wire):
             permit,
         )
         told = await session.answer(asked)
-        self._lease.check(told)
+        if not self._lease.check(told):
+            return p.Command.UNKNOWN
         self._command_id = told.get("robot_command_id", 0)
         status: int = told.get("status", 0)
         return status
@@ -236,7 +248,7 @@ class SpotWire(Wire):
             by_estop = await stop_by_estop(session, self._estop, safe_state, SAFE_S - MARGIN_S - SIT_S)
             written = outcome.written or by_estop.written
             outcome = Outcome(written, outcome.acknowledged or by_estop.acknowledged, by_estop.detail)
-            returned = self._faults.get(LEASE, "") and f"{self._faults[LEASE]}: it is not returned"
+            returned = await self._give_back() if not outcome.detail else ""
         return self._reports(outcome, returned)
 
     async def _hold(self) -> Outcome:
@@ -299,7 +311,7 @@ class SpotWire(Wire):
                         break
                     await trio.sleep(LOOK_S)
                 self._estop.level = p.StopLevel.SETTLE_THEN_CUT  # nothing more is fed
-                return Outcome(True, True, ""), await self._lease.give_back()
+                return Outcome(True, True, ""), await self._give_back()
             except LeaseLost as lost:
                 if lost.owner:
                     self._faults[LEASE] = str(lost)
@@ -308,6 +320,15 @@ class SpotWire(Wire):
                 written = written or isinstance(down, NoAnswer)
                 detail = f"not confirmed: {down}"
         return Outcome(written, acknowledged, detail), ""
+
+    async def _give_back(self) -> str:
+        """Return the lease. Return why it was not; empty: it was, or there is none."""
+        if LEASE in self._faults:
+            return f"{self._faults[LEASE]}: it is not returned"
+        try:
+            return await self._lease.give_back()
+        except WireDown as down:
+            return f"the lease was not returned: {down}"
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By our e-stop endpoint: on the connection that is open, then on a new one."""

@@ -360,6 +360,16 @@ def test_what_a_real_robot_needs_is_named_when_it_is_connected(
         robot.cleanup()
 
 
+def test_a_login_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch, run_dir: Path, twin: Twin) -> None:
+    monkeypatch.setenv(config.USERNAME, "user")
+    monkeypatch.setenv(config.PASSWORD, "wrong")
+    robot = Robot("spot", mode="real", port=twin.port)
+    try:
+        assert "login: user or password is wrong" in (robot.connect_eagerly() or "")
+    finally:
+        robot.cleanup()
+
+
 def test_sensors(spot: RealRobot) -> None:
     until(lambda: "xyz_m" in status(spot)["sensors"], "a reading")
     sensors = status(spot)["sensors"]

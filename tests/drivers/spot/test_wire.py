@@ -4,6 +4,7 @@ when, and what is confirmed."""
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.config import PASSWORD, USERNAME, parse_port
 from strands_actors.drivers.spot.protocol import Motors
+from strands_actors.drivers.spot.session import own_name
 from strands_actors.drivers.spot.wire import SpotWire
 from strands_actors.kernel.messages import Refused
 from tests.drivers.common.memory_port import virtual
@@ -137,6 +139,23 @@ def test_a_lease_that_another_has_is_a_refusal_that_names_him_and_one_of_ours_is
         first.close()  # as a process that was killed: it returned nothing
         await ready(again)
         assert len(again.of("TakeLease")) == 1
+
+    virtual(test)
+
+
+def test_a_lease_is_returned_when_the_e_stop_had_to_sit_it_down_and_one_that_cannot_be_is_told() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        world.twin.muted = {"RobotCommand"}
+        assert confirmed(await wire.make_safe("settle"))
+        assert world.twin.leases.owner == ""
+
+        world = World()
+        wire = await ready(world)
+        world.twin.muted = {"ReturnLease"}
+        reports = await wire.make_safe("settle")
+        assert confirmed(reports) and reports[0].detail.startswith("the lease was not returned: ReturnLease")
 
     virtual(test)
 
@@ -282,7 +301,60 @@ def test_an_endpoint_that_was_replaced_is_a_fault_that_settles_it() -> None:
     virtual(test)
 
 
+def test_saf_009_a_stop_during_bring_up_keeps_the_e_stop_asserted() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        assert confirmed(await wire.make_safe("settle"))
+        world.taken.clear()
+        with pytest.raises(PermitDenied):
+            await wire.arm(Go(1))  # the stop comes behind the first look, directly before the check-in
+        await pass_time(world, 4.0, wire)
+        assert world.of("EstopCheckIn") == [], "and nothing that feeds it lifts it"
+        assert world.twin.estop.level is not p.StopLevel.NONE
+
+    virtual(test)
+
+
+def test_saf_004_a_check_in_that_comes_after_the_time_out_is_not_sent() -> None:
+    """The robot has settled by then, or is about to: nothing un-asserts an e-stop by itself."""
+
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        world.taken.clear()
+        await trio.sleep(3.5)  # a machine that stood still
+        await pass_time(world, 2.0, wire)
+        assert world.of("EstopCheckIn") == []
+        seen = await wire.read()
+        assert "late" in seen.faults["estop"]
+        assert any(one.check(seen, seen.t_ns) and one.always for one in world.driver.conditions)
+        assert world.twin.mechanism.motors is Motors.OFF
+
+    virtual(test)
+
+
 # -- leases
+
+
+def test_a_sign_that_is_overtaken_by_a_newer_command_is_no_lost_lease() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        world.twin.leases._newest = [*world.twin.leases._newest[:1], 10**6]
+        await pass_time(world, 1.2, wire)
+        assert "lease" not in (await wire.read()).faults
+
+    virtual(test)
+
+
+def test_hosts_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    names = set()
+    for number in ("a", "b"):
+        (tmp_path / number).write_text(f"{number * 32}\n")
+        names.add(own_name(tmp_path / number))
+    assert len(names) == 2 and own_name(tmp_path / "none") == own_name(tmp_path / "none")
+    assert all("a" * 32 not in name for name in names)
 
 
 def test_a_stolen_lease_is_told_with_its_owner_and_he_is_left_alone() -> None:
