@@ -6,9 +6,7 @@ robot whose bound is shorter than ``SHORT_S`` has one bench only, and the first.
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
@@ -16,6 +14,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .bench import driver_of
 from .faults import Cell, cells_of
@@ -170,10 +169,10 @@ class _Worker:
     async def _begin(self) -> trio.Process:
         self._said = b""
         self._process = await trio.lowlevel.open_process(
-            [sys.executable, "-m", "strands_actors.testing.worker"],
+            [*PYTHON, "-m", "strands_actors.testing.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            env=environment(),
         )
         return self._process
 

@@ -7,7 +7,7 @@ measured at a time, 300 in all; that looks like a robot that does not answer. A 
 ways, an adapter on USB for what it receives. Network connections do without.
 
 Only who may (CAP_SYS_NICE: root, or a service that is given it) can have them run before ordinary
-programs. They stay behind every process of a tree.
+programs. They stay behind what keeps a robot safe.
 """
 
 from __future__ import annotations

@@ -23,10 +23,11 @@ lives."""
 ROOT_PRIORITY = 12
 WIRE_PRIORITY = 11
 """Below the root, which has to be able to end it."""
-TWIN_PRIORITY = 10
-"""The robot has a computer of its own."""
-KERNEL_PRIORITY = 9
-"""Of the kernel's workers: see ``kernel_workers``."""
+KERNEL_PRIORITY = 10
+"""Of the kernel's workers (see ``kernel_workers``): they also write files, for which nothing that
+keeps a robot safe is to wait."""
+TWIN_PRIORITY = 9
+"""The robot has a computer of its own. It computes most: the bytes between the two come first."""
 
 SPELL_S = 0.5
 """Longer than any process of a tree computes at a time. The failure detectors end who is silent for
