@@ -59,6 +59,7 @@ WIRES = {
     "rby1": "strands_actors.drivers.rby1.driver:RBY1",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
+    "spot": "strands_actors.drivers.spot.driver:Spot",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",

@@ -261,7 +261,9 @@ async def open_grpc(
             end = ClientEnd(name, max_message=max_message)
             connection = Connection(name, await open_stream(host, port), end)
             connection._flush()
-            opened = not settle or await connection.until(lambda: end.settled, within_s)
+            if settle:
+                await connection.until(lambda: end.settled, within_s)
+            opened = not settle or end.settled
     finally:
         if connection is not None and not opened:
             connection.close()

@@ -135,8 +135,9 @@ class Twin:
 
 
 def _is_there(port: str) -> bool:
-    """Whether somebody could connect: to a path, or to host:port, by a stream or by datagrams."""
-    host, colon, number = port.rpartition(":")
+    """Whether somebody could connect: to a path, or to host:port (and what stands behind a ?), by
+    a stream or by datagrams."""
+    host, colon, number = port.partition("?")[0].rpartition(":")
     if not colon:
         return os.path.exists(port)
     try:

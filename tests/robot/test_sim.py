@@ -45,6 +45,7 @@ SIMULATED = {
     "kuka_iiwa": ("joint1", 1.0, 0.01),
     "kinova_gen3": ("joint_1", 1.0, 0.01),
     "rby1": ("head_0", 1.0, 0.01),
+    "spot": ("arm_sh0", 1.0, 0.01),
     "panda": ("joint1", 1.0, 0.01),
     "fr3": ("fr3_joint6", 2.0, 0.01),
     "fr3_v2": ("fr3v2_joint4", -1.0, 0.01),
@@ -440,7 +441,7 @@ def test_the_time_of_a_robot_on_its_wire_is_the_clocks(new_sim: NewSim, new_arm:
     json_of(sim.step(10))
 
 
-@pytest.mark.parametrize("robot", ["robotiq_2f85", "ur5e", "xarm7", "rby1", "panda"])
+@pytest.mark.parametrize("robot", ["robotiq_2f85", "ur5e", "xarm7", "rby1", "spot", "panda"])
 def test_other_bodies_step_too(robot: str, new_sim: NewSim) -> None:
     sim = new_sim(robot)
     axis, value = {
@@ -448,6 +449,7 @@ def test_other_bodies_step_too(robot: str, new_sim: NewSim) -> None:
         "ur5e": ("shoulder_pan_joint", 0.5),
         "xarm7": ("joint1", 0.5),
         "rby1": ("right_arm_0", 0.5),
+        "spot": ("arm_sh0", 0.5),
         "panda": ("joint1", 0.5),
     }[robot]
     json_of(sim.send_action({axis: value}))

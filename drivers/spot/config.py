@@ -1,0 +1,96 @@
+"""What the wire and the stop channel of a Spot know of it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import ssl
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.tcp_port import parse_address
+
+from .protocol import PORT
+
+INSTALL = "Install it: pip install 'strands-actors[spot]'"
+USERNAME, PASSWORD = "BOSDYN_CLIENT_USERNAME", "BOSDYN_CLIENT_PASSWORD"
+TWIN_LOGIN = "twin", "twin"
+"""A twin takes any login but ``wrong``."""
+
+SAFE_S = 8.0
+"""Longest that making it safe may take: it sits, or its e-stop is asserted; and for the stop channel
+the start of a process and two answers."""
+
+_CA = "?ca="
+
+
+class Address(NamedTuple):
+    host: str
+    port: int
+    ca: str
+    """Path of the certificates to believe; empty: the vendor's."""
+
+
+def parse_port(port: str) -> Address:
+    """``HOST[:PORT][?ca=PATH]``. Raise ``ValueError`` with what would be accepted."""
+    where, found, path = port.partition(_CA)
+    if found and not path:
+        raise ValueError(f"port is {port!r}. Behind ?ca= give the path of a file of certificates")
+    return Address(*parse_address(where, PORT), path)
+
+
+def vendor_certificate() -> str:
+    """Return the path of the certificate that every Spot's is signed with. It comes with the
+    vendor's client, which is not imported for it. Raise ``WireDown`` with the line that installs
+    it."""
+    try:
+        client = importlib.util.find_spec("bosdyn.client")
+    except ImportError:
+        client = None
+    path = Path(client.origin).parent / "resources" / "robot.pem" if client and client.origin else None
+    if path is None or not path.is_file():
+        raise WireDown(f"bosdyn-client, with the certificate of Boston Dynamics, is not there. {INSTALL}")
+    return str(path)
+
+
+class SpotConfig(msgspec.Struct, frozen=True):
+    robot: str
+    port: str
+    axes: tuple[Axis, ...]
+    estop_timeout_s: float
+    arm_speed_rad_s: float
+    silent_s: float = 1.0
+    """Without an answer for so long the link counts as lost."""
+
+    def address(self) -> Address:
+        """Raise ``WireDown`` for a port that is none."""
+        try:
+            return parse_port(self.port)
+        except ValueError as error:
+            raise WireDown(f"{self.robot}: {error}") from None
+
+    def tls(self) -> ssl.SSLContext:
+        """Return what a connection is checked with. Raise ``WireDown``."""
+        path = self.address().ca or vendor_certificate()
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.set_alpn_protocols(["h2"])
+        try:
+            context.load_verify_locations(path)
+        except (OSError, ssl.SSLError) as error:
+            raise WireDown(f"{self.robot}: no certificates in {path} ({error})") from None
+        return context
+
+    def login(self, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:
+        """Return user and password. Raise ``WireDown`` when they are not there."""
+        user, password = environment.get(USERNAME, ""), environment.get(PASSWORD, "")
+        if user and password:
+            return user, password
+        if self.address().ca:
+            return TWIN_LOGIN
+        missing = " and ".join(name for name, value in ((USERNAME, user), (PASSWORD, password)) if not value)
+        raise WireDown(f"{self.robot}: no login. Set {missing} in the environment")

@@ -1,0 +1,176 @@
+"""Boston Dynamics Spot, on gRPC over TLS.
+
+Connecting moves nothing, and neither does ``resume()``: it takes the lease of the body and sets up
+an e-stop endpoint of our own. ``stand()`` powers the motors and stands up. Every twist ends by
+itself 0.6 s later, on the robot's clock.
+
+``hold``    it stands where it is, motors on: what expired, a lost lease, ``stop()``
+``settle``  it sits down, motors off: whatever ended a process of ours, ``cleanup()``, an e-stop
+``off``     motors cut at once: an e-stop, where ``on_estop="cut"``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from strands_actors.contract.driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    Reason,
+    Service,
+    Timing,
+)
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.kernel.messages import Refused
+
+from .config import SAFE_S, SpotConfig
+from .gates import conditions_of, gates_of, refuse_leg, refuse_twist, with_parts
+from .protocol import TWIST_S
+from .robots import BASE, DRIVES, KEYS, TABLES, parts_of
+
+STREAM_TTL_S = 0.3
+"""Lifetime of a setpoint of a stream: three periods."""
+
+STAND_S = 40.0
+"""Powering on takes 20 s at most, standing up 10."""
+
+
+class SpotOptions(DriverOptions, frozen=True):
+    control_frequency: Annotated[float, option("setpoints a second, 2 to 30", ge=2, le=30)] = 10.0
+    estop_timeout_s: Annotated[
+        float,
+        option(
+            "seconds without a check-in after which the robot settles and cuts its motors by itself", ge=1, le=10
+        ),
+    ] = 3.0
+    on_estop: Annotated[
+        Literal["settle", "cut"],
+        option("what an e-stop does: sit down, then motors off; or motors off at once, and it falls"),
+    ] = "settle"
+
+
+class Spot(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    WIRE: ClassVar[str] = "strands_actors.drivers.spot.wire:SpotWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.spot.stop_channel:SpotStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.spot.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(SpotOptions)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("pose", {"xyz": "xyz_m", "rpy": "rpy_rad"}),
+        Sensor(
+            "odom",
+            {
+                "xyz": "xyz_m",
+                "quaternion": "quaternion_wxyz",
+                "linear": "linear_m_s",
+                "angular": "angular_rad_s",
+            },
+        ),
+        Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
+    )
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
+        READ_SENSORS,
+        STATE,
+        STATUS,
+        ToolVerb("stand", "service", "Power the motors on and stand up. Keep clear of the robot."),
+        STOP,
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        "stand": Service("power the motors on and stand up", within_s=STAND_S, in_motion=True),
+        "set_twist": Service(
+            f"walk so fast for {TWIST_S:g} s, m/s and rad/s of the body, then stand",
+            within_s=1.0,
+            arguments=dict.fromkeys(BASE, 0.0),
+            in_motion=True,
+            moves=True,
+        ),
+    }
+    BEFORE_MOTION: ClassVar[str] = "stand"
+
+    config: SpotConfig
+    unit = "radians; base: m/s and rad/s"
+    bound_s = 0.2
+    """From a death to the safe frame: a process of its own asks the robot for its e-stop
+    configuration and for a challenge, and then stops it."""
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        return plain(read_options(robot, SpotOptions, options))
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        read = read_options(robot, SpotOptions, options)
+        self.robot = TABLES.canonical(robot)
+        table = TABLES.table(robot)
+        self.declare(*parts_of(table))
+        self.config = SpotConfig(self.robot, port, self.table, read.estop_timeout_s, float(table["arm_rad_s"]))
+        self.timing = Timing(
+            control_hz=read.control_frequency,
+            keepalive_s=3600.0,  # nothing is sent twice: the robot keeps what it was told until that ends
+            stream_ttl_s=max(STREAM_TTL_S, 1.5 / read.control_frequency),
+            state_ttl_s=0.8,
+            arm_s=6.0,
+            call_s=0.7,
+            open_s=16.0,
+            handover_s=6.0,
+            safe_s=SAFE_S,
+        )
+        self.gates = gates_of(self.table, self.timing.state_ttl_s)
+        self.conditions = conditions_of()
+        at_estop = SafeState.OFF if read.on_estop == "cut" else SafeState.SETTLE
+        stands = {*HOLDING_REASONS, Reason.STOP}
+        self.fallbacks = {
+            **{reason: SafeState.HOLD if reason in stands else SafeState.SETTLE for reason in Reason},
+            Reason.ESTOP: at_estop,
+        }
+        self.firmware_watchdog = (
+            f"a twist ends {TWIST_S:g} s after it was sent; without a check-in of our e-stop endpoint for "
+            f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors; resume() reads its time-out back"
+        )
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """Return the whole target; behind it which parts of the robot are told anything."""
+        refused = refuse_leg(action)
+        if refused is not None:
+            return refused
+        target = state.target[: len(KEYS)]
+        at = GateState(
+            state.now_ns,
+            state.observation,
+            target,
+            state.target_ns,
+            state.stream,
+            state.period_s,
+            state.live_until_ns,
+        )
+        parsed = parse_twist(action, self.robot, self.table, self._index, at)
+        return parsed if isinstance(parsed, Refused) else with_parts(parsed, state)
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
+        if refusal is not None or service != "set_twist":
+            return refusal
+        return refuse_twist(arguments, self.table)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Return a row by key, without what this robot has not: an arm."""
+        row = dict(zip(self.axes, values, strict=False))
+        return {key: value for key, value in row.items() if value == value}
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        target = self.as_json(values)
+        named = {str(key).removesuffix(".pos") for key in action}
+        told: dict[str, Any] = {"robot": self.robot}
+        told["joints"] = {key: value for key, value in target.items() if key in named and key not in BASE}
+        if values[DRIVES]:
+            told["twist"] = {key: target[key] for key in BASE}
+        return told

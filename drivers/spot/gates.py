@@ -1,0 +1,172 @@
+"""What a Spot refuses, from what it reports. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from strands_actors.contract.axis import SHOWN, Axis, finite
+from strands_actors.contract.axis_gates import axis_gates, past_range
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation, Reason
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .protocol import TWIST_S, Motors, Reading, name_of
+from .robots import ARM, BASE, CLAW, DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW, wire_name
+
+LEASE, ESTOP, COMMAND, BEHAVIOUR = "lease", "estop", "command", "behaviour"
+"""Keys of ``Observation.faults``."""
+
+
+def sensors_of(reading: Reading) -> dict[str, tuple[float, ...]]:
+    """Return what is read beside the axes, by name, unit in the name."""
+    told = {
+        "xyz_m": reading.xyz_m,
+        "rpy_rad": reading.rpy_rad,
+        "quaternion_wxyz": reading.quaternion,
+        "linear_m_s": (*reading.twist[:2], 0.0),
+        "angular_rad_s": (0.0, 0.0, reading.twist[2]),
+        "battery_pct": (reading.battery_pct,),
+        "battery_v": (reading.battery_v,),
+        "motors": (float(reading.motors),),
+        "estopped": (float(len(reading.pressed)),),
+    }
+    legs = [(key, reading.joints.get(wire_name(key))) for key in LEGS]
+    return {**told, **{f"{key}_rad": (joint[0],) for key, joint in legs if joint is not None}}
+
+
+# -- conditions: what must be true of it, whatever it is told
+
+
+def conditions_of() -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked. Whoever takes the lease has the robot: it
+    is left standing for him."""
+    return (
+        Condition(_lease, Reason.FAULT, SafeState.HOLD),
+        Condition(_estop_of_ours, Reason.FAULT, SafeState.SETTLE, always=True),
+        Condition(_estopped, Reason.FAULT, SafeState.SETTLE, always=True),
+        Condition(_motors, Reason.FAULT, SafeState.HOLD),
+    )
+
+
+def _lease(observation: Observation, now_ns: int) -> Refused | None:
+    owner = observation.faults.get(LEASE)
+    if owner is None:
+        return None
+    return Refused("lease_lost", f"move: {owner}", "let its owner return it, then call stop() and resume()", owner)
+
+
+def _estop_of_ours(observation: Observation, now_ns: int) -> Refused | None:
+    why = observation.faults.get(ESTOP)
+    if why is None:
+        return None
+    return Refused("estop_lost", f"move: {why}", "call resume(), which sets up the e-stop anew", why)
+
+
+def _estopped(observation: Observation, now_ns: int) -> Refused | None:
+    (pressed,) = observation.sensors.get("estopped", (0.0,))
+    if not pressed:
+        return None
+    return Refused("estopped", "move: the robot is E-stopped", "release it first", "E-stopped")
+
+
+def _motors(observation: Observation, now_ns: int) -> Refused | None:
+    (motors,) = observation.sensors.get("motors", (float(Motors.UNKNOWN),))
+    if motors == Motors.ON:
+        return None
+    state = name_of(Motors, int(motors))
+    return Refused("motors_off", f"move: its motors are {state}", "call stand() first", state, "on")
+
+
+# -- gates: of one command
+
+
+def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    return (_has_part, *axis_gates(axes, state_ttl_s))
+
+
+def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
+    """Refuse joints of an arm that this robot has not. ``stale`` would call them silent."""
+    absent = [KEYS[at] for at in candidate.named if _is_absent(at, state.observation)]
+    if not absent:
+        return None
+    what = "claw" if absent == [CLAW] else "arm"
+    return Refused(
+        "no_arm", f"move: this robot has no {what}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
+    )
+
+
+def _is_absent(at: int, observation: Observation) -> bool:
+    """Whether the robot reports, and this joint is never among it."""
+    return bool(observation.sensors) and math.isnan(observation.position[at]) and not observation.stamp_ns[at]
+
+
+def refuse_leg(action: Mapping[str, object]) -> Refused | None:
+    """Refuse to move a leg, which only the robot's own controller does."""
+    for key in action:
+        if isinstance(key, str) and key.removesuffix(".pos") in LEGS:
+            why = f"move: {key}: legs belong to the locomotion controller"
+            return Refused("read_only", why, f"walk by {', '.join(BASE)}", key, ", ".join(KEYS))
+    return None
+
+
+def with_parts(candidate: Candidate, state: GateState) -> Candidate:
+    """Return the target with what follows from the names: which parts of the robot are told
+    anything. A twist has an end; the arm holds what it was told. A joint that was never read, and is
+    not named, is not told either."""
+    named = {KEYS[at] for at in candidate.named}
+    speeds = candidate.values[: len(BASE)]
+    drives = bool(named & set(BASE)) or any(speeds)
+    values = [
+        0.0 if math.isnan(value) and at not in candidate.named else value
+        for at, value in enumerate(candidate.values)
+    ]
+    until_ns = candidate.until_ns
+    if any(speeds):
+        ends_ns = state.now_ns + round(TWIST_S * NS)
+        until_ns = min(until_ns, ends_ns) if until_ns else ends_ns
+    flags = (float(drives), float(bool(named & set(ARM))), float(CLAW in named))
+    return Candidate((*values, *flags), candidate.named, until_ns)
+
+
+# -- services
+
+
+def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused | None:
+    """Refuse a ``set_twist`` that is no finite number, or past a limit."""
+    speeds: list[float] = []
+    for axis in axes[: len(BASE)]:
+        value = finite(arguments.get(axis.key, 0.0))
+        if value is None:
+            shown = str(arguments.get(axis.key))[:SHOWN]
+            why = f"set_twist: {axis.key} is {shown}"
+            return Refused("not_finite", why, "send a finite number", shown, "a finite number")
+        speeds.append(value)
+    nothing = Observation(0, (0.0,) * len(BASE), (0,) * len(BASE))
+    base = axes[: len(BASE)]
+    candidate = Candidate(tuple(speeds), tuple(range(len(BASE))))
+    refused = past_range(base)(candidate, GateState(0, nothing, tuple(speeds), 0, False))
+    if refused is None:
+        return None
+    return Refused(
+        refused.code, refused.reason.replace("move:", "set_twist:"), refused.remedy, refused.offered, refused.limit
+    )
+
+
+__all__ = [
+    "BEHAVIOUR",
+    "COMMAND",
+    "DRIVES",
+    "ESTOP",
+    "LEASE",
+    "MOVES_ARM",
+    "MOVES_CLAW",
+    "conditions_of",
+    "gates_of",
+    "refuse_leg",
+    "refuse_twist",
+    "sensors_of",
+    "with_parts",
+]

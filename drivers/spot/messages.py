@@ -1,0 +1,244 @@
+"""The messages of Spot's services that are used here, as tables: field to number and kind.
+
+A message is a plain ``dict`` of the fields that are set; what is not in the tables is left out when
+it is read. Pure. Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
+
+Kinds: ``int`` signed, ``uint``, ``bool``, ``double``, ``text``, or the name of a message; ``*``
+behind it: repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+Message = dict[str, Any]
+
+_REQUEST = "header 1 RequestHeader"
+_REPLY = "header 1 ResponseHeader"
+
+TABLES: Mapping[str, str] = {
+    # common
+    "Timestamp": "seconds 1 int, nanos 2 int",
+    "Number": "value 1 double",
+    "Vec2": "x 1 double, y 2 double",
+    "Vec3": "x 1 double, y 2 double, z 3 double",
+    "Quaternion": "x 1 double, y 2 double, z 3 double, w 4 double",
+    "Pose": "position 1 Vec3, rotation 2 Quaternion",
+    "Twist2": "linear 1 Vec2, angular 2 double",
+    "Twist3": "linear 1 Vec3, angular 2 Vec3",
+    "RequestHeader": "request_timestamp 1 Timestamp, client_name 2 text",
+    "CommonError": "code 1 uint, message 2 text",
+    "ResponseHeader": "request_header 1 RequestHeader, request_received_timestamp 2 Timestamp, "
+    "response_timestamp 3 Timestamp, error 4 CommonError",
+    # auth, robot-id, directory
+    "GetAuthTokenRequest": f"{_REQUEST}, username 2 text, password 3 text, token 4 text",
+    "GetAuthTokenResponse": f"{_REPLY}, status 2 uint, token 3 text",
+    "RobotIdRequest": _REQUEST,
+    "RobotIdResponse": f"{_REPLY}, robot_id 2 RobotId",
+    "RobotId": "serial_number 1 text, species 2 text, version 3 text, software_release 4 Release, nickname 5 text",
+    "Release": "version 1 Version",
+    "Version": "major_version 1 int, minor_version 2 int, patch_level 3 int",
+    "ListServiceEntriesRequest": _REQUEST,
+    "ListServiceEntriesResponse": f"{_REPLY}, service_entries 2 ServiceEntry*",
+    "GetServiceEntryRequest": f"{_REQUEST}, service_name 2 text",
+    "GetServiceEntryResponse": f"{_REPLY}, status 2 uint, service_entry 3 ServiceEntry",
+    "ServiceEntry": "name 1 text, type 2 text, authority 3 text, user_token_required 5 bool",
+    # time-sync
+    "TimeSyncUpdateRequest": f"{_REQUEST}, previous_round_trip 2 RoundTrip, clock_identifier 3 text",
+    "TimeSyncUpdateResponse": f"{_REPLY}, previous_estimate 2 Estimate, state 3 TimeSyncState, "
+    "clock_identifier 4 text",
+    "RoundTrip": "client_tx 1 Timestamp, server_rx 2 Timestamp, server_tx 3 Timestamp, client_rx 4 Timestamp",
+    "Estimate": "round_trip_time 1 Timestamp, clock_skew 2 Timestamp",
+    "TimeSyncState": "best_estimate 1 Estimate, status 2 uint, measurement_time 3 Timestamp",
+    # estop
+    "Endpoint": "role 1 text, name 2 text, unique_id 3 text, timeout 4 Timestamp, cut_power_timeout 5 Timestamp",
+    "EstopConfig": "endpoints 1 Endpoint*, unique_id 2 text",
+    "EndpointStatus": "endpoint 1 Endpoint, stop_level 2 uint, time_since_valid_response 3 Timestamp",
+    "EstopStatus": "endpoints 3 EndpointStatus*, stop_level 4 uint, stop_level_details 5 text",
+    "EstopCheckInRequest": f"{_REQUEST}, endpoint 2 Endpoint, challenge 3 uint, response 4 uint, stop_level 5 uint",
+    "EstopCheckInResponse": f"{_REPLY}, request 2 EstopCheckInRequest, challenge 3 uint, status 4 uint",
+    "RegisterEstopEndpointRequest": f"{_REQUEST}, target_endpoint 2 Endpoint, target_config_id 3 text, "
+    "new_endpoint 4 Endpoint",
+    "RegisterEstopEndpointResponse": f"{_REPLY}, request 2 RegisterEstopEndpointRequest, new_endpoint 3 Endpoint, "
+    "status 4 uint",
+    "DeregisterEstopEndpointRequest": f"{_REQUEST}, target_endpoint 2 Endpoint, target_config_id 3 text",
+    "DeregisterEstopEndpointResponse": f"{_REPLY}, request 2 DeregisterEstopEndpointRequest, status 4 uint",
+    "GetEstopConfigRequest": f"{_REQUEST}, target_config_id 4 text",
+    "GetEstopConfigResponse": f"{_REPLY}, request 2 GetEstopConfigRequest, active_config 3 EstopConfig",
+    "SetEstopConfigRequest": f"{_REQUEST}, config 3 EstopConfig, target_config_id 4 text",
+    "SetEstopConfigResponse": f"{_REPLY}, request 2 SetEstopConfigRequest, active_config 3 EstopConfig, "
+    "status 4 uint",
+    "GetEstopSystemStatusRequest": _REQUEST,
+    "GetEstopSystemStatusResponse": f"{_REPLY}, status 3 EstopStatus",
+    # lease
+    "Lease": "resource 1 text, epoch 2 text, sequence 3 uint*, client_names 4 text*",
+    "LeaseOwner": "client_name 1 text, user_name 2 text",
+    "LeaseUse": "status 1 uint, owner 2 LeaseOwner, attempted_lease 3 Lease, previous_lease 4 Lease, "
+    "latest_known_lease 5 Lease",
+    "AcquireLeaseRequest": f"{_REQUEST}, resource 2 text",
+    "AcquireLeaseResponse": f"{_REPLY}, status 2 uint, lease 3 Lease, lease_owner 4 LeaseOwner",
+    "TakeLeaseRequest": f"{_REQUEST}, resource 2 text",
+    "TakeLeaseResponse": f"{_REPLY}, status 2 uint, lease 3 Lease, lease_owner 4 LeaseOwner",
+    "ReturnLeaseRequest": f"{_REQUEST}, lease 2 Lease",
+    "ReturnLeaseResponse": f"{_REPLY}, status 2 uint",
+    "RetainLeaseRequest": f"{_REQUEST}, lease 2 Lease",
+    "RetainLeaseResponse": f"{_REPLY}, lease_use_result 2 LeaseUse",
+    "ListLeasesRequest": _REQUEST,
+    "ListLeasesResponse": f"{_REPLY}, resources 2 LeaseResource*",
+    "LeaseResource": "resource 1 text, lease 2 Lease, lease_owner 3 LeaseOwner, is_stale 5 bool",
+    # power
+    "PowerCommandRequest": f"{_REQUEST}, lease 2 Lease, request 3 uint",
+    "PowerCommandResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint, power_command_id 4 uint, "
+    "license_status 5 uint",
+    "PowerCommandFeedbackRequest": f"{_REQUEST}, power_command_id 2 uint",
+    "PowerCommandFeedbackResponse": f"{_REPLY}, status 2 uint",
+    # robot-state
+    "RobotStateRequest": _REQUEST,
+    "RobotStateResponse": f"{_REPLY}, robot_state 2 RobotState",
+    "RobotState": "power_state 1 PowerState, battery_states 2 Battery*, estop_states 5 EStopState*, "
+    "kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults",
+    "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, "
+    "robot_power_state 6 uint",
+    "Battery": "identifier 2 text, charge_percentage 3 Number, voltage 6 Number, status 8 uint",
+    "EStopState": "name 2 text, type 3 uint, state 4 uint, state_description 5 text",
+    "Kinematics": "joint_states 2 Joint*, velocity_of_body_in_vision 8 Twist3, velocity_of_body_in_odom 12 Twist3, "
+    "acquisition_timestamp 30 Timestamp, transforms_snapshot 31 FrameTree",
+    "Joint": "name 1 text, position 2 Number, velocity 3 Number, load 5 Number",
+    "FrameTree": "edges 1 Edge*",
+    "Edge": "key 1 text, value 2 ParentEdge",
+    "ParentEdge": "parent_frame_name 1 text, parent_tform_child 2 Pose",
+    "BehaviorFaults": "faults 1 BehaviorFault*",
+    "BehaviorFault": "behavior_fault_id 1 uint, cause 3 uint, status 4 uint",
+    # robot-command
+    "RobotCommandRequest": f"{_REQUEST}, lease 2 Lease, command 3 Command, clock_identifier 4 text",
+    "RobotCommandResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint, message 4 text, "
+    "robot_command_id 5 uint",
+    "RobotCommandFeedbackRequest": f"{_REQUEST}, robot_command_id 2 uint",
+    "RobotCommandFeedbackResponse": f"{_REPLY}, feedback 4 Feedback, lease_use_result 5 LeaseUse",
+    "ClearBehaviorFaultRequest": f"{_REQUEST}, lease 2 Lease, behavior_fault_id 3 uint",
+    "ClearBehaviorFaultResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint",
+    "Command": "full_body_command 1 FullBody, synchronized_command 3 Synchronized",
+    "FullBody": "stop_request 1 Empty, freeze_request 2 Empty, selfright_request 3 Empty, "
+    "safe_power_off_request 4 SafePowerOff",
+    "Empty": "",
+    "SafePowerOff": "unsafe_action 1 uint",
+    "Synchronized": "arm_command 1 Arm, mobility_command 2 Mobility, gripper_command 3 Gripper",
+    "Mobility": "se2_velocity_request 2 Velocity, sit_request 3 Empty, stand_request 4 Empty, "
+    "stop_request 6 Empty, params 100 Any",
+    "Any": "type_url 1 text, value 2 MobilityParams",
+    "MobilityParams": "locomotion_hint 3 uint",
+    "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, se2_frame_name 5 text",
+    "Arm": "arm_joint_move_command 4 ArmJointMove, arm_stop_command 9 Empty",
+    "ArmJointMove": "trajectory 1 ArmTrajectory",
+    "ArmTrajectory": "points 1 ArmPoint*, maximum_velocity 3 Number, maximum_acceleration 4 Number",
+    "ArmPoint": "position 1 ArmPosition",
+    "ArmPosition": "sh0 1 Number, sh1 2 Number, el0 3 Number, el1 4 Number, wr0 5 Number, wr1 6 Number",
+    "Gripper": "claw_gripper_command 1 Claw",
+    "Claw": "trajectory 5 ClawTrajectory",
+    "ClawTrajectory": "points 1 ClawPoint*",
+    "ClawPoint": "point 1 double",
+    "Feedback": "full_body_feedback 2 FullBodyFeedback, synchronized_feedback 3 SynchronizedFeedback",
+    "FullBodyFeedback": "stop_feedback 1 Empty, safe_power_off_feedback 4 Status1, status 100 uint",
+    "SynchronizedFeedback": "arm_command_feedback 1 ArmFeedback, mobility_command_feedback 2 MobilityFeedback",
+    "ArmFeedback": "arm_joint_move_feedback 4 Status1, status 100 uint",
+    "MobilityFeedback": "sit_feedback 3 Status2, stand_feedback 4 StandFeedback, status 100 uint",
+    "StandFeedback": "status 1 uint, standing_state 2 uint",
+    "Status1": "status 1 uint",
+    "Status2": "status 2 uint",
+}
+
+
+class Field:
+    """One field of a table. ``kind`` without the star."""
+
+    __slots__ = ("kind", "number", "repeated")
+
+    def __init__(self, number: int, kind: str) -> None:
+        self.number = number
+        self.repeated = kind.endswith("*")
+        self.kind = kind.removesuffix("*")
+
+
+@cache
+def table(name: str) -> Mapping[str, Field]:
+    """Return the fields of a message by name."""
+    rows = (row.split() for row in TABLES[name].split(",") if row.strip())
+    return {field: Field(int(number), kind) for field, number, kind in rows}
+
+
+@cache
+def _by_number(name: str) -> Mapping[int, tuple[str, Field]]:
+    return {field.number: (key, field) for key, field in table(name).items()}
+
+
+def encode(name: str, message: Mapping[str, Any]) -> bytes:
+    """Return the bytes of a message. Raise ``KeyError`` for a field that its table does not
+    have."""
+    fields = table(name)
+    data = b""
+    for key, value in message.items():
+        field = fields[key]
+        for each in value if field.repeated else (value,):
+            data += _encode_field(field, each)
+    return data
+
+
+def _encode_field(field: Field, value: Any) -> bytes:
+    match field.kind:
+        case "uint" | "bool":
+            return pb.varint_field(field.number, int(value))
+        case "int":
+            return pb.varint_field(field.number, int(value) & _ALL_BITS)
+        case "double":
+            return pb.double_field(field.number, float(value))
+        case "text":
+            return pb.bytes_field(field.number, str(value).encode())
+    return pb.bytes_field(field.number, encode(field.kind, value))
+
+
+def decode(name: str, data: bytes) -> Message:
+    """Return the fields that are set. Raise ``MalformedFrame``."""
+    known, told = _by_number(name), Message()
+    for number, kind, value in pb.fields(data):
+        if number not in known:
+            continue
+        key, field = known[number]
+        if field.repeated:
+            told.setdefault(key, []).extend(_several(field, kind, value))
+        else:
+            told[key] = _one(field, kind, value)
+    return told
+
+
+def _several(field: Field, kind: int, value: pb.Value) -> Sequence[Any]:
+    if field.kind == "uint" and isinstance(value, bytes):
+        return pb.varints(pb.bytes_field(1, value), 1)  # packed
+    return (_one(field, kind, value),)
+
+
+def _one(field: Field, kind: int, value: pb.Value) -> Any:
+    match field.kind:
+        case "uint" | "int" | "bool" if kind == pb.VARINT and isinstance(value, int):
+            if field.kind == "int" and value > _ALL_BITS // 2:
+                return value - _ALL_BITS - 1
+            return bool(value) if field.kind == "bool" else value
+        case "double" if kind == pb.FIXED64 and isinstance(value, int):
+            return pb.as_double(value)
+        case "text" if isinstance(value, bytes):
+            try:
+                return value.decode()
+            except UnicodeDecodeError:
+                raise MalformedFrame(f"protobuf: field {field.number} is no text") from None
+        case "uint" | "int" | "bool" | "double" | "text":
+            raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")
+    if not isinstance(value, bytes):
+        raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")
+    return decode(field.kind, value)
+
+
+_ALL_BITS = (1 << 64) - 1

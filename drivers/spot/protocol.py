@@ -1,0 +1,386 @@
+"""What is said to a Spot, and what it says. Pure: no clock, no socket.
+
+Numbers of statuses and levels: the published API, version 5.2.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .messages import Message, decode, encode
+
+PORT = 443
+NS = 1_000_000_000
+
+TWIST_S = 0.6
+"""Every twist ends so long after it was sent, on the robot's clock, whatever becomes of us."""
+
+OK = 1
+"""Of most statuses."""
+
+LEASE_RESOURCE = "body"
+ESTOP_ROLE = "PDB_rooted"
+"""The role that every configuration must have."""
+
+BODY_FRAME, ODOM_FRAME = "body", "odom"
+MOBILITY_PARAMS = "type.googleapis.com/bosdyn.api.spot.MobilityParams"
+HINT_AUTO = 1
+
+UINT64 = (1 << 64) - 1
+
+
+class Method(NamedTuple):
+    """One call. ``service``: its name in the directory."""
+
+    name: str
+    service: str
+    path: str
+    request: str
+    reply: str
+
+
+def _methods(service: str, kind: str, *names: str) -> dict[str, Method]:
+    """``name`` or ``name:message``, where its messages are not called as it is."""
+    told = {}
+    for row in names:
+        name, _, message = row.partition(":")
+        message = message or name
+        path = f"/bosdyn.api.{kind}/{name}"
+        told[name] = Method(name, service, path, f"{message}Request", f"{message}Response")
+    return told
+
+
+SERVICES: Mapping[str, str] = {
+    "auth": "AuthService",
+    "robot-id": "RobotIdService",
+    "directory": "DirectoryService",
+    "time-sync": "TimeSyncService",
+    "estop": "EstopService",
+    "lease": "LeaseService",
+    "power": "PowerService",
+    "robot-state": "RobotStateService",
+    "robot-command": "RobotCommandService",
+}
+"""Name in the directory, and type."""
+
+METHODS: Mapping[str, Method] = {
+    **_methods("auth", SERVICES["auth"], "GetAuthToken"),
+    **_methods("robot-id", SERVICES["robot-id"], "GetRobotId:RobotId"),
+    **_methods("directory", SERVICES["directory"], "ListServiceEntries", "GetServiceEntry"),
+    **_methods("time-sync", SERVICES["time-sync"], "TimeSyncUpdate"),
+    **_methods(
+        "estop",
+        SERVICES["estop"],
+        "EstopCheckIn",
+        "RegisterEstopEndpoint",
+        "DeregisterEstopEndpoint",
+        "GetEstopConfig",
+        "SetEstopConfig",
+        "GetEstopSystemStatus",
+    ),
+    **_methods("lease", SERVICES["lease"], "AcquireLease", "TakeLease", "ReturnLease", "RetainLease", "ListLeases"),
+    **_methods("power", SERVICES["power"], "PowerCommand", "PowerCommandFeedback"),
+    **_methods("robot-state", SERVICES["robot-state"], "GetRobotState:RobotState"),
+    **_methods(
+        "robot-command", SERVICES["robot-command"], "RobotCommand", "RobotCommandFeedback", "ClearBehaviorFault"
+    ),
+}
+
+AUTHORITIES: Mapping[str, str] = {
+    "auth": "auth.spot.robot",
+    "robot-id": "id.spot.robot",
+    "directory": "api.spot.robot",
+}
+"""Of the services that are known before the directory was read."""
+
+
+class StopLevel(enum.IntEnum):
+    CUT = 1
+    SETTLE_THEN_CUT = 2
+    NONE = 4
+
+
+class CheckIn(enum.IntEnum):
+    OK = 1
+    ENDPOINT_UNKNOWN = 2
+    INCORRECT_CHALLENGE_RESPONSE = 5
+
+
+class Motors(enum.IntEnum):
+    UNKNOWN = 0
+    OFF = 1
+    ON = 2
+    POWERING_ON = 3
+    POWERING_OFF = 4
+    ERROR = 5
+
+
+class Power(enum.IntEnum):
+    """Status of a power command."""
+
+    UNKNOWN = 0
+    IN_PROGRESS = 1
+    SUCCESS = 2
+    SHORE_POWER_CONNECTED = 3
+    BATTERY_MISSING = 4
+    COMMAND_IN_PROGRESS = 5
+    ESTOPPED = 6
+    FAULTED = 7
+    INTERNAL_ERROR = 8
+    LICENSE_ERROR = 9
+    INCOMPATIBLE_HARDWARE = 10
+    OVERRIDDEN = 11
+    KEEPALIVE_MOTORS_OFF = 12
+
+
+POWER_OFF, POWER_ON = 1, 2
+
+
+class Command(enum.IntEnum):
+    """Status of a robot command."""
+
+    UNKNOWN = 0
+    OK = 1
+    INVALID_REQUEST = 2
+    UNSUPPORTED = 3
+    NO_TIMESYNC = 4
+    EXPIRED = 5
+    TOO_DISTANT = 6
+    NOT_POWERED_ON = 7
+    UNKNOWN_FRAME = 8
+    BEHAVIOR_FAULT = 9
+    DOCKED = 10
+
+
+class LeaseUse(enum.IntEnum):
+    UNKNOWN = 0
+    OK = 1
+    INVALID_LEASE = 2
+    OLDER = 3
+    REVOKED = 4
+    UNMANAGED = 5
+    WRONG_EPOCH = 6
+
+
+LEASE_CLAIMED = 2
+"""Status of an acquisition: somebody else has it."""
+
+LOGIN_STATUS = {2: "user or password is wrong", 3: "the token is not valid", 4: "too many attempts, wait a while"}
+
+
+def request(method: Method, body: Mapping[str, object], client: str, wall_ns: int) -> bytes:
+    """Return the bytes of a request, with its header."""
+    header = {"request_timestamp": stamp(wall_ns), "client_name": client}
+    return encode(method.request, {"header": header, **body})
+
+
+def reply(method: Method, data: bytes) -> Message:
+    """Return a reply whose header says that all is well. Raise ``MalformedFrame``."""
+    told = decode(method.reply, data)
+    error = told.get("header", {}).get("error", {})
+    if error.get("code") != OK:
+        raise MalformedFrame(f"{method.name}: error {error.get('code', 0)} {error.get('message', '')}".rstrip())
+    return told
+
+
+def name_of(kind: type[enum.IntEnum], number: int) -> str:
+    """Return a status as people read it."""
+    try:
+        return kind(number).name.lower().replace("_", " ")
+    except ValueError:
+        return f"status {number}"
+
+
+# -- time
+
+
+def stamp(ns: int) -> Message:
+    seconds, nanos = divmod(ns, NS)
+    return {"seconds": seconds, "nanos": nanos}
+
+
+def duration(seconds: float) -> Message:
+    return stamp(round(seconds * NS))
+
+
+def stamp_ns(message: Mapping[str, int]) -> int:
+    """Return the nanoseconds of a timestamp or a duration."""
+    return int(message.get("seconds", 0)) * NS + int(message.get("nanos", 0))
+
+
+# -- leases
+
+
+def newer_lease(lease: Message, count: int) -> Message:
+    """Return the lease for the ``count``-th use. The robot refuses a use that is older than the
+    newest it has seen: a command that comes late, behind a stop, is refused."""
+    return {**lease, "sequence": [*lease.get("sequence", []), count]}
+
+
+# -- commands
+
+
+def twist(speeds: Sequence[float], end_ns: int) -> Message:
+    """``end_ns``: on the robot's clock."""
+    vx, vy, wz = speeds
+    velocity = {
+        "end_time": stamp(end_ns),
+        "velocity": {"linear": {"x": vx, "y": vy}, "angular": wz},
+        "se2_frame_name": BODY_FRAME,
+    }
+    return {"mobility_command": {"se2_velocity_request": velocity, "params": _params()}}
+
+
+def stand() -> Message:
+    return {"synchronized_command": {"mobility_command": {"stand_request": {}, "params": _params()}}}
+
+
+def arm(positions_rad: Sequence[float], speed_rad_s: float) -> Message:
+    names = ("sh0", "sh1", "el0", "el1", "wr0", "wr1")
+    position = {name: {"value": value} for name, value in zip(names, positions_rad, strict=True)}
+    trajectory = {"points": [{"position": position}], "maximum_velocity": {"value": speed_rad_s}}
+    return {"arm_command": {"arm_joint_move_command": {"trajectory": trajectory}}}
+
+
+def claw(position_rad: float) -> Message:
+    return {"gripper_command": {"claw_gripper_command": {"trajectory": {"points": [{"point": position_rad}]}}}}
+
+
+def together(*parts: Message) -> Message:
+    """Return one command of several parts of the body."""
+    return {"synchronized_command": {key: value for part in parts for key, value in part.items()}}
+
+
+STOP: Message = {"full_body_command": {"stop_request": {}}}
+SAFE_POWER_OFF: Message = {"full_body_command": {"safe_power_off_request": {"unsafe_action": 1}}}
+
+
+def _params() -> Message:
+    return {"type_url": MOBILITY_PARAMS, "value": {"locomotion_hint": HINT_AUTO}}
+
+
+# -- e-stop
+
+
+def challenge_response(challenge: int) -> int:
+    """Return what proves that a challenge was heard: its one's complement."""
+    return challenge ^ UINT64
+
+
+# -- what it reports
+
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""w, x, y, z."""
+
+
+class Reading(NamedTuple):
+    """``joints``: wire name to position and velocity. ``pressed``: e-stops that are."""
+
+    motors: Motors
+    pressed: tuple[str, ...]
+    joints: Mapping[str, tuple[float, float]]
+    battery_pct: float
+    battery_v: float
+    twist: Vector
+    """Of the body, in its own frame."""
+    xyz_m: Vector
+    quaternion: Quaternion
+    """Of the body in odometry's frame."""
+    faults: tuple[int, ...]
+    """Ids of behaviour faults."""
+    stamp_ns: int
+    """When it was so, on the robot's clock."""
+
+    @property
+    def rpy_rad(self) -> Vector:
+        return roll_pitch_yaw(self.quaternion)
+
+    @property
+    def speed(self) -> float:
+        """Of the body: m/s and rad/s, the larger."""
+        vx, vy, wz = self.twist
+        return max(math.hypot(vx, vy), abs(wz))
+
+
+def reading(told: Message) -> Reading:
+    """Return what a ``GetRobotState`` says. Raise ``MalformedFrame`` when what must be there is
+    not."""
+    state = told.get("robot_state", {})
+    motion = state.get("kinematic_state", {})
+    battery: Message = next(iter(state.get("battery_states", ())), {})
+    motors = state.get("power_state", {}).get("motor_power_state", 0)
+    if motors not in tuple(Motors):
+        raise MalformedFrame(f"robot state: motor power {motors}")
+    joints = {one.get("name", ""): (_number(one, "position"), _number(one, "velocity", 0.0)) for one in
+              motion.get("joint_states", ())}  # fmt: skip
+    xyz, quaternion = _body_in_odom(motion)
+    return Reading(
+        Motors(motors),
+        tuple(one.get("name", "?") for one in state.get("estop_states", ()) if one.get("state") == 1),
+        joints,
+        _number(battery, "charge_percentage"),
+        _number(battery, "voltage"),
+        _body_twist(motion.get("velocity_of_body_in_odom"), quaternion),
+        xyz,
+        quaternion,
+        tuple(one.get("behavior_fault_id", 0) for one in state.get("behavior_fault_state", {}).get("faults", ())),
+        stamp_ns(motion.get("acquisition_timestamp", {})),
+    )
+
+
+def _number(message: Message, key: str, default: float = math.nan) -> float:
+    """Return a wrapped number; one that is not finite is none."""
+    if key not in message:
+        return default
+    value = float(message[key].get("value", 0.0))
+    return value if math.isfinite(value) else math.nan
+
+
+def _vector(message: Message) -> Vector:
+    x, y, z = (float(message.get(axis, 0.0)) for axis in "xyz")
+    return x, y, z
+
+
+def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
+    """The tree has its root in the body: odometry's frame is told as seen from there."""
+    edges = {
+        one.get("key", ""): one.get("value", {}) for one in motion.get("transforms_snapshot", {}).get("edges", ())
+    }
+    pose = edges.get(ODOM_FRAME, {}).get("parent_tform_child", {})
+    x, y, z = _vector(pose.get("position", {}))
+    rotation = pose.get("rotation", {})
+    w, qx, qy, qz = (float(rotation.get(axis, 0.0)) for axis in "wxyz")
+    norm = math.sqrt(w * w + qx * qx + qy * qy + qz * qz)
+    if not math.isfinite(norm) or norm < 0.5:
+        return (math.nan,) * 3, (math.nan,) * 4
+    back = (w / norm, -qx / norm, -qy / norm, -qz / norm)
+    rx, ry, rz = rotated(back, (x, y, z))
+    return (-rx, -ry, -rz), back
+
+
+def _body_twist(velocity: Message | None, quaternion: Quaternion) -> Vector:
+    """Speeds are told in odometry's frame: turn them into the body's. A robot that does not tell
+    them is not known to stand."""
+    if velocity is None:
+        return math.nan, math.nan, math.nan
+    linear, angular = _vector(velocity.get("linear", {})), _vector(velocity.get("angular", {}))
+    w, x, y, z = quaternion
+    vx, vy, _ = rotated((w, -x, -y, -z), linear)
+    return vx, vy, angular[2]
+
+
+def rotated(quaternion: Quaternion, vector: Vector) -> Vector:
+    """Return a vector turned by a unit quaternion (w, x, y, z)."""
+    w, *axis = quaternion
+    a, b, c = axis
+    x, y, z = vector
+    tx, ty, tz = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
+    return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx

@@ -1,0 +1,73 @@
+"""The stop channel in its own process: a session that is kept up until it is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.kernel.clock import NS, Clock
+
+from .config import SpotConfig
+from .control import EstopEndpoint
+from .session import OpenStream, Session
+from .stopping import SERVICES, stop_by_estop
+
+Reports = tuple[MotorReport, ...]
+
+LOOK_AGAIN_S = 2.0
+"""Between two looks whether the session is still good."""
+TOKEN_S = 3600.0
+"""A token is renewed when it is as old; it is good for 12 h."""
+STOP_S = 1.7
+"""How long the robot is watched; less than ``ANSWER_S``. It is asked again until it confirms."""
+
+
+class EstopChannel(KeptSession[SpotConfig, Session]):
+    """``open_stream``: for tests."""
+
+    def __init__(
+        self,
+        config: SpotConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_stream: OpenStream | None = None,
+    ) -> None:
+        super().__init__(config, descriptors, clock)
+        self._open_stream = open_stream
+
+    async def connect(self) -> Session:
+        session = Session(self.config, self.clock, self._open_stream)
+        opened = False
+        try:
+            await session.open(SERVICES)
+            opened = True
+        finally:
+            if not opened:
+                session.close()
+        return session
+
+    async def keep_up(self, session: Session) -> None:
+        while True:
+            await session.call("GetEstopConfig", {})
+            if self.clock.now_ns() - session.token_ns > TOKEN_S * NS:
+                await session.log_in()
+            await trio.sleep(LOOK_AGAIN_S)
+
+    async def make_safe_by(self, session: Session | None, safe_state: str) -> Reports:
+        with trio.move_on_after(STOP_S):
+            try:
+                if session is None:
+                    session = await self.connect()
+                    self.replace(session)
+            except WireDown as down:
+                return Outcome(False, False, str(down)).reports(*names_of(self.config.axes))
+            endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
+            outcome = await stop_by_estop(session, endpoint, safe_state, STOP_S)
+            if not outcome.acknowledged:
+                self.replace(None)  # what it was given may be dead: the next attempt connects anew
+            return outcome.reports(*names_of(self.config.axes))
+        return Outcome(False, False, "silent").reports(*names_of(self.config.axes))

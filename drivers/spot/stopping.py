@@ -1,0 +1,93 @@
+"""How a Spot is stopped without its lease: by our e-stop endpoint, for the wire and for the stop
+channel. It lets the robot sit down, then cuts its motors; or cuts them at once."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.outcome import Outcome
+
+from . import protocol as p
+from .control import NOTHING_SINCE, EstopEndpoint, FreshState
+from .session import Session
+
+LOOK_S = 0.02
+"""Between two looks at the robot."""
+
+SERVICES = ("estop", "robot-state")
+"""Which are needed for it."""
+
+
+def level_of(safe_state: str) -> p.StopLevel:
+    """Return what the e-stop is told for a safe state. None of them lets the robot stand: that
+    takes a lease."""
+    return p.StopLevel.CUT if safe_state == SafeState.OFF else p.StopLevel.SETTLE_THEN_CUT
+
+
+async def stop_by_estop(session: Session, endpoint: EstopEndpoint, safe_state: str, within_s: float) -> Outcome:
+    """Assert the e-stop, and look until the motors are off. Never raises. Where our endpoint is
+    known, and connected, the first frame leaves before the first wait."""
+    stop = _Stop(session, endpoint, level_of(safe_state))
+    detail = "silent"
+    with trio.move_on_after(within_s):
+        while True:
+            try:
+                detail = await stop.step()
+                if not detail:
+                    return Outcome(stop.written, stop.acknowledged, "")
+            except WireDown as down:
+                detail = f"not confirmed: {down}"
+            await trio.sleep(LOOK_S)
+    return Outcome(stop.written, stop.acknowledged, detail)
+
+
+class _Stop:
+    def __init__(self, session: Session, endpoint: EstopEndpoint, level: p.StopLevel) -> None:
+        self._session = session
+        self._endpoint = endpoint
+        self._level = level
+        self.written = False
+        self.acknowledged = False
+        self.is_anothers = False
+        self._fresh = FreshState(session)
+
+    async def step(self) -> str:
+        """Say it, until it was taken, and look. Return why the robot is not safe yet; empty: it is.
+        Raise ``WireDown``."""
+        if not self.acknowledged:
+            detail = await self._assert()
+            if detail:
+                return detail
+        if self.is_anothers:
+            return ""
+        return why_on(await self._fresh.read())
+
+    async def _assert(self) -> str:
+        if not self._endpoint.is_known and not await self._endpoint.find():
+            # The robot lets nobody change its endpoints while motors are on: nothing of ours has
+            # energised it, and whoever drives it now is none of our business.
+            self.is_anothers = self.acknowledged = True
+            return ""
+        asked = self._endpoint.say(self._level)
+        self.written = True
+        status = await self._endpoint.heard(asked)
+        if status == p.CheckIn.INCORRECT_CHALLENGE_RESPONSE:
+            status = await self._endpoint.heard(self._endpoint.say(self._level))
+        if status == p.CheckIn.OK:
+            self.acknowledged = True
+            return ""
+        if status == p.CheckIn.ENDPOINT_UNKNOWN:
+            self._endpoint.forget()
+        return f"not confirmed: a check-in is answered with status {status}"
+
+
+def why_on(reading: p.Reading | None) -> str:
+    """Return why its motors are not known to be off; empty: they are. None: nothing was reported
+    since the order."""
+    if reading is None:
+        return NOTHING_SINCE
+    if reading.motors is p.Motors.OFF:
+        return ""
+    return f"not confirmed: its motors are {p.name_of(p.Motors, reading.motors)}"

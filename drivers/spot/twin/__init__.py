@@ -1,0 +1,75 @@
+"""A Spot as a twin: its nine services on one port, behind TLS, with a clock that is two minutes
+ahead. Its address names the certificate to believe: ``127.1.2.3:40000?ca=PATH``.
+
+Control lines of its own: ``steal NAME`` takes the lease, ``press`` and ``release`` are for its
+e-stop button, ``mute METHOD ...`` keeps these from being answered.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
+
+import trio
+
+from strands_actors.drivers.common.twin import Connection, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin.grpc import GrpcHost
+
+from .mechanism import Mechanism
+from .services import SKEW_S, SpotTwin
+from .tls import TlsConnection, certificate, server_context
+
+OPTIONS = {
+    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
+    "port": "TCP port (default: any free one)",
+    "skew_s": f"seconds that its clock is ahead of the host's (default {SKEW_S:g})",
+    "sync_s": "seconds that its time sync takes (default 0)",
+    "arm": "whether it has one (default true)",
+}
+
+_TICK_S = 0.01
+
+
+class SpotServer(TcpServer):
+    """Serves one twin at one port."""
+
+    def __init__(self, twin: SpotTwin, port: int, log: WireLog, host: str | None) -> None:
+        self._twin = twin
+        self._clients = GrpcHost(twin)
+        self._context = server_context()
+        super().__init__(twin, {port: self._handle}, log, host)
+
+    @property
+    def address(self) -> str:
+        return f"{super().address}?ca={certificate('ca.pem')}"
+
+    def order(self, words: Sequence[str]) -> bool:
+        return self._twin.order(words)
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._tick)
+            await super().serve()
+
+    async def _handle(self, connection: Connection) -> None:
+        tls = TlsConnection(connection, self._context)
+        await tls.shake_hands()
+        await self._clients.serve(tls)
+
+    async def _tick(self) -> None:
+        while True:
+            self._twin.pass_time()
+            self._clients.flush()
+            await trio.sleep(_TICK_S)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    host, port = given.pop("host", None), int(given.pop("port", 0))
+    twin = SpotTwin(robot, time.monotonic, **given)
+    run_server(lambda log: SpotServer(twin, port, log, host), **start)
+
+
+__all__ = ["OPTIONS", "Mechanism", "SpotServer", "SpotTwin", "main"]

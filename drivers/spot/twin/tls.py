@@ -1,0 +1,71 @@
+"""The twin's end of TLS. Its key is published with it: nobody is to believe it but who was told to,
+by ``?ca=``. The key that it was signed with was thrown away."""
+
+from __future__ import annotations
+
+import ssl
+from importlib import resources
+
+from strands_actors.drivers.common.tls_port import TlsRecords
+from strands_actors.drivers.common.twin import ClientGone, Connection
+
+
+def certificate(name: str) -> str:
+    """Return the path of ``ca.pem`` or ``twin.pem``."""
+    return str(resources.files(__package__).joinpath(name))
+
+
+def server_context() -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate("twin.pem"))
+    context.set_alpn_protocols(["h2"])
+    return context
+
+
+class TlsConnection(Connection):
+    """A client's connection, as plain bytes."""
+
+    def __init__(self, below: Connection, context: ssl.SSLContext) -> None:
+        self._below = below
+        self._records = TlsRecords(context)
+        self.log = below.log
+        self.frost = below.frost
+
+    async def shake_hands(self) -> None:
+        """Raise ``ClientGone``."""
+        self._early = b""
+        while not self._records.is_up:
+            _, data = await self._below.receive()
+            self._early += self._hear(data)
+
+    async def receive(self) -> tuple[int, bytes]:
+        """Return the next bytes and when they were read. Raise ``ClientGone``."""
+        if self._early:
+            early, self._early = self._early, b""
+            return 0, early
+        while True:
+            t_ns, data = await self._below.receive()
+            told = self._hear(data)
+            if told:
+                return t_ns, told
+
+    def send(self, data: bytes) -> None:
+        try:
+            self._records.say(data)
+        except ssl.SSLError:
+            self.abort()
+            return
+        self._below.send(self._records.outgoing())
+
+    def abort(self) -> None:
+        self._below.abort()
+
+    def _hear(self, data: bytes) -> bytes:
+        try:
+            told = self._records.hear(data)
+        except ssl.SSLError:
+            raise ClientGone from None
+        outgoing = self._records.outgoing()
+        if outgoing:
+            self._below.send(outgoing)
+        return told

@@ -1,0 +1,453 @@
+"""A Spot in the wire process.
+
+Nothing is sent twice, and nothing by itself: a twist ends on the robot's clock, and the check-ins of
+our e-stop endpoint leave only while gate and transport answer (``feed``). Each command uses a newer
+lease than the one before, so that one which comes late, behind a stop, is refused by the robot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import SAFE_S, SpotConfig
+from .control import NOTHING_SINCE, BodyLease, EstopEndpoint, FreshState, LeaseLost, RobotTime, read_state
+from .gates import BEHAVIOUR, COMMAND, ESTOP, LEASE, sensors_of
+from .messages import Message
+from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW, wire_name
+from .session import ANSWER_S, NoAnswer, OpenStream, Session
+from .stopping import LOOK_S, stop_by_estop, why_on
+
+SYNC_S = 5.0
+"""Within which the robot's clock must be known."""
+RETAIN_S = 1.0
+"""Between two signs that the lease is still used."""
+SYNC_AGAIN_S = 60.0
+TOKEN_S = 3600.0
+"""A token is renewed when it is as old; it is good for 12 h."""
+RELEASED_S = 1.5
+"""Within which a robot reports that its e-stop is released."""
+POWER_ON_S, STAND_UP_S = 20.0, 10.0
+SIT_S = 5.0
+"""Within which it sits, motors off; then its e-stop is asserted."""
+HOLD_S = 2.0
+"""Within which it must be seen to stand still."""
+STILL = 0.05
+"""m/s and rad/s: below, it stands [assumed]."""
+MARGIN_S = 0.7
+"""Of ``Timing.safe_s``: what is left for what comes after."""
+SERVICES = ("robot-command", "robot-state", "estop", "lease", "power", "time-sync")
+
+
+class SpotWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: SpotConfig, clock: Clock, open_stream: OpenStream | None = None) -> None:
+        self._config = config
+        self._clock = clock
+        self._open_stream = open_stream
+        self._session_or_none: Session | None = None
+        self._is_armed = False
+        self._reading: p.Reading | None = None
+        self._read_ns = 0
+        self._faults: dict[str, str] = {}
+
+    # -- the link
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        session = Session(self._config, self._clock, self._open_stream)
+        opened = False
+        try:
+            known = (await session.call("GetRobotId", {})).get("robot_id", {})
+            await session.open(SERVICES)
+            self._time = RobotTime(session)
+            await self._time.sync(SYNC_S)
+            opened = True
+        finally:
+            if not opened:
+                session.close()
+        self._lease = BodyLease(session)
+        self._estop = EstopEndpoint(session, self._config.estop_timeout_s)
+        self._checked_in_ns = self._retained_ns = self._command_id = 0
+        self._faults = {}
+        self._session_or_none = session
+        version = known.get("software_release", {}).get("version", {})
+        return {
+            "serial": known.get("serial_number", ""),
+            "nickname": known.get("nickname", ""),
+            "software": ".".join(
+                str(version.get(part, 0)) for part in ("major_version", "minor_version", "patch_level")
+            ),
+            "clock_skew_s": round(self._time.skew_s, 3),
+        }
+
+    async def read(self) -> Observation:
+        session = self._session()
+        try:
+            self._reading = await read_state(session)
+            self._read_ns = self._clock.now_ns()
+        except NoAnswer:
+            silent_s = (self._clock.now_ns() - self._read_ns) / NS
+            if self._reading is None or silent_s > self._config.silent_s:
+                raise
+        assert self._reading is not None
+        return self._observation(self._reading)
+
+    async def feed(self) -> None:
+        """Check in at a third of the endpoint's time-out, and say that the lease is used."""
+        session, now_ns = self._session(), self._clock.now_ns()
+        with contextlib.suppress(NoAnswer):  # ``read`` judges how long it may be silent
+            if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
+                await self._check_in(now_ns)
+            if self._lease.is_held and now_ns - self._retained_ns >= RETAIN_S * NS:
+                self._retained_ns = now_ns
+                try:
+                    await self._lease.retain()
+                except LeaseLost as lost:
+                    self._note(lost)
+            if session.host_ns() - self._time.synced_ns > SYNC_AGAIN_S * NS:
+                await self._time.sync(ANSWER_S)
+            if now_ns - session.token_ns > TOKEN_S * NS:
+                await session.log_in()
+
+    async def _check_in(self, now_ns: int) -> None:
+        """A check-in that comes after the time-out would lift an e-stop that has come by then: it is
+        not sent."""
+        late_s = (now_ns - self._checked_in_ns) / NS
+        if late_s >= self._config.estop_timeout_s:
+            self._estop.level = p.StopLevel.SETTLE_THEN_CUT
+            self._faults[ESTOP] = f"a check-in of our e-stop endpoint was {late_s:.1f} s late"
+            return
+        if await self._estop.check_in(p.StopLevel.NONE):
+            self._checked_in_ns = now_ns
+        else:
+            self._faults[ESTOP] = "the robot's e-stop was set up anew by somebody else"
+
+    @property
+    def _check_in_ns(self) -> int:
+        """A period of the tree earlier than a third of the time-out: ``feed`` comes in periods."""
+        return round((self._config.estop_timeout_s / 3 - 0.1) * NS)
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.close()
+        self._session_or_none = self._reading = None
+        self._is_armed = False
+
+    # -- commanding
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Take the lease, and have an e-stop endpoint that lets the robot be powered. Motors stay
+        as they are."""
+        if not self._lease.is_held:
+            await self._lease.acquire()
+            self._faults.pop(LEASE, None)
+        if not self._estop.is_known:
+            await self._set_up_estop()
+        permit.check()
+        if not await self._estop.check_in(p.StopLevel.NONE, permit):
+            raise WireDown("arm: the robot does not know our e-stop endpoint any more. Call resume() again")
+        self._faults.pop(ESTOP, None)
+        self._checked_in_ns = self._clock.now_ns()
+        await self._until_released()
+        permit.check()
+        self._is_armed = True
+        self._faults.pop(COMMAND, None)
+        return await self.read()
+
+    async def _set_up_estop(self) -> None:
+        """Raise ``WireDown``: then the robot is another's, and the lease is not kept from him."""
+        try:
+            await self._estop.set_up()
+        except WireDown:
+            with contextlib.suppress(WireDown):
+                await self._lease.give_back()
+            raise
+
+    async def _until_released(self) -> None:
+        """Read back that our endpoint counts, and that the robot is free. Raise ``WireDown``."""
+        why = "it has not said"
+        with trio.move_on_after(RELEASED_S):
+            while True:
+                pressed = (await read_state(self._session())).pressed
+                why = ", ".join(pressed) or await self._estop.read_back()
+                if not why:
+                    return
+                await trio.sleep(LOOK_S)
+        raise WireDown(f"arm: the robot is E-stopped ({why}). Release it first")
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        if not self._is_armed:
+            raise PermitDenied("it was made safe since")
+        parts: list[Message] = []
+        if values[DRIVES]:
+            parts.append(p.twist(values[: len(BASE)], self._time.in_ns(p.TWIST_S)))
+        if values[MOVES_ARM]:
+            parts.append(p.arm(values[len(BASE) : len(BASE) + len(ARM)], self._config.arm_speed_rad_s))
+        if values[MOVES_CLAW]:
+            parts.append(p.claw(values[KEYS.index(CLAW)]))
+        if parts:
+            await self._command(p.together(*parts), permit)
+
+    async def _command(self, command: Message, permit: Permit | None) -> p.Command | int:
+        """Send a command, and return what the robot says to it. Raise ``WireDown``, also when it
+        does not answer: it may still do it, and is stopped for that."""
+        try:
+            status = await self._commanded(command, permit)
+        except LeaseLost as lost:
+            self._note(lost)
+            return p.Command.UNKNOWN
+        if status == p.Command.NO_TIMESYNC:
+            raise WireDown("time sync: the robot's clock was set anew. Reconnect")
+        if status == p.Command.OK:
+            self._faults.pop(COMMAND, None)
+        else:
+            self._faults[COMMAND] = f"the last command was refused: {p.name_of(p.Command, status)}"
+        return status
+
+    async def _commanded(self, command: Message, permit: Permit | None) -> int:
+        session = self._session()
+        asked = session.ask(
+            "RobotCommand",
+            {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier},
+            permit,
+        )
+        told = await session.answer(asked)
+        if not self._lease.check(told):
+            return p.Command.UNKNOWN
+        self._command_id = told.get("robot_command_id", 0)
+        status: int = told.get("status", 0)
+        return status
+
+    # -- safe
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        if self._session_or_none is None:
+            self._is_armed = False
+            return self._reports(Outcome(False, False, "not connected"))
+        if safe_state == SafeState.HOLD:
+            return self._reports(await self._hold())
+        self._is_armed = False
+        outcome, returned = Outcome(False, False, "it cannot be told by its lease"), ""
+        if safe_state != SafeState.OFF:
+            outcome, returned = await self._sit()
+        if outcome.detail:
+            session = self._session()
+            by_estop = await stop_by_estop(session, self._estop, safe_state, SAFE_S - MARGIN_S - SIT_S)
+            written = outcome.written or by_estop.written
+            outcome = Outcome(written, outcome.acknowledged or by_estop.acknowledged, by_estop.detail)
+            returned = await self._give_back() if not outcome.detail else ""
+        return self._reports(outcome, returned)
+
+    async def _hold(self) -> Outcome:
+        """Tell it to stand still, and see that it does. One that another has the lease of is not
+        moved by us."""
+        written = acknowledged = False
+        detail, fresh = "silent", FreshState(self._session())
+        with trio.move_on_after(HOLD_S):
+            while True:
+                try:
+                    if not acknowledged:
+                        status = await self._commanded(p.STOP, None)
+                        written = True
+                        acknowledged = status in (p.Command.OK, p.Command.NOT_POWERED_ON)
+                        detail = f"not confirmed: a stop is answered with {p.name_of(p.Command, status)}"
+                    if acknowledged:
+                        detail = await self._why_moving(fresh)
+                    if not detail:
+                        return Outcome(True, True, "")
+                except LeaseLost as lost:
+                    if lost.owner:
+                        self._faults[LEASE] = str(lost)
+                    return Outcome(written, True, "")
+                except WireDown as down:
+                    written = written or isinstance(down, NoAnswer)
+                    detail = f"not confirmed: {down}"
+                await trio.sleep(LOOK_S)
+        return Outcome(written, acknowledged, detail)
+
+    async def _why_moving(self, fresh: FreshState) -> str:
+        """Return why it does not stand still; empty: it does. Motors that are being powered on are
+        switched off again. Raise ``LeaseLost``, ``WireDown``."""
+        reading = await fresh.read()
+        if reading is None:
+            return NOTHING_SINCE
+        if reading.motors is p.Motors.POWERING_ON:
+            session = self._session()
+            asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
+            self._lease.check(await session.answer(asked))
+            return "not confirmed: its motors are being powered on"
+        if reading.motors is p.Motors.OFF or reading.speed <= STILL:
+            return ""
+        return f"not confirmed: it reports speed {reading.speed:.2f}"
+
+    async def _sit(self) -> tuple[Outcome, str]:
+        """Sit, motors off, and return the lease. Return also why that was not returned."""
+        written = acknowledged = False
+        detail = "silent"
+        with trio.move_on_after(SIT_S):
+            try:
+                status = await self._commanded(p.SAFE_POWER_OFF, None)
+                written = True
+                if status not in (p.Command.OK, p.Command.NOT_POWERED_ON):
+                    return Outcome(True, False, f"not confirmed: {p.name_of(p.Command, status)}"), ""
+                acknowledged = True
+                fresh = FreshState(self._session())
+                while True:
+                    detail = why_on(await fresh.read())
+                    if not detail:
+                        break
+                    await trio.sleep(LOOK_S)
+                self._estop.level = p.StopLevel.SETTLE_THEN_CUT  # nothing more is fed
+                return Outcome(True, True, ""), await self._give_back()
+            except LeaseLost as lost:
+                if lost.owner:
+                    self._faults[LEASE] = str(lost)
+                detail = f"not confirmed: {lost}"
+            except WireDown as down:
+                written = written or isinstance(down, NoAnswer)
+                detail = f"not confirmed: {down}"
+        return Outcome(written, acknowledged, detail), ""
+
+    async def _give_back(self) -> str:
+        """Return the lease. Return why it was not; empty: it was, or there is none."""
+        if LEASE in self._faults:
+            return f"{self._faults[LEASE]}: it is not returned"
+        try:
+            return await self._lease.give_back()
+        except WireDown as down:
+            return f"the lease was not returned: {down}"
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """By our e-stop endpoint: on the connection that is open, then on a new one."""
+        self._is_armed = False
+        if self._session_or_none is not None:
+            outcome = await stop_by_estop(self._session(), self._estop, safe_state, ANSWER_S)
+            if not outcome.detail:
+                return self._reports(outcome)
+            self.close()
+        session = Session(self._config, self._clock, self._open_stream)
+        try:
+            await session.open(("estop", "robot-state"))
+            estop = EstopEndpoint(session, self._config.estop_timeout_s)
+            return self._reports(await stop_by_estop(session, estop, safe_state, SIT_S))
+        except WireDown as down:
+            return self._reports(Outcome(False, False, str(down)))
+        finally:
+            session.close_in_order()
+
+    def _reports(self, outcome: Outcome, returned: str = "") -> tuple[MotorReport, ...]:
+        reports = outcome.reports(*names_of(self._config.axes))
+        if not returned or outcome.detail:
+            return reports
+        return tuple(
+            MotorReport(one.axis, one.id, one.written, one.acknowledged, one.safe, returned) for one in reports
+        )
+
+    # -- services
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        if not self._is_armed:
+            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+        if service == "set_twist":
+            return await self._set_twist(arguments, permit)
+        return await self._stand(permit)
+
+    async def _set_twist(self, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        speeds = {key: float(arguments.get(key, 0.0)) for key in BASE}
+        command = p.together(p.twist(tuple(speeds.values()), self._time.in_ns(p.TWIST_S)))
+        refused = self._refused("set_twist", await self._command(command, permit))
+        return refused or {"robot": self._config.robot, "twist": speeds, "ends_in_s": p.TWIST_S}
+
+    async def _stand(self, permit: Permit) -> dict[str, Any] | Refused:
+        refused = await self._power_on(permit)
+        if refused is not None:
+            return refused
+        refused = self._refused("stand", await self._command(p.stand(), permit))
+        if refused is not None:
+            return refused
+        number = self._command_id
+        with trio.move_on_after(STAND_UP_S):
+            while not await self._is_standing(number):
+                permit.check()
+                await trio.sleep(LOOK_S)
+            return {"standing": True}
+        return Refused("not_standing", f"stand: it does not stand after {STAND_UP_S:g} s", "look at the robot")
+
+    async def _power_on(self, permit: Permit) -> Refused | None:
+        session = self._session()
+        if (await read_state(session)).motors is p.Motors.ON:
+            return None
+        try:
+            asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
+            told = await session.answer(asked)
+            self._lease.check(told)
+        except LeaseLost as lost:
+            self._note(lost)
+            return self._refused("stand", p.Command.UNKNOWN)
+        status = told.get("status", 0)
+        number = told.get("power_command_id", 0)
+        with trio.move_on_after(POWER_ON_S):
+            while status == p.Power.IN_PROGRESS:
+                permit.check()
+                await trio.sleep(LOOK_S)
+                status = (await session.call("PowerCommandFeedback", {"power_command_id": number})).get("status", 0)
+            if status == p.Power.SUCCESS:
+                return None
+        why = p.name_of(p.Power, status)
+        return Refused("no_power", f"stand: its motors are not powered on: {why}", "look at the robot", why)
+
+    # -- parts
+
+    async def _is_standing(self, number: int) -> bool:
+        told = await self._session().call("RobotCommandFeedback", {"robot_command_id": number})
+        feedback = told.get("feedback", {}).get("synchronized_feedback", {}).get("mobility_command_feedback", {})
+        status: int = feedback.get("stand_feedback", {}).get("status", 0)
+        return status == p.OK
+
+    def _refused(self, service: str, status: int) -> Refused | None:
+        """Return a refusal of the robot's; None: it took the command."""
+        if status == p.Command.OK:
+            return None
+        if LEASE in self._faults:
+            return Refused(
+                "lease_lost", f"{service}: {self._faults[LEASE]}", "let its owner return it, then resume()"
+            )
+        why = p.name_of(p.Command, status)
+        return Refused("robot", f"{service}: the robot refuses it: {why}", "look at the robot", why)
+
+    def _note(self, lost: LeaseLost) -> None:
+        """Keep who took the lease: later it is only known that it is not ours."""
+        if lost.owner or LEASE not in self._faults:
+            self._faults[LEASE] = str(lost)
+
+    def _session(self) -> Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+    def _observation(self, reading: p.Reading) -> Observation:
+        joints = [reading.joints.get(wire_name(key)) for key in (*ARM, CLAW)]
+        known = [(math.nan, 0.0) if joint is None else joint for joint in joints]
+        position = (*reading.twist, *(angle for angle, _ in known))
+        faults = {**self._faults, **({BEHAVIOUR: f"{len(reading.faults)} faults"} if reading.faults else {})}
+        return Observation(
+            t_ns=self._read_ns,
+            position=position,
+            stamp_ns=tuple(0 if math.isnan(value) else self._read_ns for value in position),
+            velocity=(*(0.0 for _ in BASE), *(speed for _, speed in known)),
+            sensors=sensors_of(reading),
+            faults=faults,
+        )

@@ -1,0 +1,257 @@
+"""For the wire in virtual time: the twin's services behind streams in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import trio
+
+from strands_actors.contract.driver import Candidate, GateState, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.grpc_messages import MAX_MESSAGE
+from strands_actors.drivers.common.twin import Connection
+from strands_actors.drivers.common.twin.grpc import GrpcClient, ServerCall
+from strands_actors.drivers.spot.driver import Spot
+from strands_actors.drivers.spot.messages import decode
+from strands_actors.drivers.spot.protocol import ESTOP_ROLE, METHODS, Motors, challenge_response, duration
+from strands_actors.drivers.spot.stop_process import EstopChannel
+from strands_actors.drivers.spot.twin import SpotTwin
+from strands_actors.drivers.spot.wire import SpotWire
+from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.messages import Refused
+
+NOW_NS = 10**12
+PORT = "192.0.2.1?ca=/no/such/file"
+KEYS = 10
+
+
+class Taken(NamedTuple):
+    """One request that the robot took."""
+
+    t_s: float
+    name: str
+    kind: str
+    safe_state: str | None
+    body: Mapping[str, Any]
+
+
+class Go(Permit):
+    """A permit. ``denies``: after so many checks."""
+
+    def __init__(self, checks: int = 10**9) -> None:
+        self._left = checks
+
+    def check(self) -> None:
+        self._left -= 1
+        if self._left < 0:
+            raise PermitDenied("a stop is waiting")
+
+
+class World:
+    """One robot. ``options``: of its twin, and ``driver`` of the driver."""
+
+    def __init__(self, driver: dict[str, Any] | None = None, **options: Any) -> None:
+        self.twin = LoggedTwin(self, **options)
+        self.taken: list[Taken] = []
+        self.streams: list[MemoryStream] = []
+        self.frozen = False  # it takes nothing, and says nothing, for now
+        self.gone = False
+        self.driver = Spot("spot", PORT, Spot.resolve("spot", driver or {}))
+
+    def wire(self) -> SpotWire:
+        return SpotWire(self.driver.config, VirtualClock(), self.open_stream)
+
+    def stop_channel(self) -> EstopChannel:
+        return EstopChannel(self.driver.config, (), VirtualClock(), self.open_stream)
+
+    async def open_stream(self, authority: str, /) -> MemoryStream:
+        await trio.sleep(0.001)
+        if self.gone:
+            raise WireDown("192.0.2.1:443: cannot connect")
+        self.streams.append(MemoryStream(self, authority))
+        return self.streams[-1]
+
+    def thaw(self) -> None:
+        """Let the robot take what has waited, each connection's in its order."""
+        self.frozen = False
+        for stream in self.streams:
+            stream.take_waiting()
+
+    def names(self, kind: str = "") -> list[str]:
+        return [one.name for one in self.taken if kind in ("", one.kind)]
+
+    def of(self, name: str) -> list[Taken]:
+        return [one for one in self.taken if one.name == name]
+
+    def safe(self) -> list[str]:
+        """Safe frames, each as what it brings the robot to."""
+        return [one.safe_state or "" for one in self.taken if one.kind == "safe"]
+
+
+class LoggedTwin(SpotTwin):
+    def __init__(self, world: World, **options: Any) -> None:
+        super().__init__(
+            "spot", trio.current_time, wall_ns=lambda: round((1.7e9 + trio.current_time()) * 1e9), **options
+        )
+        self._world = world
+
+
+class _Client(Connection):
+    """What the twin's services see of a client: what is said to it, and noted of it."""
+
+    def __init__(self, stream: MemoryStream) -> None:
+        self._stream = stream
+        self.log = self  # type: ignore[assignment]
+        self.asked = ""
+
+    def send(self, data: bytes) -> None:
+        self._stream.told += data
+        self._stream.news.set()
+
+    def abort(self) -> None:
+        self._stream.close()
+
+    def write(self, t_ns: int, source: str, frames: Any, safe_state: str | None = None) -> None:
+        for kind, data in frames:
+            body = decode(METHODS[self.asked].request, data)
+            self._stream.world.taken.append(Taken(trio.current_time(), self.asked, kind, safe_state, body))
+
+
+class _Service:
+    """The twin, which says which method a message is of."""
+
+    def __init__(self, twin: SpotTwin, client: _Client) -> None:
+        self._twin = twin
+        self._client = client
+        self.faults = twin.faults
+
+    def called(self, call: ServerCall) -> bool:
+        return self._twin.called(call)
+
+    def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
+        self._client.asked = call.path.rpartition("/")[2]
+        self._twin.message(call, t_ns, message)
+
+    def over(self, call: ServerCall) -> None:
+        self._twin.over(call)
+
+
+class MemoryStream:
+    def __init__(self, world: World, authority: str) -> None:
+        self.world = world
+        self.authority = authority
+        self.told = b""
+        self.news = trio.Event()
+        self._waiting: list[bytes] = []
+        self._open = True
+        connection = _Client(self)
+        self._client = GrpcClient(_Service(world.twin, connection), connection, MAX_MESSAGE)
+        self._client.flush()
+
+    def write(self, data: bytes) -> None:
+        self._check()
+        self._waiting.append(data)
+        if not self.world.frozen:
+            self.take_waiting()
+
+    def take_waiting(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for data in waiting:
+            self._client.take(round(trio.current_time() * 1e9), data)
+            self._client.flush()
+
+    async def read(self) -> bytes:
+        while True:
+            self._check()
+            await trio.sleep(0.001)
+            data = self.read_waiting()
+            if data is not None:
+                return data
+            with trio.move_on_after(0.005):
+                await self.news.wait()
+
+    def read_waiting(self) -> bytes | None:
+        self._check()
+        if self.world.frozen or not self.told:
+            return None
+        told, self.told, self.news = self.told, b"", trio.Event()
+        return told
+
+    def close(self) -> None:
+        self._open = False
+
+    def close_in_order(self) -> None:
+        self.close()
+
+    def _check(self) -> None:
+        if not self._open or self.world.gone:
+            raise WireDown("192.0.2.1:443: the connection is closed")
+
+
+async def ready(world: World, stands: bool = True) -> SpotWire:
+    """Return a wire that is armed; its robot stands."""
+    wire = world.wire()
+    await wire.open()
+    await wire.read()
+    await wire.arm(Go())
+    if stands:
+        answer = await wire.perform("stand", {}, Go())
+        assert answer == {"standing": True}, answer
+    return wire
+
+
+def let_a_tablet_drive(world: World) -> None:
+    """Another has the e-stop, and the motors are on."""
+    estop = world.twin.estop
+    estop.set_config(
+        {"endpoints": [{"role": ESTOP_ROLE, "name": "tablet", "timeout": duration(3600.0)}]}, "", False
+    )
+    (endpoint,) = estop.config["endpoints"]
+    estop.register(endpoint, estop.config["unique_id"])
+    first = estop.check_in({"endpoint": endpoint})["challenge"]
+    estop.check_in(
+        {"endpoint": endpoint, "challenge": first, "response": challenge_response(first), "stop_level": 4}
+    )
+    world.twin.mechanism.motors = Motors.ON
+
+
+# -- for gates
+
+
+def observed(position: tuple[float, ...] = (0.0,) * KEYS, **sensors: float) -> Observation:
+    known = {"motors": 2.0, "estopped": 0.0, **sensors}
+    stamps = tuple(NOW_NS if value == value else 0 for value in position)
+    return Observation(NOW_NS, position, stamps, sensors={key: (value,) for key, value in known.items()})
+
+
+def state(seen: Observation | None = None, live_until_ns: int = 0, stream: bool = False) -> GateState:
+    seen = seen or observed()
+    target = tuple(value if value == value else 0.0 for value in seen.position)
+    return GateState(NOW_NS, seen, target, NOW_NS - 10**8, stream, 0.1 if stream else 0.0, live_until_ns)
+
+
+def answer(action: dict[str, Any], at: GateState | None = None) -> Candidate | Refused:
+    """Return what the driver makes of an action: as the gate asks."""
+    driver, at = Spot("spot", "", Spot.resolve("spot", {})), at or state()
+    for condition in driver.conditions:
+        refusal = condition.check(at.observation, at.now_ns)
+        if refusal is not None:
+            return refusal
+    candidate = driver.parse(action, at)
+    if isinstance(candidate, Candidate):
+        for gate in driver.gates:
+            if (refusal := gate(candidate, at)) is not None:
+                return refusal
+    return candidate
+
+
+def accepted(action: dict[str, Any], at: GateState | None = None) -> Candidate:
+    found = answer(action, at)
+    assert isinstance(found, Candidate), found
+    return found
+
+
+def refused(action: dict[str, Any], at: GateState | None = None) -> Refused:
+    found = answer(action, at)
+    assert isinstance(found, Refused), found
+    return found

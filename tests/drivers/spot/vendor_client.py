@@ -1,0 +1,81 @@
+"""The vendor's own client, unmodified, against the twin: ``python -m tests.drivers.spot.vendor_client
+PORT``. Prints one JSON object: what each step came to."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import bosdyn.client
+from bosdyn.client.estop import EstopEndpoint, EstopKeepAlive
+from bosdyn.client.lease import LeaseKeepAlive
+from bosdyn.client.robot_command import RobotCommandBuilder, block_until_arm_arrives, blocking_sit, blocking_stand
+
+
+def failure(step: Callable[[], Any]) -> str:
+    """Return the kind of error that a step raises; empty: none."""
+    try:
+        step()
+    except Exception as error:  # whichever of the vendor's it is
+        return type(error).__name__
+    return ""
+
+
+def main(port: str) -> dict[str, Any]:
+    address, _, certificate = port.partition("?ca=")
+    host, _, number = address.rpartition(":")
+    sdk = bosdyn.client.create_standard_sdk("vendor", cert_resource_glob=certificate)
+    robot = sdk.create_robot(host)
+    robot.update_secure_channel_port(int(number))
+    told: dict[str, Any] = {"serial": robot.get_id().serial_number}
+    told["bad_login"] = failure(lambda: robot.authenticate("user", "wrong"))
+    robot.authenticate("user", "password")
+    robot.time_sync.wait_for_sync(8)
+    told["skew_s"] = robot.time_sync.endpoint.clock_skew.ToNanoseconds() / 1e9
+    leases, estops = robot.ensure_client("lease"), robot.ensure_client("estop")
+    told["lease"] = leases.acquire("body").lease_proto.resource
+    told["second_lease"] = failure(lambda: leases.acquire("body"))
+    keep_lease = LeaseKeepAlive(leases, must_acquire=False, return_at_exit=False)
+    told["power_without_estop"] = failure(lambda: robot.power_on(timeout_sec=5))
+    endpoint = EstopEndpoint(estops, "vendor", 3.0)
+    endpoint.force_simple_setup()
+    keep_estop = EstopKeepAlive(endpoint)
+    time.sleep(0.5)
+    told["level"] = int(estops.get_status().stop_level)
+    robot.power_on(timeout_sec=10)
+    commands, states = robot.ensure_client("robot-command"), robot.ensure_client("robot-state")
+    blocking_stand(commands, timeout_sec=10)
+    walk = RobotCommandBuilder.synchro_velocity_command(0.5, 0, 0)
+    began_x = position(states)
+    commands.robot_command(walk, end_time_secs=time.time() + 0.6)
+    time.sleep(1.0)
+    told["walked_m"] = position(states) - began_x
+    told["late"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() - 1))
+    told["far"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 700))
+    arm = commands.robot_command(RobotCommandBuilder.arm_joint_command(0.1, -1.0, 1.5, 0.0, 0.2, 0.0))
+    told["arrived"] = block_until_arm_arrives(commands, arm, 10)
+    joints = {joint.name: joint.position.value for joint in states.get_robot_state().kinematic_state.joint_states}
+    told["joints"] = {name: round(joints[name], 3) for name in ("arm0.sh0", "arm0.sh1", "arm0.el0", "arm0.wr0")}
+    told["legs"] = sum(name[:2] in ("fl", "fr", "hl", "hr") for name in joints)
+    blocking_sit(commands, timeout_sec=10)
+    blocking_stand(commands, timeout_sec=10)
+    keep_estop.shutdown()
+    time.sleep(4.5)
+    told["motors_after_silence"] = int(states.get_robot_state().power_state.motor_power_state)
+    told["after_the_cut"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 0.6))
+    keep_lease.shutdown()
+    return told
+
+
+def position(states: Any) -> float:
+    snapshot = states.get_robot_state().kinematic_state.transforms_snapshot
+    return -float(snapshot.child_to_parent_edge_map["odom"].parent_tform_child.position.x)
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(sys.argv[1])), flush=True)
+    os._exit(0)  # the vendor's threads would keep it
