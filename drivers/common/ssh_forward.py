@@ -102,6 +102,10 @@ class SshForward:
         return next((line.strip() for line in reversed(lines) if line.strip()), "it has ended, without a word")
 
 
+def _is_there(path: str) -> bool:
+    return os.path.exists(path)
+
+
 def command(program: str, host: str, port: int, within_s: float, forwards: Sequence[tuple[str, str]]) -> list[str]:
     """Return how ssh is called. ``forwards``: each a path here and one on the host."""
     options = [

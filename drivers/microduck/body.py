@@ -69,7 +69,7 @@ class Duck:
     @property
     def policy(self) -> str:
         """What drives it this moment, in robotd's words."""
-        if not self.enabled or not self.powered or self.time_s < self._up_at_s:
+        if not self.enabled or not self.powered or self._now_s() < self._up_at_s:
             return HELD
         if self.skill:
             return self.skill
@@ -88,7 +88,7 @@ class Duck:
         """It stands up, if it was limp; off, it holds its pose."""
         self.pass_time()
         if on and not self.enabled:
-            self._up_at_s = self.time_s + float(self._table["rise_s"])
+            self._up_at_s = self._now_s() + float(self._table["rise_s"])
             self.powered = True
         self.enabled = on
 
@@ -110,7 +110,7 @@ class Duck:
             self.sitting = not self.sitting
         elif self.sitting:
             return "the robot sits"
-        self.skill, self._skill_until_s = skill, self.time_s + float(self._table["skill_s"])
+        self.skill, self._skill_until_s = skill, self._now_s() + float(self._table["skill_s"])
         return ""
 
     # -- time
@@ -132,7 +132,7 @@ class Duck:
     def _step(self, step_s: float) -> None:
         table = self._table
         self.time_s += step_s
-        if self.skill and self.time_s >= self._skill_until_s:
+        if self.skill and self._now_s() >= self._skill_until_s:
             self.skill = ""
         driven = self.hand is Hand.SIM or self.policy != HELD
         why = self.skill or ("sitting" if self.sitting else "" if driven else HELD)

@@ -21,6 +21,7 @@ from strands_actors.contract.driver import (
     Candidate,
     Driver,
     GateState,
+    Observation,
     Reason,
     Service,
     Timing,
@@ -143,6 +144,12 @@ class Microduck(Driver):
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state)
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Go on from where robotd sends the head, not from where that sags to."""
+        row = super().first_target(observation)
+        head = observation.sensors.get("head_target_rad") or row[HEAD_AT]
+        return (*row[: HEAD_AT.start], *head, *row[HEAD_AT.stop :])
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         refusal = super().check_service(service, arguments)

@@ -67,7 +67,8 @@ class State(NamedTuple):
     fallen: bool
     limp: bool  # its gains are low: it yields
     picked_up: bool
-    joints_rad: Row  # empty: it tells none
+    joints_rad: Row  # measured; empty: it tells none
+    targets_rad: Row  # where it sends them; empty: it tells none
     position_m: Row
     yaw_rad: float
     gyro_rad_s: Row  # empty: it tells none
@@ -149,6 +150,7 @@ def read_state(value: Mapping[str, Any]) -> State:
         limp=safety.get("limp") is True,
         picked_up=safety.get("picked_up") is True,
         joints_rad=_row(value["joints"], "joints", JOINTS) if value.get("joints") else (),
+        targets_rad=_row(value["targets"], "targets", JOINTS) if value.get("targets") else (),
         position_m=_row(odometry.get("position", [0.0] * 3), "position", 3),
         yaw_rad=_number(odometry.get("yaw", 0.0), "yaw"),
         gyro_rad_s=_row(imu["gyro"], "gyro", 3) if "gyro" in imu else (),

@@ -318,7 +318,7 @@ class DuckTwin:
             },
             "loop": {"hz": float(LOOP_HZ), "missed": 0},
             "joints": joints,
-            "targets": joints,
+            "targets": [*joints[:5], *body.head_target, *joints[9:]],
             "odom": {"position": [body.x_m, body.y_m, body.height_m], "yaw": body.yaw_rad},
             "imu": {"gyro": [0.0, 0.0, vyaw], "quat": [math.cos(half), 0.0, 0.0, math.sin(half)]},
         }

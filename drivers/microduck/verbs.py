@@ -34,10 +34,6 @@ _M_S = {"type": "number", "description": "m/s"}
 _RAD = {"type": "number", "description": "radians"}
 _METRES = {"type": "number", "description": "metres, in the trunk's frame: forward, left, up"}
 
-ASK_S = 6.0
-"""What one question may take, ``timeout`` included. A constructor's ``timeout`` that is longer
-lengthens it."""
-
 
 def services_for(timeout_s: float) -> dict[str, Service]:
     """Return the services, each with the time that it may take."""
@@ -50,30 +46,26 @@ def services_for(timeout_s: float) -> dict[str, Service]:
         return Service(about, within_s, dict(arguments or {}), in_motion=True, moves=True)
 
     return {
-        "enable": Service("hand the duck to its policy: it stands up and balances", rise_s),
+        "enable": Service("hand the duck to its policy: it stands up and balances", rise_s, in_motion=True),
         "disable": asks("take it back from its policy: it holds its pose, and nothing balances it"),
         "do": moves("run a skill that the robot has, by name", ask_s, {"skill": ""}),
         "sit": moves("sit down, if it stands", ask_s),
         "stand": moves("stand up, if it sits", ask_s),
         "look_at": moves("turn the head towards a point", ask_s, {"x": 0.0, "y": 0.0, "z": 0.0, "neck_pitch": 0.0}),
         "relax": asks("take the torque away: an unheld duck collapses", {CONFIRM: False}),
-        "init": Service("power the joints and move all of them to the home pose", rise_s, {CONFIRM: False}),
+        "init": asks("power the joints and move all of them to the home pose", {CONFIRM: False}),
         "reboot_motors": asks("restart servos; torque goes off on all of them", {"ids": "", CONFIRM: False}),
         "skills": asks("tell the skills that the robot has"),
         "sounds": asks("tell the sounds that it can play"),
         "play_sound": asks("play a sound of its voice", {"tag": "chirp"}),
         "theremin": asks("play by the depth sensor, the mouth moves along; or end that", {"active": True}),
         "mode": asks("tell the drive mode"),
-        "set_mode": Service(
-            "change the drive mode: it goes home, loads other policies, drives again", ask_s, {"mode": ""}
-        ),
+        "set_mode": asks("change the drive mode: it goes home, loads other policies, drives again", {"mode": ""}),
         "policies": asks("tell what each policy slot runs"),
-        "load_policy": Service(
-            "put a file of the robot's into a policy slot; no path: back to its own",
-            ask_s,
-            {"slot": "", "path": ""},
+        "load_policy": asks(
+            "put a file of the robot's into a policy slot; no path: back to its own", {"slot": "", "path": ""}
         ),
-        "reload_policies": Service("read all policy slots again", ask_s),
+        "reload_policies": asks("read all policy slots again"),
         "health": asks("tell what robotd says of itself"),
         "version": asks("tell the versions of robotd and of its protocol"),
         "model": asks("tell the geometry of the robot"),
@@ -87,7 +79,7 @@ SERVICES: Mapping[str, Service] = services_for(5.0)
 
 MOVING_POWER = frozenset({"enable", "init", "set_mode", "load_policy", "reload_policies"})
 """Services after which the robot moves by itself, whether a policy drives it or not: refused when
-the robot is disarmed."""
+the robot is disarmed, and while it walks."""
 
 _ASKED = (
     "enable", "disable", "sit", "stand", "skills", "sounds", "mode", "policies", "reload_policies", "health",

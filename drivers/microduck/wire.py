@@ -37,6 +37,11 @@ LOOK_S = 0.5
 LOOKED_S = 3.0
 """What was looked at is believed for so long."""
 
+TURNS_S = 2.0
+"""How long is waited until robotd sends the head where it said that it would."""
+
+NEAR_RAD = 0.02
+
 QUIET_S = 0.2
 """Nothing is said to a robot whose state has been silent for so long: it would be carried out
 late."""
@@ -206,7 +211,10 @@ class MicroduckWire(Wire):
         return self._services is not None and self._services.unanswered > 0
 
     def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
-        targets = ((0.0,) * len(TWIST)) + tuple(self._told[len(TWIST) :])
+        state, told = self._link.state, list(self._told)
+        if told[HEAD_AT.start] is None and state is not None and state.targets_rad:
+            told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # not where it sags to
+        targets = ((0.0,) * len(TWIST)) + tuple(told[len(TWIST) :])
         return self._config.reports(outcome.written, outcome.acknowledged, outcome.detail, targets)
 
     # -- services
@@ -217,9 +225,16 @@ class MicroduckWire(Wire):
             raise WireDown(f"{service}: not connected")
         if service in MOVING_POWER and not self._is_armed:
             return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+        if service in MOVING_POWER and self._walk is not None:
+            return Refused("live", f"{service}: the robot walks", "wait until that is over, or call stop()")
         done = await services.perform(service, arguments, permit)
-        if service == "enable":
-            await self._read.wait()  # what conditions look at is no older than the answer
+        if isinstance(done, Refused) or service not in ("enable", "look_at"):
+            return done
+        if service == "look_at":
+            self._told[HEAD_AT] = row = tuple(done["head"].values())
+            with trio.move_on_after(TURNS_S):
+                await self._link.until_state(lambda state: _is_sent(state, row))
+        await self._read.wait()  # what the gate looks at next is no older than the answer
         return done
 
     def close(self) -> None:
@@ -273,6 +288,8 @@ class MicroduckWire(Wire):
         }
         if self._sitting is not None:
             sensors["sitting"] = (float(self._sitting),)
+        if state.targets_rad:
+            sensors["head_target_rad"] = state.targets_rad[p.HEAD_JOINTS]
         if state.gyro_rad_s and state.quaternion_wxyz:
             sensors["gyro_rad_s"] = state.gyro_rad_s
             sensors["orientation_wxyz"] = state.quaternion_wxyz
@@ -281,3 +298,9 @@ class MicroduckWire(Wire):
             if not math.isnan(value):
                 sensors[name] = (value,)
         return sensors
+
+
+def _is_sent(state: p.State, head_rad: tuple[float, ...]) -> bool:
+    """Whether the head is being sent there; true where that is not told."""
+    sent = state.targets_rad[p.HEAD_JOINTS]
+    return all(abs(here - there) <= NEAR_RAD for here, there in zip(sent, head_rad, strict=False))
