@@ -171,14 +171,15 @@ def read_health(value: object) -> Health:
 
 
 def read_policies(value: object) -> Policies:
+    """Skills come as names, or as objects that have one."""
     told = _object(value, "policies")
     sitting = told.get("sitting")
-    mode = told.get("mode")
-    if not isinstance(mode, str):
-        raise MalformedFrame("policies without a mode")
+    mode, skills = told.get("mode"), told.get("skills") or []
+    if not isinstance(mode, str) or not isinstance(skills, list):
+        raise MalformedFrame("policies without a mode, or whose skills are no list")
     return Policies(
         mode[:64],
-        _names(told.get("skills") or [], "skills"),
+        _names([_name_of(one) for one in skills], "skills"),
         sitting if isinstance(sitting, bool) else None,
     )
 
@@ -242,6 +243,10 @@ def _row(value: object, what: str, length: int) -> Row:
     if not isinstance(value, list) or len(value) != length:
         raise MalformedFrame(f"{what} are not {length} numbers")
     return tuple(_number(one, what) for one in value)
+
+
+def _name_of(value: object) -> object:
+    return value.get("name") if isinstance(value, dict) else value
 
 
 def _names(value: object, what: str) -> tuple[str, ...]:

@@ -46,12 +46,14 @@ class Stopping:
         await self._link.connect()
 
     def zero(self) -> None:
-        """A hold zeroes the twist as a writer would; a stop asks for one by its name."""
+        """A hold zeroes the twist as a writer would; a stop asks for one by its name, and puts the
+        theremin down, which moves the mouth."""
         port = self._link.port
         if self._safe_state == SafeState.ZERO:
             port.notify(p.MOVE, p.REST)
         else:
             port.forget(port.send(p.STOP, {}))
+            port.notify(p.THEREMIN, {"active": False})
 
     async def taken(self, within_s: float) -> None:
         """Ask for a stop, and wait for the answer: all that was said before it was taken then."""

@@ -321,6 +321,7 @@ class DuckTwin:
             "targets": [*joints[:5], *body.head_target, *joints[9:]],
             "odom": {"position": [body.x_m, body.y_m, body.height_m], "yaw": body.yaw_rad},
             "imu": {"gyro": [0.0, 0.0, vyaw], "quat": [math.cos(half), 0.0, 0.0, math.sin(half)]},
+            **({"theremin": {"mouth": 0.0, "zones": 0}} if self._theremin else {}),
         }
 
 
@@ -355,6 +356,8 @@ def kind_of(call: Call) -> tuple[str, str | None]:
             return "safe", "stop"
         case p.RELAX:
             return "safe", "limp"
+        case p.THEREMIN if call.params.get("active") is False:
+            return "other", None
         case p.HEAD | p.POSE | p.MOUTH | p.DO | p.LOOK | p.THEREMIN:
             return "setpoint", None
         case p.ENABLE | p.INIT | p.SET_MODE | p.SOUND | p.REBOOT_MOTORS:

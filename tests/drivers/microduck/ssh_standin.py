@@ -1,8 +1,10 @@
-"""In the place of ``ssh -N -L``: sockets here, each connection handed on to the twin that
-``SSH_STANDIN_ROBOTD`` names. What it was called with, and by whom, goes to ``SSH_STANDIN_LOG``."""
+"""In the place of ``ssh -N -L``: sockets here, each connection handed on to what
+``SSH_STANDIN_ROBOTD`` and ``SSH_STANDIN_TOFD`` name. What it was called with, and by whom, goes to
+``SSH_STANDIN_LOG``."""
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import sys
@@ -19,24 +21,23 @@ async def hand_on(source: trio.abc.ReceiveStream, target: trio.abc.SendStream) -
     await target.aclose()
 
 
-async def relay(client: trio.SocketStream) -> None:
-    robotd = await trio.open_unix_socket(os.environ["SSH_STANDIN_ROBOTD"])
-    async with client, robotd, trio.open_nursery() as nursery:
-        nursery.start_soon(hand_on, client, robotd)
-        nursery.start_soon(hand_on, robotd, client)
+async def relay(there: str, client: trio.SocketStream) -> None:
+    daemon = await trio.open_unix_socket(there)
+    async with client, daemon, trio.open_nursery() as nursery:
+        nursery.start_soon(hand_on, client, daemon)
+        nursery.start_soon(hand_on, daemon, client)
 
 
 async def serve(words: list[str]) -> None:
-    listeners = []
-    for forward in (words[at + 1] for at, word in enumerate(words) if word == "-L"):
-        here, _, there = forward.partition(":")
-        if there != "/run/robotd.sock":
-            continue
-        listener = trio.socket.socket(trio.socket.AF_UNIX)
-        await listener.bind(here)
-        listener.listen()
-        listeners.append(trio.SocketListener(listener))
-    await trio.serve_listeners(relay, listeners)
+    named = {"/run/robotd.sock": "SSH_STANDIN_ROBOTD", "/run/tofd/tof.sock": "SSH_STANDIN_TOFD"}
+    async with trio.open_nursery() as nursery:
+        for forward in (words[at + 1] for at, word in enumerate(words) if word == "-L"):
+            here, _, there = forward.partition(":")
+            listener = trio.socket.socket(trio.socket.AF_UNIX)
+            await listener.bind(here)
+            listener.listen()
+            handler = functools.partial(relay, os.environ.get(named[there], "/nowhere"))
+            nursery.start_soon(trio.serve_listeners, handler, [trio.SocketListener(listener)])
 
 
 def main(words: list[str]) -> None:

@@ -6,8 +6,10 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import stat
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -106,3 +108,34 @@ def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, 
         twin.log.no_setpoint_after_safe(began_ns)
         json_of(duck.resume())
     until(lambda: not any(runs(call["pid"]) for call in calls(log)), "no ssh is left behind")
+
+
+def test_one_frame_of_the_depth_sensor_comes_over_its_own_socket(
+    twin: Twin, log: Path, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "tof"
+    frame = {"jsonrpc": "2.0", "method": "tof.frame", "params": {"distance_mm": [400 + at for at in range(64)]}}
+    asked: list[Any] = []
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(path))
+    listener.listen()
+    listener.settimeout(30.0)
+
+    def serve() -> None:
+        client, _ = listener.accept()
+        with client:
+            asked.append(json.loads(client.makefile().readline()))
+            client.sendall(json.dumps(frame).encode() + b"\n")
+            client.recv(1)
+
+    tofd = threading.Thread(target=serve, daemon=True)
+    tofd.start()
+    monkeypatch.setenv("SSH_STANDIN_TOFD", str(path))
+    try:
+        with Robot("microduck", mode="real", port="ssh://duck.example") as duck:
+            connected(duck)
+            assert json_of(duck.tof())["distance_mm"] == [400.0 + at for at in range(64)]
+    finally:
+        listener.close()
+        tofd.join(10.0)
+    assert [call["method"] for call in asked] == ["tof.stream"]

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +178,34 @@ def test_saf_004_nothing_is_fed_to_a_robot_that_is_silent(duck: RealRobot, twin:
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
 
+def test_saf_010_a_twist_that_outlives_the_wire_is_followed_by_the_roots_stop(duck: RealRobot, twin: Twin) -> None:
+    """What was handed to a socket is delivered although its owner is dead."""
+    act(duck, twin, vx=0.1, duration=10)
+    twin.pause()
+    time.sleep(0.1)  # a few twists wait
+    os.kill(pid(duck, "wire"), signal.SIGKILL)
+    time.sleep(0.3)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    until(lambda: state(duck) == "disarmed", "a new wire, disarmed, and confirmed")
+    frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
+    assert frames[-1].kind == "safe"
+    for late in (one for one in frames if one.kind == "setpoint"):
+        assert params(late)["vx"] == 0.1
+        after = next(frame for frame in frames if frame.t_ns >= late.t_ns and frame.kind == "safe")
+        assert (after.t_ns - late.t_ns) / 1e9 < 0.3 + SLACK_S
+    until(lambda: status(duck)["sensors"].get("twist_requested") == [0.0] * 3, "it stands")
+
+
+def test_a_stop_puts_the_theremin_down(duck: RealRobot, twin: Twin) -> None:
+    act(duck, twin, head_yaw=0.1)
+    json_of(duck.theremin(active=True))
+    with_it = say_until(twin, lambda told: "theremin" in told)
+    assert with_it["theremin"]["zones"] == 0
+    json_of(duck.stop())
+    say_until(twin, lambda told: "theremin" not in told)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_roots_own_connection_stops_the_duck(
     duck: RealRobot, twin: Twin, number: signal.Signals
@@ -242,6 +270,19 @@ def say(twin: Twin, name: str, **given: Any) -> Any:
         client.connect(twin.port)
         client.sendall(json.dumps({"jsonrpc": "2.0", "id": 7, "method": name, "params": given}).encode() + b"\n")
         return json.loads(client.makefile().readline())["result"]
+
+
+def say_until(twin: Twin, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Return the first state that is so, as another client hears them."""
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5.0)
+        client.connect(twin.port)
+        client.sendall(b'{"jsonrpc": "2.0", "id": 1, "method": "robot.subscribe"}\n')
+        for line in client.makefile():
+            told: dict[str, Any] = json.loads(line).get("params", {})
+            if told and is_so(told):
+                return told
+    raise AssertionError("the twin has closed the connection")
 
 
 def test_saf_014_what_collapses_the_duck_wants_a_confirmation(duck: RealRobot, twin: Twin) -> None:
