@@ -70,7 +70,7 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
     api_version: int
     timeout_s: float
     subscribe_hz: int | None
-    silent_s: float = 1.0
+    silent_s: float = 0.6
     """Without a state for so long the link counts as lost."""
 
     def place(self) -> Place:

@@ -178,6 +178,19 @@ def test_saf_004_nothing_is_fed_to_a_robot_that_is_silent(duck: RealRobot, twin:
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
 
+def test_saf_020_a_walk_does_not_go_on_in_a_robotd_that_was_frozen(duck: RealRobot, twin: Twin) -> None:
+    act(duck, twin, vx=0.2, duration=10)
+    twin.pause()
+    time.sleep(1.0)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    first_safe(twin, back_ns)
+    until(lambda: state(duck) == "disarmed", "it is back, disarmed")
+    time.sleep(0.2)
+    twin.log.no_setpoint_after_safe(back_ns)
+    assert len(moves(twin, back_ns)) <= 6, "what waited, and nothing new"
+
+
 def test_saf_010_a_twist_that_outlives_the_wire_is_followed_by_the_roots_stop(duck: RealRobot, twin: Twin) -> None:
     """What was handed to a socket is delivered although its owner is dead."""
     act(duck, twin, vx=0.1, duration=10)
@@ -249,7 +262,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_robotd_answers(duck: RealRobot, 
 def test_saf_012_silence_is_no_state(duck: RealRobot, twin: Twin) -> None:
     twin.fault("off")
     until(lambda: state(duck) in ("lost", "down", None), "it is noticed")
-    assert "no state of robotd for 1 s" in why(duck.send_action({"vx": 0.1}))
+    assert "no state of robotd for 0.6 s" in why(duck.send_action({"vx": 0.1}))
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
