@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.driver import WireDown
 
 from .protocol import ROBOT_SOCKET
 
@@ -79,14 +79,3 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
             return parse_port(self.port, self.user)
         except ValueError as error:
             raise WireDown(f"{self.robot}: {error}") from None
-
-    def reports(
-        self, written: bool, acknowledged: bool, detail: str, targets: tuple[float | None, ...] = ()
-    ) -> tuple[MotorReport, ...]:
-        """Return one report an axis: they share what becomes of robotd. ``detail`` empty: all are
-        safe."""
-        told = targets or (None,) * len(self.axes)
-        return tuple(
-            MotorReport(axis, number, written, acknowledged, not detail, detail, target)
-            for axis, number, target in zip(self.axes, self.ids, told, strict=True)
-        )

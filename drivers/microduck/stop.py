@@ -14,8 +14,9 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.drivers.common.json_rpc_port import SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import Report, stop_until_it_stands
-from strands_actors.drivers.common.velocity_base import Outcome, nothing_pending
+from strands_actors.drivers.common.velocity_base import nothing_pending
 
 from . import protocol as p
 from .config import MicroduckConfig
@@ -100,4 +101,4 @@ class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
     async def make_safe_by(self, session: DuckLink | None, safe_state: str) -> tuple[MotorReport, ...]:
         self.session = session or DuckLink(self.config, self.clock)
         outcome = await stop_by(self.session, safe_state)
-        return self.config.reports(outcome.written, outcome.acknowledged, outcome.detail)
+        return outcome.reports(self.config.axes, self.config.ids)

@@ -18,7 +18,7 @@ import trio
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -189,7 +189,7 @@ class MicroduckWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         self._disarm(safe_state)
         if not self._link.is_open:
-            return self._config.reports(False, False, "not connected")
+            return self._reports(Outcome(False, False, "not connected"))
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
@@ -215,7 +215,7 @@ class MicroduckWire(Wire):
         if told[HEAD_AT.start] is None and state is not None and state.targets_rad:
             told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # not where it sags to
         targets = ((0.0,) * len(TWIST)) + tuple(told[len(TWIST) :])
-        return self._config.reports(outcome.written, outcome.acknowledged, outcome.detail, targets)
+        return outcome.reports(self._config.axes, self._config.ids, targets)
 
     # -- services
 
