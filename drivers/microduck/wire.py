@@ -223,7 +223,8 @@ class MicroduckWire(Wire):
         services = self._services
         if services is None:
             raise WireDown(f"{service}: not connected")
-        if service in MOVING_POWER and not self._is_armed:
+        begins = service in MOVING_POWER or (service == "theremin" and arguments.get("active", True))
+        if begins and not self._is_armed:
             return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
         if service in MOVING_POWER and self._walk is not None:
             return Refused("live", f"{service}: the robot walks", "wait until that is over, or call stop()")

@@ -217,6 +217,8 @@ def test_a_stop_puts_the_theremin_down(duck: RealRobot, twin: Twin) -> None:
     assert with_it["theremin"]["zones"] == 0
     json_of(duck.stop())
     say_until(twin, lambda told: "theremin" not in told)
+    assert "call resume() first" in why(duck.theremin(active=True)), "it moves the mouth"
+    json_of(duck.theremin(active=False))
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
