@@ -62,6 +62,7 @@ WIRES = {
     "spot": "strands_actors.drivers.spot.driver:Spot",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
+    "microduck": "strands_actors.drivers.microduck.driver:Microduck",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

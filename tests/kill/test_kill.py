@@ -32,6 +32,7 @@ HARDEST = (
     "reachy_mini",
     "crazyflie",
     "spot",
+    "microduck",
     "unitree_go2",
 )
 """Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by

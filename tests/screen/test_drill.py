@@ -46,6 +46,7 @@ STEPS = {
     "yahboom_m3pro": WITHOUT,
     "reachy_mini": WITHOUT,
     "crazyflie": WITHOUT,
+    "microduck": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

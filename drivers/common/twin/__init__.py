@@ -10,6 +10,7 @@ from .line import Line, PtyLine
 from .process import Start, known_options, run, run_server
 from .server import Controls, Exchange, Robot, Server, Session
 from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
+from .unix import UnixServer
 from .wirelog import WireLog
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "Session",
     "Start",
     "TcpServer",
+    "UnixServer",
     "WireLog",
     "answering",
     "known_options",

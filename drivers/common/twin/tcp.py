@@ -14,7 +14,8 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 import trio
 
@@ -114,32 +115,30 @@ def answering(new_session: Callable[[], Session]) -> Handler:
     return handle
 
 
-class TcpServer:
-    """Serves one robot on its ports. Its methods are what may happen to the robot while it runs."""
+class StreamServer(ABC):
+    """Serves one robot on its listeners, one handler each. Its methods are what may happen to the
+    robot while it runs."""
 
-    def __init__(
-        self, robot: Controls, handlers: Mapping[int, Handler], log: WireLog, host: str | None = None
-    ) -> None:
-        """``handlers`` by port number, 0 for any free one; the first port is the address. ``host``:
-        default an address of this twin's own. Raise ``OSError`` when the ports cannot be had."""
+    def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
         self._robot = robot
-        self._handlers = list(handlers.values())
+        self._handlers = list(handlers)
         self._log = log
         self._frost = Frost()
         self._connections: set[Connection] = set()
         self._plugged = trio.Event()
-        self._listeners = _listen(host, list(handlers))
-        self._names: list[tuple[str, int]] = [listener.getsockname() for listener in self._listeners]
-        self.unplug()
+        self._listeners: list[socket.socket] = []
 
     @property
+    @abstractmethod
     def address(self) -> str:
-        host, port = self._names[0]
-        return f"{host}:{port}"
+        """Where clients connect."""
 
-    @property
-    def host(self) -> str:
-        return self._names[0][0]
+    @abstractmethod
+    def listen(self) -> list[socket.socket]:
+        """Return a listener for each handler, at the address. Raise ``OSError``."""
+
+    def forget(self) -> None:  # noqa: B027  # what a name leaves behind: of TCP nothing
+        """Remove what is left of the address when the cable is pulled."""
 
     @property
     def body(self) -> Body:
@@ -155,7 +154,7 @@ class TcpServer:
 
     def plug(self) -> None:
         if not self._listeners:
-            self._listeners = [_listener(host, port) for host, port in self._names]
+            self._listeners = self.listen()
             self._plugged.set()
 
     def unplug(self) -> None:
@@ -166,6 +165,7 @@ class TcpServer:
             trio.lowlevel.notify_closing(listener)
             listener.close()
         self._listeners = []
+        self.forget()
         for connection in list(self._connections):
             connection.abort()
 
@@ -197,7 +197,8 @@ class TcpServer:
 
     async def _attend(self, sock: socket.socket, handler: Handler) -> None:
         sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if sock.family != socket.AF_UNIX:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(sock, self._log, self._frost)
         self._connections.add(connection)
         try:
@@ -207,6 +208,30 @@ class TcpServer:
         finally:
             self._connections.discard(connection)
             connection.abort()
+
+
+class TcpServer(StreamServer):
+    def __init__(
+        self, robot: Controls, handlers: Mapping[int, Handler], log: WireLog, host: str | None = None
+    ) -> None:
+        """``handlers`` by port number, 0 for any free one; the first port is the address. ``host``:
+        default an address of this twin's own. Raise ``OSError`` when the ports cannot be had."""
+        super().__init__(robot, list(handlers.values()), log)
+        self._listeners = _listen(host, list(handlers))
+        self._names: list[tuple[str, int]] = [listener.getsockname() for listener in self._listeners]
+        self.unplug()
+
+    @property
+    def address(self) -> str:
+        host, port = self._names[0]
+        return f"{host}:{port}"
+
+    @property
+    def host(self) -> str:
+        return self._names[0][0]
+
+    def listen(self) -> list[socket.socket]:
+        return [_listener(host, port) for host, port in self._names]
 
 
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:

@@ -1,0 +1,172 @@
+"""A client of JSON-RPC over one connection: what is said leaves at once or never, and each answer
+is waited for with a deadline.
+
+Nothing is queued, said again or kept for the next connection. Answers that come late belong to
+nobody; a line that makes no sense is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+
+from .json_rpc import (
+    Call,
+    Failure,
+    LineDecoder,
+    Result,
+    decode,
+    encode_notification,
+    encode_request,
+)
+from .malformed import MalformedFrame
+from .tcp_port import ByteStream
+
+OpenStream = Callable[[], Awaitable[ByteStream]]
+
+_GONE = object()
+
+
+class SaidNo(Exception):
+    """The service answered with an error."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class JsonRpcPort:
+    """``notice`` is called with each notification of the service, as it comes. Everything raises
+    ``WireDown`` once the connection is gone."""
+
+    def __init__(self, open_stream: OpenStream, notice: Callable[[Call], None]) -> None:
+        self._open_stream = open_stream
+        self._notice = notice
+        self._stream: ByteStream | None = None
+        self._lines = LineDecoder()
+        self._number = 0
+        self._waiting: dict[int, Result | Failure | None] = {}  # requests whose answer somebody wants
+        self._reader: trio.CancelScope | None = None  # whoever reads does it for all
+        self._heard = trio.Event()
+        self.malformed = 0
+
+    @property
+    def is_open(self) -> bool:
+        return self._stream is not None
+
+    async def open(self) -> None:
+        """Connect anew, and say nothing."""
+        self.close()
+        stream = await self._open_stream()
+        self.close()  # somebody else may have been quicker
+        self._stream, self._lines = stream, LineDecoder()
+
+    def notify(self, method: str, params: Mapping[str, Any]) -> None:
+        self._write(encode_notification(method, params))
+
+    def send(self, method: str, params: Mapping[str, Any]) -> int:
+        """Hand a request over now; return its number. Its answer is kept until ``answer`` or
+        ``forget``."""
+        self._number += 1
+        self._write(encode_request(self._number, method, params))
+        self._waiting[self._number] = None
+        return self._number
+
+    def forget(self, number: int) -> None:
+        self._waiting.pop(number, None)
+
+    async def answer(self, number: int, within_s: float) -> Any:
+        """Return the result of that request. Raise ``SaidNo``; ``WireDown`` when none comes in
+        time: the connection stays as it is."""
+        try:
+            with trio.move_on_after(within_s):
+                await self.until(lambda: self._waiting.get(number, _GONE) is not None)
+            answer = self._waiting.get(number, _GONE)
+        finally:
+            self.forget(number)
+        match answer:
+            case Result(_, value):
+                return value
+            case Failure(_, code, message):
+                raise SaidNo(code, message)
+        if answer is _GONE:
+            raise WireDown("the connection was lost before the answer. Reconnect")
+        raise WireDown(f"no answer within {within_s * 1e3:.0f} ms. Check that the service is alive")
+
+    async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
+        return await self.answer(self.send(method, params), within_s)
+
+    async def hear(self) -> None:
+        """Take in what comes, until the connection is lost."""
+        await self.until(lambda: False)
+
+    async def until(self, is_so: Callable[[], bool]) -> None:
+        """Take in what comes, until it is so."""
+        while not is_so():
+            await self._hear()
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        if self._reader is not None:
+            self._reader.cancel()
+        if self._stream is not None:
+            self._stream.close()
+        self._stream = None
+        self._waiting.clear()
+        self._wake()
+
+    def _write(self, line: bytes) -> None:
+        if self._stream is None:
+            raise WireDown("not connected. Reconnect")
+        try:
+            self._stream.write(line)
+        except WireDown:
+            self.close()
+            raise
+
+    async def _hear(self) -> None:
+        """Take in what comes next, or wait until somebody else did."""
+        stream, data = self._stream, b""
+        if stream is None:
+            raise WireDown("not connected. Reconnect")
+        if self._reader is not None:
+            await self._heard.wait()
+            return
+        try:
+            with trio.CancelScope() as self._reader:
+                data = await stream.read()
+        except WireDown:
+            if self._stream is stream:
+                self._reader = None
+                self.close()
+            raise
+        finally:
+            self._reader = None
+            self._wake()
+        if self._stream is not stream:
+            return
+        try:
+            for line in self._lines.feed(data):
+                self._take(line)
+        except MalformedFrame as malformed:
+            self.close()
+            raise WireDown(f"{malformed}. Check what is served there") from None
+
+    def _take(self, line: bytes) -> None:
+        try:
+            message = decode(line)
+        except MalformedFrame:
+            self.malformed += 1
+            return
+        if isinstance(message, Call):
+            self._notice(message)
+        elif isinstance(message.id, int) and message.id in self._waiting:
+            self._waiting[message.id] = message
+
+    def _wake(self) -> None:
+        heard, self._heard = self._heard, trio.Event()
+        heard.set()

@@ -1,0 +1,148 @@
+"""Unix sockets of another host as paths here: the system's ``ssh -L``, as a child of this process.
+
+It ends with the process that has it, whatever ends that one, and with ``close``. It asks for
+nothing: a host that wants a password, or whose key nobody has accepted, is refused with what ssh
+says. No connection is shared with other sessions of the user's: those would outlive us.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import Sequence
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.kernel.processes.process import ChildProcess, start
+
+from .tcp_port import TcpPort
+from .unix_port import open_unix
+
+LOOK_S = 0.02
+"""How often is looked whether ssh has made its sockets."""
+
+_ENTRY = "strands_actors.drivers.common.ssh_forward:main"
+_DEATH_SIGNAL = 1
+"""``PR_SET_PDEATHSIG`` of Linux."""
+
+
+class SshForward:
+    """``remote``: paths of sockets on the host, reached through one ssh."""
+
+    def __init__(self, host: str, port: int, remote: Sequence[str], program: str = "ssh") -> None:
+        self._host = host
+        self._port = port
+        self._remote = tuple(remote)
+        self._program = program
+        self._directory = ""
+        self._child: ChildProcess | None = None
+
+    async def open(self, remote: str, within_s: float) -> TcpPort:
+        """Connect to a socket of the host, through the ssh that runs, or a new one. Raise
+        ``WireDown``. Cancelled, or too late: ssh goes on, and the next call waits for it."""
+        child = self._child
+        if child is None or not child.alive:
+            child = self._start(within_s)
+        local = self._local(remote)
+        with trio.move_on_after(within_s):
+            while not _is_there(local):
+                if not child.alive:
+                    raise WireDown(f"ssh {self._host}: {self._said()}. Try `ssh {self._host}` by hand")
+                await trio.sleep(LOOK_S)
+            return await open_unix(local)
+        raise WireDown(f"ssh {self._host}: no connection within {within_s:g} s. Check the host and its network")
+
+    def close(self) -> None:
+        """End ssh, and with it every connection through it."""
+        child, self._child = self._child, None
+        if child is not None:
+            child.kill()
+            child.part()
+            child.socket.close()
+        if self._directory:
+            shutil.rmtree(self._directory, ignore_errors=True)
+            self._directory = ""
+
+    def _start(self, within_s: float) -> ChildProcess:
+        self.close()
+        self._directory = tempfile.mkdtemp(prefix="strands-ssh-")
+        told = {
+            "parent": os.getpid(),
+            "errors": self._errors,
+            "command": command(
+                self._program, self._host, self._port, within_s, [(self._local(one), one) for one in self._remote]
+            ),
+        }
+        try:
+            self._child = start(_ENTRY, told, label=f"ssh {self._host}")
+        except OSError as error:
+            raise WireDown(f"ssh {self._host}: no process for it ({error.strerror})") from None
+        return self._child
+
+    def _local(self, remote: str) -> str:
+        return os.path.join(self._directory, f"{self._remote.index(remote)}.sock")
+
+    @property
+    def _errors(self) -> str:
+        return os.path.join(self._directory, "errors")
+
+    def _said(self) -> str:
+        try:
+            with open(self._errors, "rb") as file:
+                lines = file.read(4096).decode("utf-8", "replace").split("\n")
+        except OSError:
+            lines = []
+        return next((line.strip() for line in reversed(lines) if line.strip()), "it has ended, without a word")
+
+
+def _is_there(path: str) -> bool:
+    return os.path.exists(path)
+
+
+def command(program: str, host: str, port: int, within_s: float, forwards: Sequence[tuple[str, str]]) -> list[str]:
+    """Return how ssh is called. ``forwards``: each a path here and one on the host."""
+    options = [
+        "BatchMode=yes",
+        "ExitOnForwardFailure=yes",
+        "ControlMaster=no",
+        "ControlPath=none",
+        "StreamLocalBindMask=0177",
+        f"ConnectTimeout={max(1, round(within_s))}",
+        "ServerAliveInterval=1",
+        "ServerAliveCountMax=2",
+    ]
+    return [
+        program,
+        "-N",
+        "-T",
+        *(word for option in options for word in ("-o", option)),
+        *(("-p", str(port)) if port else ()),
+        *(word for here, there in forwards for word in ("-L", f"{here}:{there}")),
+        "--",
+        host,
+    ]
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """In the child: become ssh, and end with the parent."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
+        if os.getppid() != args["parent"]:
+            os._exit(1)  # it ended before that was said
+    errors = os.open(args["errors"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    os.dup2(errors, 2)
+    os.dup2(errors, 1)
+    sock.close()
+    words: list[str] = args["command"]
+    try:
+        os.execvp(words[0], words)
+    except OSError as error:
+        os.write(2, f"{words[0]}: {error.strerror}\n".encode())
+        os._exit(1)

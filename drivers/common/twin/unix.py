@@ -1,0 +1,55 @@
+"""A robot behind a unix socket: many clients, each with a conversation of its own.
+
+Pulling the cable ends every connection and removes the path; a robot that is frozen takes
+connections and says nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import socket
+import stat
+import tempfile
+
+from .server import Controls
+from .tcp import BACKLOG, Handler, StreamServer
+from .wirelog import WireLog
+
+
+class UnixServer(StreamServer):
+    def __init__(self, robot: Controls, handler: Handler, log: WireLog, path: str | None = None) -> None:
+        """``path``: default in a directory of its own. Raise ``FileExistsError`` when something
+        that is no socket has that name."""
+        if path and os.path.lexists(path) and not stat.S_ISSOCK(os.lstat(path).st_mode):
+            raise FileExistsError(f"{path} exists and is no socket: choose another name")
+        self._directory = None if path else tempfile.mkdtemp(prefix="strands-twin-")
+        self._path = path or os.path.join(self._directory or "", "service.sock")
+        super().__init__(robot, [handler], log)
+
+    @property
+    def address(self) -> str:
+        return self._path
+
+    def listen(self) -> list[socket.socket]:
+        self.forget()
+        listener = socket.socket(socket.AF_UNIX)
+        try:
+            listener.setblocking(False)
+            listener.bind(self._path)
+            os.chmod(self._path, 0o600)
+            listener.listen(BACKLOG)
+        except BaseException:
+            listener.close()
+            raise
+        return [listener]
+
+    def forget(self) -> None:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._path)
+
+    def close(self) -> None:
+        super().close()
+        if self._directory:
+            shutil.rmtree(self._directory, ignore_errors=True)

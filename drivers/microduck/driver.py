@@ -1,0 +1,168 @@
+"""Pollen Robotics Microduck, through its own daemon robotd: JSON-RPC over a unix socket, here or
+by ssh.
+
+It walks by the policy that runs on it; what it takes are intents, no joint targets. Safe, for
+whatever reason, is to stand: the twist is zero, torque stays on, head, body and mouth stay. A
+command of the base lasts for its duration, and after that a new one may go on; after a stop only
+``resume()`` lets it. Connecting and ``resume()`` power nothing: ``enable()`` does.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    Observation,
+    Reason,
+    Service,
+    Timing,
+)
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from . import verbs
+from .config import USER, MicroduckConfig, parse_port, place_of_environment
+from .gates import CONDITIONS, DURATION, INTENTS, MOVES, USUAL_S, all_gates, parse
+from .protocol import API_VERSION
+from .robots import HEAD, HEAD_AT, MOUTH, OPEN, POSE, POSE_AT, TABLES, TWIST, axes_of, modes_of
+
+
+class MicroduckOptions(DriverOptions, frozen=True):
+    api_version: Annotated[
+        int, option("version of robotd's protocol that we say we speak; another one is a warning", ge=1, le=1000)
+    ] = API_VERSION
+    timeout: Annotated[
+        float, option("seconds within which robotd must shake hands, and answer one request", gt=0, le=60)
+    ] = 5.0
+    subscribe_hz: Annotated[
+        Annotated[int, msgspec.Meta(ge=10, le=50)] | None,
+        option("states a second that robotd is asked for, 10 to 50; None: each tick"),
+    ] = None
+
+
+class Microduck(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_OPTIONAL: ClassVar[bool] = True
+    WIRE: ClassVar[str] = "strands_actors.drivers.microduck.wire:MicroduckWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.microduck.stop:MicroduckStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.microduck.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(MicroduckOptions)
+    ROLLOUTS: ClassVar[str] = f"it walks by its own policy, and robotd takes no joint targets. Use {INTENTS}"
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor(
+            "odom",
+            {
+                "xy": "odometry_xy_m",
+                "yaw": "odometry_yaw_rad",
+                "linear": "odometry_linear_m_s",
+                "angular": "odometry_angular_rad_s",
+            },
+        ),
+        Sensor("imu", {"rpy": "rpy_rad", "gyro": "gyro_rad_s", "quaternion": "orientation_wxyz"}),
+        Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = verbs.SERVICES
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs.tool_verbs()
+    BEFORE_MOTION: ClassVar[str] = "enable"
+
+    unit = "m/s (vyaw: rad/s), head, roll and pitch: rad, z: m, open: 0..1"
+    timing = Timing(
+        control_hz=20.0,
+        keepalive_s=3600.0,  # never: ``Wire.feed`` says a twist again, and nothing else may be said twice
+        stream_ttl_s=0.3,
+        oneshot_ttl_s=None,  # head, body and mouth stay; a twist ends with its duration
+        state_ttl_s=0.5,
+        safe_s=2.0,
+    )
+    fallbacks: Mapping[Reason, str] = {
+        reason: str(SafeState.ZERO if reason in HOLDING_REASONS else SafeState.STOP) for reason in Reason
+    }
+    firmware_watchdog = (
+        "robotd zeroes the twist 0.5 s after the last one [assumed: it cannot be read back]; head, body and mouth "
+        "stay where they were told, torque stays on, and a skill plays to its end"
+    )
+    conditions = CONDITIONS
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        smuggled = ("place", "user")
+        read = read_options(
+            robot, MicroduckOptions, {key: one for key, one in options.items() if key not in smuggled}
+        )
+        place = options.get("place") or place_of_environment(os.environ)
+        user = options.get("user") or os.environ.get("DUCK_BOARD_USER") or USER
+        try:
+            parse_port(place, user)
+        except ValueError as error:
+            raise ValueError(f"{robot}: MICRODUCK_SOCKET or MICRODUCK_HOST: {error}") from None
+        return {**plain(read), "place": place, "user": user}
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        resolved = self.resolve(robot, options)
+        self.robot = TABLES.canonical(robot)
+        table, axes, modes = TABLES.table(robot), axes_of(robot), modes_of(robot)
+        self.declare(
+            Part(PartKind.BASE, axes[: len(TWIST)]),
+            Part(PartKind.HEAD, axes[HEAD_AT]),
+            Part(PartKind.LEGS, axes[POSE_AT], "body"),
+            Part(PartKind.HEAD, axes[OPEN:], "mouth"),
+        )
+        timeout_s = float(resolved["timeout"])
+        self.config = MicroduckConfig(
+            robot=self.robot,
+            port=port or resolved["place"],
+            user=resolved["user"],
+            axes=self.axes,
+            ids=self.ids,
+            modes=tuple(modes),
+            skills=tuple(table["skills"]),
+            api_version=resolved["api_version"],
+            timeout_s=timeout_s,
+            subscribe_hz=resolved["subscribe_hz"],
+        )
+        timing = type(self).timing
+        by_ssh = self.config.port.startswith("ssh://")
+        handover_s = timing.handover_s + (timeout_s if by_ssh else 0.0)  # the root has an ssh of its own
+        self.timing = msgspec.structs.replace(timing, handover_s=handover_s, open_s=timeout_s + handover_s + 1.0)
+        self.gates = all_gates(self.table, modes, timing.state_ttl_s)
+        self._motors, self._slots = tuple(table["ids"]), tuple(table["slots"])
+        vars(self)["SERVICES"] = verbs.services_for(timeout_s)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        return parse(action, self.robot, self.table, self._index, state)
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Go on from where robotd sends the head, not from where that sags to."""
+        row = super().first_target(observation)
+        head = observation.sensors.get("head_target_rad") or row[HEAD_AT]
+        return (*row[: HEAD_AT.start], *head, *row[HEAD_AT.stop :])
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        refusal = super().check_service(service, arguments)
+        return refusal or verbs.check_arguments(service, arguments, self._motors, self.config.modes, self._slots)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """A target has its intents behind its axes."""
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        named = {str(key).removesuffix(".pos") for key in action}
+        intents = {"move": TWIST, "head": HEAD, "pose": POSE, "mouth": MOUTH}
+        row = self.as_json(values)
+        sent = {name: {key: row[key] for key in keys} for name, keys in intents.items() if named & set(keys)}
+        lasts = {DURATION: float(action.get(DURATION, USUAL_S))} if values[MOVES] else {}
+        return {"robot": self.robot, "sent": sent, **lasts}

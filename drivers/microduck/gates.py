@@ -1,0 +1,208 @@
+"""What is refused before it reaches robotd, and how an action becomes a target. Pure; nothing is
+ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import SHOWN, Axis, finite
+from strands_actors.contract.axis_gates import past_range
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .robots import ACTIVE, AXES, HEAD, MOUTH, POSE, TWIST, ModeLimits
+
+DURATION = "duration"
+"""Key of an action beside the axes: how long a twist lasts, in seconds."""
+
+SHORTEST_S, LONGEST_S, USUAL_S = 0.1, 10.0, 1.0
+
+MOVES, HEADS, POSES, MOUTHS, UNTIL = (len(AXES) + at for at in range(5))
+"""Where what modifies a target stands, behind its axes: which intents the action names (1 or 0
+each), and until when its twist lasts, by the clock in seconds."""
+
+INTENTS = "move (vx, vy, vyaw), head (neck_pitch ...), pose (z, roll, pitch, active), mouth (open) or do(skill=...)"
+
+_ROUNDING = 1e-9
+
+
+def parse(
+    action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
+) -> Candidate | Refused:
+    """Return the whole target, then which intents it names. What is not named of head, pose and
+    mouth keeps its target; a twist that lives goes on when none is named, as long as it was
+    promised."""
+    wanted = {str(key): value for key, value in action.items()}
+    given = wanted.pop(DURATION, None)
+    if refusal := _no_axis(wanted, index, robot) or _active(wanted):
+        return refusal
+    on_axes = msgspec.structs.replace(state, target=state.target[: len(AXES)])
+    candidate = parse_twist(wanted, robot, axes, index, on_axes)
+    if isinstance(candidate, Refused):
+        return candidate
+    named = {axes[at].key for at in candidate.named}
+    moves = bool(named & set(TWIST))
+    until_ns = candidate.until_ns
+    if moves:
+        duration_s = _duration(given)
+        if isinstance(duration_s, Refused):
+            return duration_s
+        until_ns = state.now_ns + round(duration_s * NS)
+    elif given is not None:
+        why, remedy = f"move: {DURATION} is of a twist, and there is none", f"name one of {', '.join(TWIST)}"
+        return Refused("duration", why, remedy, str(given)[:SHOWN], ", ".join(TWIST))
+    values = list(candidate.values)
+    if named & set(POSE) and "active" not in named:
+        values[ACTIVE] = 1.0
+    flags = (float(bool(named & set(keys))) for keys in (TWIST, HEAD, POSE, MOUTH))
+    return msgspec.structs.replace(candidate, values=(*values, *flags, until_ns / NS), until_ns=until_ns)
+
+
+def _no_axis(wanted: Mapping[str, object], index: Mapping[str, int], robot: str) -> Refused | None:
+    """Refuse names that are none with what takes their place: joints, above all, and skills."""
+    for key in wanted:
+        plain = key.removesuffix(".pos")
+        if plain == "skill":
+            shown = str(wanted[key])[:SHOWN]
+            return Refused(
+                "skill",
+                "move: a skill is asked for and answered",
+                f"call do(skill={shown!r})",
+                shown,
+                "do(skill=...)",
+            )
+        if plain not in index:
+            shown = key[:SHOWN] or "''"
+            why = f"move: {shown} is no intent of {robot}: robotd takes no joint targets"
+            return Refused("unknown_joint", why, f"use {INTENTS}", shown, ", ".join(AXES))
+    return None
+
+
+def _active(wanted: dict[str, object]) -> Refused | None:
+    """Make a number of ``active``. Refuse to end a pose and to set one in the same action."""
+    for key in ("active", "active.pos"):
+        if isinstance(wanted.get(key), bool):
+            wanted[key] = 1.0 if wanted[key] else 0.0
+        value = wanted.get(key)
+        if key in wanted and value not in (0, 1):
+            shown = str(value)[:SHOWN]
+            return Refused("not_finite", f"move: active is {shown}", "give true or false", shown, "true, false")
+        if value == 0 and (also := [one for one in POSE[:3] if {one, f"{one}.pos"} & wanted.keys()]):
+            why = f"move: active=False ends the pose, and {also[0]} is given"
+            return Refused("both", why, "send one of them", also[0], "active=False alone")
+    return None
+
+
+def _duration(given: object) -> float | Refused:
+    if given is None:
+        return USUAL_S
+    duration_s, limit = finite(given), f"{SHORTEST_S:g}..{LONGEST_S:g} s"
+    if duration_s is not None and SHORTEST_S <= duration_s <= LONGEST_S:
+        return duration_s
+    shown = str(given)[:SHOWN]
+    return Refused("duration", f"move: {DURATION} is {shown}", f"give {limit}", shown, limit)
+
+
+def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    return silent(state_ttl_s), seated, within_mode(modes), past_range(axes)
+
+
+def silent(ttl_s: float) -> GateCheck:
+    """Refuse to command a duck whose state does not come."""
+    limit = f"{ttl_s * 1e3:.0f} ms"
+
+    def silent(candidate: Candidate, state: GateState) -> Refused | None:
+        age_ns = state.now_ns - state.observation.t_ns
+        if age_ns <= ttl_s * NS:
+            return None
+        age = f"{age_ns / 1e6:.0f} ms"
+        return Refused("stale", f"move: no state for {age}", "check robotd: it is back by itself", age, limit)
+
+    return silent
+
+
+def seated(candidate: Candidate, state: GateState) -> Refused | None:
+    """Refuse to walk a duck that sits."""
+    if not candidate.values[MOVES] or not any(candidate.values[: len(TWIST)]):
+        return None
+    if not any(state.observation.sensors.get("sitting", ())):
+        return None
+    return Refused("seated", "move: the duck sits", "call stand() first", "sitting", "standing")
+
+
+def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
+    """Refuse a twist that the present drive mode was not trained for."""
+    names = tuple(modes)
+
+    def within_mode(candidate: Candidate, state: GateState) -> Refused | None:
+        if not candidate.values[MOVES]:
+            return None
+        vx, vy, vyaw = candidate.values[: len(TWIST)]
+        if not (vx or vy or vyaw):
+            return None  # a zero stops it in any mode
+        told = state.observation.sensors.get("mode", (-1.0,))
+        at = round(told[0])
+        if not 0 <= at < len(names):
+            known = ", ".join(names)
+            why = "move: the drive mode is not known, or none of ours"
+            return Refused("mode", why, f"set_mode(mode=...) to one of {known}", "unknown", known)
+        mode = names[at]
+        limit = modes[mode]
+        ahead = limit.forward if vx >= 0 else limit.backward
+        for key, value, most, unit in (
+            ("vx", vx, ahead, "m/s"),
+            ("vy", vy, limit.side, "m/s"),
+            ("vyaw", vyaw, limit.turn, "rad/s"),
+        ):
+            if not abs(value) <= most + _ROUNDING:
+                return _over(
+                    f"{key}={value:g} {unit} is over {most:g} for {mode}", f"{value:g}", f"{most:g} {unit}"
+                )
+        speed, most = math.hypot(vx, vy), max(ahead, limit.side)
+        if speed > most + _ROUNDING:
+            return _over(
+                f"vx and vy are {speed:.3f} m/s, over {most:g} for {mode}", f"{speed:.3f}", f"{most:g} m/s"
+            )
+        return None
+
+    return within_mode
+
+
+def _over(why: str, offered: str, limit: str) -> Refused:
+    return Refused("past_travel", f"move: {why}", f"stay within {limit}", offered, limit)
+
+
+# -- conditions: what must be true of it, whatever it is told
+
+
+def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse while it has fallen, yields or is held up."""
+    words = {"fallen": "has fallen", "limp": "yields", "picked_up": "is held up"}
+    for name, word in words.items():
+        if any(observation.sensors.get(name, ())):
+            return Refused(name, f"move: the duck {word}", "put it on its feet", word, "on its feet")
+    return None
+
+
+def driven(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse while no policy drives it: robotd takes intents then, too, and nothing comes of
+    them."""
+    told = observation.sensors.get("driven")
+    if told is not None and told[0]:
+        return None
+    return Refused(
+        "not_driven",
+        "move: the duck holds still or is relaxed: no policy drives it",
+        "call enable() first",
+        "held",
+        "driven",
+    )
+
+
+CONDITIONS = (Condition(on_its_feet), Condition(driven))

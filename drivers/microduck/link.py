@@ -1,0 +1,135 @@
+"""A connection to robotd for intents, states and stops. What is said on it is heard in its order:
+a stop never overtakes the intent before it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.json_rpc import Call
+from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.reporting_base import Report
+from strands_actors.drivers.common.ssh_forward import SshForward
+from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.unix_port import open_unix
+from strands_actors.kernel.clock import NS, Clock
+
+from . import protocol as p
+from .config import MicroduckConfig, Place
+
+ANSWER_S = 0.2
+"""Within which a stop must be answered."""
+
+LOOK_HZ = 20
+"""States a second that are asked for, for a stop, on a connection that has none."""
+
+
+class Way:
+    """How robotd's sockets are reached: a path here, or through an ssh of our own."""
+
+    def __init__(self, config: MicroduckConfig) -> None:
+        self._config = config
+        self._forward: SshForward | None = None
+
+    @property
+    def place(self) -> Place:
+        return self._config.place()
+
+    async def open(self, remote: str = "") -> ByteStream:
+        """Connect to robotd, or to another daemon's socket ``remote``. Raise ``WireDown``."""
+        place = self.place
+        if not place.host:
+            return await open_unix(remote or place.path)
+        if self._forward is None:
+            self._forward = SshForward(place.host, place.ssh_port, (place.path, p.TOF_SOCKET))
+        return await self._forward.open(remote or place.path, self._config.timeout_s)
+
+    def close(self) -> None:
+        if self._forward is not None:
+            self._forward.close()
+
+
+class DuckLink:
+    """``state``: the newest, and when it came (0: never)."""
+
+    def __init__(self, config: MicroduckConfig, clock: Clock, way: Way | None = None) -> None:
+        self._config = config
+        self._clock = clock
+        self._way = way or Way(config)
+        self._own_way = way is None
+        self.port = JsonRpcPort(self._way.open, self._take)
+        self._subscribed = False
+        self.state: p.State | None = None
+        self.told: Mapping[str, Any] = {}  # the state as it came
+        self.state_ns = 0
+        self.states = 0
+        self.problem = "it has told nothing yet"
+
+    @property
+    def is_open(self) -> bool:
+        return self.port.is_open
+
+    async def connect(self) -> None:
+        """Connect, if it is not, and ask nothing. Raise ``WireDown``, as everything here."""
+        if not self.port.is_open:
+            self._subscribed = False
+            await self.port.open()
+
+    async def greet(self, within_s: float) -> p.Hello:
+        return p.read_hello(await self.ask(p.HELLO, {"api_version": self._config.api_version}, within_s))
+
+    async def subscribe(self, hz: int | None, within_s: float) -> tuple[str, ...]:
+        """Ask for states; return the skills that the robot says it has."""
+        answer = await self.ask(p.SUBSCRIBE, {} if hz is None else {"hz": hz}, within_s)
+        self._subscribed = True
+        return p.read_skills(answer)
+
+    async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
+        """Raise ``WireDown`` for an error, too."""
+        try:
+            return await self.port.ask(method, params, within_s)
+        except SaidNo as no:
+            raise WireDown(f"{method}: robotd says {no} ({no.code}). Look at its log") from None
+
+    async def hear(self) -> None:
+        """Keep ``state`` new, until the connection is lost."""
+        await self.port.hear()
+
+    async def next_state(self) -> p.State:
+        """Return the next that comes, asked for where nobody has."""
+        if not self._subscribed:
+            self.port.forget(self.port.send(p.SUBSCRIBE, {"hz": LOOK_HZ}))
+            self._subscribed = True
+        seen = self.states
+        await self.port.until(lambda: self.states > seen)
+        assert self.state is not None
+        return self.state
+
+    async def until_state(self, is_so: Callable[[p.State], bool]) -> None:
+        await self.port.until(lambda: self.state is not None and is_so(self.state))
+
+    def close(self) -> None:
+        """Throw the connection away. Harmless when called again."""
+        self.port.close()
+        if self._own_way:
+            self._way.close()
+
+    def _take(self, call: Call) -> None:
+        if call.method != p.STATE:
+            return
+        try:
+            self.state = p.read_state(call.params)
+        except MalformedFrame as malformed:
+            self.problem = str(malformed)  # ``read`` tells when it lasts
+            return
+        self.told = call.params
+        self.state_ns = self._clock.now_ns()
+        self.states += 1
+
+
+def report_of(state: p.State) -> Report:
+    """Return what a state says of the base as a whole."""
+    moving = state.applied if any(state.applied) else state.requested
+    return Report(round(state.t_s * NS), state.stands, ", ".join(f"{value:.3g}" for value in moving))

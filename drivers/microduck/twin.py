@@ -1,0 +1,454 @@
+"""robotd as a twin: its JSON-RPC on a unix socket, with a duck behind it that walks.
+
+As robotd of API 31: it serves each connection in its order, refuses what it does not know by name
+and clamps nothing, and zeroes a twist that nobody says again. With ``api_version=16`` it knows
+what that one knew. It makes no sound and has no camera.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Unpack
+
+import trio
+
+from strands_actors.contract.axis import finite
+from strands_actors.drivers.common.json_rpc import (
+    INVALID_PARAMS,
+    INVALID_REQUEST,
+    METHOD_NOT_FOUND,
+    PARSE_ERROR,
+    Call,
+    LineDecoder,
+    decode,
+    encode_failure,
+    encode_notification,
+    encode_result,
+)
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.twin import (
+    ClientGone,
+    Connection,
+    Fault,
+    Faults,
+    Reply,
+    Start,
+    UnixServer,
+    WireLog,
+    known_options,
+    run_server,
+)
+
+from . import protocol as p
+from .body import DEADMAN_S, Duck
+from .robots import TABLES
+
+OPTIONS = {
+    "path": "path of the socket (default: one in a directory of its own)",
+    "deadman_s": "seconds after which a twist that nobody says again is zeroed; 0: never (default 0.5)",
+    "api_version": "version of the protocol that it speaks (default 31)",
+    "mode": "drive mode at first: walk or roller (default walk)",
+    "enabled": "whether a policy drives it at first (default false)",
+}
+
+MAX_LINE = 64 * 1024
+LOOP_HZ = 50
+VERSION = "0.9.0"
+BATTERY = {"volts": 7.6, "percent": 63.0}
+
+_ACCEPTED: dict[str, Any] = {"accepted": True}
+
+
+class Param(NamedTuple):
+    """One parameter: its type, and whether it must be there."""
+
+    kind: type
+    needed: bool = False
+
+
+_F, _B, _S, _L = Param(float), Param(bool), Param(str), Param(list)
+_N = Param(int)
+
+METHODS: dict[str, dict[str, Param]] = {
+    p.HELLO: {"api_version": Param(int, True)},
+    p.MOVE: {"vx": _F, "vy": _F, "vyaw": _F},
+    p.HEAD: {"neck_pitch": _F, "head_pitch": _F, "head_yaw": _F, "head_roll": _F},
+    p.POSE: {"z": _F, "roll": _F, "pitch": _F, "active": _B},
+    p.MOUTH: {"open": _F},
+    p.LOOK: {"x": _F, "y": _F, "z": _F, "neck_pitch": _F},
+    p.STOP: {},
+    p.ENABLE: {"on": _B, "toggle": _B},
+    p.INIT: {},
+    p.RELAX: {},
+    p.REBOOT_MOTORS: {"ids": _L},
+    p.DO: {"skill": Param(str, True)},
+    p.SOUND: {"tag": Param(str, True), "hold": _B},
+    p.THEREMIN: {"active": Param(bool, True)},
+    p.GET_MODE: {},
+    p.SET_MODE: {"mode": _S},
+    p.HEALTH: {},
+    p.MODEL: {},
+    p.POLICIES: {},
+    p.LOAD_POLICY: {"slot": _S, "path": _S},
+    p.RELOAD_POLICIES: {},
+    p.SUBSCRIBE: {"hz": _N},
+    "robot.modelApi": {},
+    "robot.remoteSessionActive": {},
+}
+SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, p.REBOOT_MOTORS: 31}
+"""Versions from which a method exists; of ``rebootMotors`` [assumed]."""
+
+
+class DuckTwin:
+    """One robotd for all clients."""
+
+    def __init__(
+        self,
+        robot: str,
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        deadman_s: float = DEADMAN_S,
+        api_version: int = p.API_VERSION,
+        mode: str = "walk",
+        enabled: bool = False,
+    ) -> None:
+        """Raise ``ValueError`` for a mode that is none."""
+        table = TABLES.table(robot)
+        if mode not in table["modes"]:
+            raise ValueError(f"mode is {mode!r}. use {', '.join(table['modes'])}")
+        self.body = Duck(table, float(deadman_s), now_s)
+        self.faults = Faults()
+        self.api_version = int(api_version)
+        self._table = table
+        self._began = mode, bool(enabled)
+        self._overridden: dict[str, str] = {}
+        self._frozen: dict[str, Any] | None = None
+        self._missed = 0
+        self.power_cycle()
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        self.body.pass_time()
+        self._frozen = self.state() if fault is Fault.STUCK else None
+        self.body.stuck = fault is Fault.STUCK
+        self.faults.set(fault)
+        if fault is Fault.OFF:
+            self.power_cycle()
+
+    def power_cycle(self) -> None:
+        body = self.body
+        body.reset()
+        body.mode, body.enabled = self._began
+        self._theremin = False
+
+    # -- calls
+
+    def answer(self, call: Call) -> Any:
+        """Do what a call says, and return its result. Raise ``_No``."""
+        known = METHODS.get(call.method)
+        if known is None or self.api_version < SINCE.get(call.method, 0):
+            raise _No(METHOD_NOT_FOUND, f"unknown method {call.method!r}")
+        _check(call.params, known)
+        self.body.pass_time()
+        return self._do(call.method, call.params)
+
+    def _do(self, method: str, given: Mapping[str, Any]) -> Any:
+        body = self.body
+
+        def number(name: str) -> float:
+            return float(given.get(name) or 0.0)
+
+        match method:
+            case p.HELLO:
+                return {"api_version": self.api_version, "daemon_version": VERSION, "revision": None}
+            case p.MOVE:
+                body.walk((number("vx"), number("vy"), number("vyaw")), Hand.WIRE)
+            case p.STOP:
+                body.walk((0.0, 0.0, 0.0), Hand.WIRE)
+            case p.HEAD:
+                body.head_target = tuple(map(number, ("neck_pitch", "head_pitch", "head_yaw", "head_roll")))
+            case p.POSE:
+                active = given.get("active", True)
+                body.pose_target = (number("z"), number("roll"), number("pitch"), float(active))
+            case p.MOUTH:
+                body.mouth = max(0.0, min(1.0, number("open")))
+            case p.LOOK:
+                return self._look(number("x"), number("y"), number("z"), number("neck_pitch"))
+            case p.ENABLE:
+                on = not body.enabled if given.get("toggle") else bool(given.get("on"))
+                body.enable(on)
+                return {"accepted": True, "reason": "driving" if on else "holding"}
+            case p.INIT:
+                body.power(True)
+            case p.RELAX | p.REBOOT_MOTORS:
+                body.power(False)
+            case p.DO:
+                return self._skill(given["skill"])
+            case p.SOUND if given["tag"] not in (*p.SOUNDS, "wheee"):
+                raise _No(INVALID_PARAMS, f"unknown tag {given['tag']!r}")
+            case p.THEREMIN:
+                self._theremin = given["active"]
+            case p.SET_MODE:
+                return self._set_mode(given.get("mode", ""))
+            case p.LOAD_POLICY:
+                return self._load(given.get("slot"), given.get("path"))
+            case _:
+                return self._tell(method)
+        return dict(_ACCEPTED)
+
+    def _tell(self, method: str) -> Any:
+        body, table = self.body, self._table
+        match method:
+            case p.GET_MODE:
+                return {"mode": body.mode}
+            case p.HEALTH:
+                return {
+                    "healthy": True,
+                    "battery": BATTERY,
+                    "motors": {"hottest": "left_knee", "max_c": 41.0, "mean_c": 35.0},
+                    "control_loop": {
+                        "target_hz": LOOP_HZ,
+                        "achieved_hz": float(LOOP_HZ),
+                        "ticks": round(body.time_s * LOOP_HZ),
+                        "missed": 0,
+                        "last_tick_age_ms": 5,
+                    },
+                    "bus": {"consecutive_errors": 0, "startup_failures": 0},
+                    "imu": {"ready": True, "stale_blocks": 0, "consecutive_stale_blocks": 0},
+                }
+            case p.POLICIES:
+                told = {"mode": body.mode, "enabled": True, "slots": self._slots(), "skills": list(table["skills"])}
+                return (
+                    told if self.api_version < p.HOMED_SINCE else {**told, "homed": True, "sitting": body.sitting}
+                )
+            case p.MODEL:
+                head = ["neck_pitch", "head_pitch", "head_yaw", "head_roll"]
+                return {
+                    "asset": "twin",
+                    "trunk_height_m": table["trunk_m"],
+                    "joint_names": list(table["joints"]),
+                    "head_joints": head,
+                }
+            case p.SUBSCRIBE:
+                names = {"accepted": True, "walk": "alpha_walking.onnx", "stand": "alpha_standing.onnx"}
+                if self.api_version < p.POLICIES_SINCE:
+                    return {**names, **{skill: f"{skill}.onnx" for skill in table["skills"]}}
+                return {**names, "skills": list(table["skills"])}
+            case "robot.modelApi":
+                return {"model_api": 1}
+            case "robot.remoteSessionActive":
+                return {"active": False}
+        return dict(_ACCEPTED)
+
+    def _skill(self, skill: str) -> dict[str, Any]:
+        known = self._table["skills"]
+        if skill not in known:
+            return {"accepted": False, "reason": f"no skill named {skill!r}; known: {', '.join(known)}"}
+        why = self.body.do(skill)
+        return {"accepted": False, "reason": why} if why else dict(_ACCEPTED)
+
+    def _look(self, x: float, y: float, z: float, neck_pitch: float) -> dict[str, Any]:
+        """Turn the head, from where it is at rest: no kinematics of the neck."""
+        yaw, pitch = math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
+        axes = self._table["axes"]
+        held = [
+            max(axes[key][1], min(axes[key][2], value)) for key, value in (("head_pitch", pitch), ("head_yaw", yaw))
+        ]
+        self.body.head_target = (neck_pitch, *held, 0.0)
+        head = dict(zip(("neck_pitch", "head_pitch", "head_yaw", "head_roll"), self.body.head_target, strict=True))
+        return {"head": head, "clamped": held != [pitch, yaw]}
+
+    def _set_mode(self, mode: str) -> dict[str, Any]:
+        known = ", ".join(self._table["modes"])
+        if mode not in self._table["modes"]:
+            return {"accepted": False, "reason": f"no mode {mode!r}; known: {known}"}
+        self.body.mode = mode
+        return dict(_ACCEPTED)
+
+    def _load(self, slot: object, path: object) -> dict[str, Any]:
+        known = self._table["slots"]
+        if slot not in known:
+            return {"accepted": False, "reason": f"no slot {slot!r}; known: {', '.join(known)}"}
+        if path:
+            self._overridden[str(slot)] = str(path)
+        else:
+            self._overridden.pop(str(slot), None)
+        return dict(_ACCEPTED)
+
+    def _slots(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "slot": slot,
+                "path": self._overridden.get(slot, f"{slot}.onnx"),
+                "origin": "local" if slot in self._overridden else "official",
+                "overridden": slot in self._overridden,
+            }
+            for slot in self._table["slots"]
+        ]
+
+    # -- states
+
+    def state(self) -> dict[str, Any]:
+        """Return what ``robot.state`` tells now."""
+        if self._frozen is not None:
+            return self._frozen
+        body = self.body
+        joints = body.joints_rad
+        wrong = 0.5 if self.faults.of(None) is Fault.WRONG else 0.0
+        vx, vy, vyaw = body.applied
+        half = body.yaw_rad / 2
+        moves: dict[str, Any] = {"requested": list(body.requested), "applied": [vx + wrong, vy, vyaw]}
+        if body.limited_by:
+            moves["limited_by"] = list(body.limited_by)
+        return {
+            "t": body.time_s,
+            "t_ns": time.monotonic_ns(),
+            "move": moves,
+            "head": list(body.head_rad),
+            "policy": body.policy,
+            "safety": {
+                "fallen": False,
+                "limp": False,
+                "gravity": [0.0, 0.0, -1.0],
+                "gain": 400,
+                "picked_up": False,
+            },
+            "loop": {"hz": float(LOOP_HZ), "missed": 0},
+            "joints": joints,
+            "targets": [*joints[:5], *body.head_target, *joints[9:]],
+            "odom": {"position": [body.x_m, body.y_m, body.height_m], "yaw": body.yaw_rad},
+            "imu": {"gyro": [0.0, 0.0, vyaw], "quat": [math.cos(half), 0.0, 0.0, math.sin(half)]},
+            **({"theremin": {"mouth": 0.0, "zones": 0}} if self._theremin else {}),
+        }
+
+
+class _No(Exception):
+    """A JSON-RPC error."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def _check(given: Mapping[str, Any], known: Mapping[str, Param]) -> None:
+    for name, value in given.items():
+        if name not in known:
+            raise _No(INVALID_PARAMS, f"unknown field `{name}`, expected {', '.join(known) or 'none'}")
+        kind = known[name].kind
+        fits = value is None or isinstance(value, kind) if kind is not float else finite(value) is not None
+        if not fits or (kind is int and isinstance(value, bool)):
+            raise _No(INVALID_PARAMS, f"invalid type of `{name}`, expected {kind.__name__}")
+    for name, param in known.items():
+        if param.needed and given.get(name) is None:
+            raise _No(INVALID_PARAMS, f"missing field `{name}`")
+
+
+def kind_of(call: Call) -> tuple[str, str | None]:
+    """Return what a call is in the wire log's words: its kind, and the safe state that it brings
+    the robot to."""
+    match call.method:
+        case p.MOVE:
+            return ("safe", "zero") if p.is_rest(call.params) else ("setpoint", None)
+        case p.STOP:
+            return "safe", "stop"
+        case p.RELAX:
+            return "safe", "limp"
+        case p.THEREMIN if call.params.get("active") is False:
+            return "other", None
+        case p.HEAD | p.POSE | p.MOUTH | p.DO | p.LOOK | p.THEREMIN:
+            return "setpoint", None
+        case p.ENABLE | p.INIT | p.SET_MODE | p.SOUND | p.REBOOT_MOTORS:
+            return "other", None
+    return "read", None
+
+
+class _Client:
+    """One connection, served in its order."""
+
+    def __init__(self, twin: DuckTwin, connection: Connection) -> None:
+        self._twin = twin
+        self._connection = connection
+
+    async def serve(self) -> None:
+        lines = LineDecoder(MAX_LINE)
+        async with trio.open_nursery() as nursery:
+            while True:
+                t_ns, data = await self._connection.receive()
+                await self._connection.frost.thawed()
+                try:
+                    for line in lines.feed(data):
+                        self._hear(t_ns, line, nursery)
+                except MalformedFrame:
+                    raise ClientGone from None  # as a server does with what it cannot follow
+
+    def _hear(self, t_ns: int, line: bytes, nursery: trio.Nursery) -> None:
+        twin, connection = self._twin, self._connection
+        try:
+            call = decode(line)
+        except MalformedFrame as malformed:
+            connection.heard(t_ns, "other", line)
+            if twin.faults.of(None) is not Fault.OFF:
+                self._reply(nursery, encode_failure(None, PARSE_ERROR, str(malformed)))
+            return
+        if not isinstance(call, Call):
+            connection.heard(t_ns, "other", line)
+            self._reply(nursery, encode_failure(call.id, INVALID_REQUEST, "no call"))
+            return
+        kind, safe_state = kind_of(call)
+        connection.log.write(t_ns, "host", [(kind, line)], safe_state)
+        if twin.faults.of(None) is Fault.OFF:
+            return
+        try:
+            reply = encode_result(call.id, twin.answer(call))
+        except _No as no:
+            reply = encode_failure(call.id, no.code, str(no))
+        else:
+            if call.method == p.SUBSCRIBE:
+                hz = min(LOOP_HZ, call.params.get("hz") or LOOP_HZ)
+                nursery.start_soon(self._stream, max(1, hz))
+        if not call.is_notification:
+            self._reply(nursery, reply)
+
+    def _reply(self, nursery: trio.Nursery, line: bytes) -> None:
+        reply = self._twin.faults.apply(Reply(0.0, line))
+        if reply is None:
+            return
+        if reply.delay_s or reply.late_s:
+            nursery.start_soon(self._say_later, reply)
+        else:
+            self._connection.say(reply.kind, reply.data)
+
+    async def _say_later(self, reply: Reply) -> None:
+        await trio.sleep(reply.delay_s + reply.late_s)
+        self._connection.say(reply.kind, reply.data)
+
+    async def _stream(self, hz: float) -> None:
+        """Tell the state until the client is gone; not one line of the log each."""
+        twin, connection = self._twin, self._connection
+        while True:
+            await connection.frost.thawed()
+            twin.body.pass_time()
+            reply = twin.faults.apply(Reply(0.0, encode_notification(p.STATE, twin.state())))
+            if reply is not None and twin.faults.of(None) is not Fault.OFF:
+                if reply.delay_s or reply.late_s:
+                    await trio.sleep(reply.delay_s + reply.late_s)
+                connection.send(reply.data)
+            await trio.sleep(1 / hz)
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    path = given.pop("path", None)
+    twin = DuckTwin(robot, **given)
+
+    async def handle(connection: Connection) -> None:
+        await _Client(twin, connection).serve()
+
+    def build(wire_log: WireLog) -> UnixServer:
+        return UnixServer(twin, handle, wire_log, path)
+
+    run_server(build, **start)

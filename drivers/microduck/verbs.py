@@ -1,0 +1,195 @@
+"""What a Microduck can be asked beyond move, head, pose and mouth, and what an agent may ask of
+it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from strands_actors.contract.axis import finite
+from strands_actors.contract.driver import Service
+from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.kernel.messages import Refused
+
+from .protocol import SOUNDS
+
+CONFIRM = "confirm"
+CONFIRMED = {
+    "relax": "it takes the torque away: an unheld duck collapses",
+    "init": "it powers the joints and moves all of them to the home pose",
+    "reboot_motors": "it takes the torque away and restarts the servos: an unheld duck collapses",
+}
+"""Services that are refused without ``confirm=True``, and why."""
+
+FAR_M = 10.0
+"""A point to look at is no farther [assumed]."""
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_IDS = re.compile(r"\[?\s*(\d{1,3}(\s*,\s*\d{1,3})*)?\s*\]?")
+
+_TEXT = {"type": "string"}
+_YES = {"type": "boolean", "description": "true: yes, although it does that"}
+_M_S = {"type": "number", "description": "m/s"}
+_RAD = {"type": "number", "description": "radians"}
+_METRES = {"type": "number", "description": "metres, in the trunk's frame: forward, left, up"}
+
+
+def services_for(timeout_s: float) -> dict[str, Service]:
+    """Return the services, each with the time that it may take."""
+    ask_s, rise_s = timeout_s + 1.0, timeout_s + 8.0
+
+    def asks(about: str, arguments: Mapping[str, Any] | None = None) -> Service:
+        return Service(about, ask_s, dict(arguments or {}), in_motion=True)
+
+    def moves(about: str, within_s: float, arguments: Mapping[str, Any] | None = None) -> Service:
+        return Service(about, within_s, dict(arguments or {}), in_motion=True, moves=True)
+
+    return {
+        "enable": Service("hand the duck to its policy: it stands up and balances", rise_s, in_motion=True),
+        "disable": asks("take it back from its policy: it holds its pose, and nothing balances it"),
+        "do": moves("run a skill that the robot has, by name", ask_s, {"skill": ""}),
+        "sit": moves("sit down, if it stands", ask_s),
+        "stand": moves("stand up, if it sits", ask_s),
+        "look_at": moves("turn the head towards a point", ask_s, {"x": 0.0, "y": 0.0, "z": 0.0, "neck_pitch": 0.0}),
+        "relax": asks("take the torque away: an unheld duck collapses", {CONFIRM: False}),
+        "init": asks("power the joints and move all of them to the home pose", {CONFIRM: False}),
+        "reboot_motors": asks("restart servos; torque goes off on all of them", {"ids": "", CONFIRM: False}),
+        "skills": asks("tell the skills that the robot has"),
+        "sounds": asks("tell the sounds that it can play"),
+        "play_sound": asks("play a sound of its voice", {"tag": "chirp"}),
+        "theremin": asks("play by the depth sensor, the mouth moves along; or end that", {"active": True}),
+        "mode": asks("tell the drive mode"),
+        "set_mode": asks("change the drive mode: it goes home, loads other policies, drives again", {"mode": ""}),
+        "policies": asks("tell what each policy slot runs"),
+        "load_policy": asks(
+            "put a file of the robot's into a policy slot; no path: back to its own", {"slot": "", "path": ""}
+        ),
+        "reload_policies": asks("read all policy slots again"),
+        "health": asks("tell what robotd says of itself"),
+        "version": asks("tell the versions of robotd and of its protocol"),
+        "model": asks("tell the geometry of the robot"),
+        "odometry": asks("tell where the robot believes it is"),
+        "monitor": asks("tell the newest state as robotd tells it"),
+        "tof": asks("tell one frame of the depth sensor, 8 by 8 millimetres"),
+    }
+
+
+SERVICES: Mapping[str, Service] = services_for(5.0)
+
+MOVING_POWER = frozenset({"enable", "init", "set_mode", "load_policy", "reload_policies"})
+"""Services after which the robot moves by itself, whether a policy drives it or not: refused when
+the robot is disarmed, and while it walks."""
+
+_ASKED = (
+    "enable", "disable", "sit", "stand", "skills", "sounds", "mode", "policies", "reload_policies", "health",
+    "version", "model", "odometry", "monitor", "tof",
+)  # fmt: skip
+"""Verbs without an input."""
+
+
+def tool_verbs() -> tuple[ToolVerb, ...]:
+    """Return what an agent may ask."""
+
+    def asked(name: str, inputs: Mapping[str, Any], required: Sequence[str] = ()) -> ToolVerb:
+        about = SERVICES[name].about
+        return ToolVerb(name, "service", f"{about[:1].upper()}{about[1:]}.", inputs, tuple(required))
+
+    head = dict.fromkeys(("neck_pitch", "head_pitch", "head_yaw", "head_roll"), _RAD)
+    ids = {"type": "string", "description": "20, 21; empty: all"}
+    return (
+        SENSORS,
+        STATUS,
+        STOP,
+        ToolVerb(
+            "move",
+            "action",
+            "Walk for duration seconds (default 1, at most 10), then stand. A zero stands at once.",
+            {
+                "vx": {**_M_S, "description": "m/s forward"},
+                "vy": {**_M_S, "description": "m/s to the left"},
+                "vyaw": {"type": "number", "description": "rad/s to the left"},
+                "duration": {"type": "number", "minimum": 0.1, "maximum": 10},
+            },
+            action={"vx": 0.0, "vy": 0.0, "vyaw": 0.0},
+        ),
+        ToolVerb("head", "action", "Turn the joints of the head.", head),
+        ToolVerb(
+            "pose",
+            "action",
+            "Shift and tilt the body on its feet.",
+            {"z": {"type": "number", "description": "metres, -0.025 to 0.01"}, "roll": _RAD, "pitch": _RAD},
+        ),
+        ToolVerb(
+            "mouth",
+            "action",
+            "Open the mouth: 0 closed, 1 open.",
+            {"open": {"type": "number", "minimum": 0, "maximum": 1}},
+            ("open",),
+        ),
+        asked("look_at", {"x": _METRES, "y": _METRES, "z": _METRES, "neck_pitch": _RAD}, ("x", "y", "z")),
+        asked("do", {"skill": _TEXT}, ("skill",)),
+        asked("play_sound", {"tag": {"type": "string", "enum": list(SOUNDS)}}),
+        asked("theremin", {"active": {"type": "boolean"}}, ("active",)),
+        asked("set_mode", {"mode": _TEXT}, ("mode",)),
+        asked("load_policy", {"slot": _TEXT, "path": _TEXT}, ("slot",)),
+        asked("relax", {CONFIRM: _YES}, (CONFIRM,)),
+        asked("init", {CONFIRM: _YES}, (CONFIRM,)),
+        asked("reboot_motors", {"ids": ids, CONFIRM: _YES}, (CONFIRM,)),
+        *(asked(name, {}) for name in _ASKED),
+    )
+
+
+def motor_ids(given: object) -> list[int] | None:
+    """Return the numbers of a text such as ``20, 21``, or of one number; None: it is neither."""
+    number = finite(given)
+    if number is not None:
+        return [int(number)] if number == int(number) else None
+    if not isinstance(given, str) or not _IDS.fullmatch(given):
+        return None
+    return [int(one) for one in re.findall(r"\d+", given)]
+
+
+def check_arguments(
+    service: str, arguments: Mapping[str, Any], ids: Sequence[int], modes: Sequence[str], slots: Sequence[str]
+) -> Refused | None:
+    """Refuse arguments of a declared service that it would not take."""
+    given = {**SERVICES[service].arguments, **arguments}
+    if service in CONFIRMED and given[CONFIRM] is not True:
+        why = f"{service}: {CONFIRMED[service]}"
+        return Refused("unconfirmed", why, f"call {service}({CONFIRM}=True)", str(given[CONFIRM])[:40], "true")
+    match service:
+        case "do":
+            if not isinstance(given["skill"], str) or not NAME.fullmatch(given["skill"]):
+                return _bad(service, "skill", given["skill"], "the name of a skill: skills() has them")
+        case "look_at":
+            for name in ("x", "y", "z"):
+                value = finite(given[name])
+                if value is None or abs(value) > FAR_M:
+                    return _bad(service, name, given[name], f"metres, -{FAR_M:g}..{FAR_M:g}")
+            neck = finite(given["neck_pitch"])
+            if neck is None or not -1.571 <= neck <= 1.047:
+                return _bad(service, "neck_pitch", given["neck_pitch"], "-1.571..1.047 rad")
+        case "reboot_motors":
+            wanted = motor_ids(given["ids"])
+            if wanted is None or not set(wanted) <= set(ids):
+                return _bad(service, "ids", given["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
+        case "play_sound" if given["tag"] not in SOUNDS:
+            return _bad(
+                service, "tag", given["tag"], f"one of {', '.join(SOUNDS)}; wheee has to be held and is not played"
+            )
+        case "theremin" if not isinstance(given["active"], bool):
+            return _bad(service, "active", given["active"], "true or false")
+        case "set_mode" if given["mode"] not in modes:
+            return _bad(service, "mode", given["mode"], f"one of {', '.join(modes)}")
+        case "load_policy":
+            if given["slot"] not in slots:
+                return _bad(service, "slot", given["slot"], f"one of {', '.join(slots)}")
+            if not isinstance(given["path"], str) or (given["path"] and not given["path"].startswith("/")):
+                return _bad(service, "path", given["path"], "an absolute path on the robot; empty: its own")
+    return None
+
+
+def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
+    shown = str(value)[:40]
+    return Refused("bad_argument", f"{service}: {argument} is {shown!r}", f"give {limit}", shown, limit)

@@ -1,0 +1,307 @@
+"""robotd in the wire process: intents, states and stops on one connection, where nothing overtakes
+anything; questions on another.
+
+A twist goes out when it was accepted, and again, 20 times a second, while gate and transport answer
+(``feed``) and its duration lasts; then a zero. Nothing else is said twice, so that robotd's own
+dead-man, 0.5 s, holds for whatever of ours stops working.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import aclosing
+from typing import Any, ClassVar, NamedTuple
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .config import MicroduckConfig
+from .gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
+from .link import DuckLink, Way
+from .robots import HEAD_AT, OPEN, POSE_AT, TWIST
+from .services import Services
+from .stop import stop_by
+from .verbs import MOVING_POWER
+
+LOOK_S = 0.5
+"""Between two looks at what the states do not tell: battery, drive mode, whether it sits."""
+
+LOOKED_S = 3.0
+"""What was looked at is believed for so long."""
+
+TURNS_S = 2.0
+"""How long is waited until robotd sends the head where it said that it would."""
+
+NEAR_RAD = 0.02
+
+QUIET_S = 0.2
+"""Nothing is said to a robot whose state has been silent for so long: it would be carried out
+late."""
+
+OLD_S = 0.3
+"""How long a stop is tried on the connection that counts as lost, before it goes out on a new
+one."""
+
+
+class _Walk(NamedTuple):
+    """A twist that lives."""
+
+    twist: tuple[float, ...]
+    until_s: float
+
+
+class MicroduckWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: MicroduckConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._way = Way(config)
+        self._link = DuckLink(config, clock, self._way)
+        self._services: Services | None = None
+        self._anew: DuckLink | None = None  # for a stop, where the link is lost
+        self._walk: _Walk | None = None
+        self._is_armed = False
+        self._told: list[float | None] = [None] * len(config.axes)  # what the robot was last told, by axis
+        self._health = p.Health(True, "", math.nan, math.nan)
+        self._mode = ""
+        self._sitting: bool | None = None
+        self._looked_ns = 0
+        self._read = trio.Event()  # set, and replaced, by each reading
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        place = self._config.place()
+        within_s = self._config.timeout_s
+        why = f"robotd did not shake hands within {within_s:g} s"
+        with trio.move_on_after(within_s):
+            try:
+                return await self._shake_hands(within_s)
+            except MalformedFrame as malformed:
+                why = f"{malformed}. Check what is served there"
+            except WireDown as down:
+                why = str(down)
+        raise WireDown(f"{place.name}: {why}" if place.name not in why else why)
+
+    async def _shake_hands(self, within_s: float) -> dict[str, Any]:
+        link = self._link
+        await link.connect()
+        hello = await link.greet(within_s)
+        services = self._services = Services(self._config, self._way, link, hello)
+        services.skills = await link.subscribe(self._config.subscribe_hz, within_s) or self._config.skills
+        await services.port.open()
+        await self._look(services)
+        await link.until_state(lambda _: True)
+        facts: dict[str, Any] = {
+            "robotd": self._config.place().name,
+            "api_version": hello.api_version,
+            "daemon_version": hello.daemon_version,
+            "mode": self._mode,
+            "skills": list(services.skills),
+            "watchdog_assumed_s": 0.5,
+        }
+        if hello.api_version != self._config.api_version:
+            facts["warning"] = (
+                f"robotd speaks API {hello.api_version}, asked for was {self._config.api_version}: "
+                "what it does not have is refused when it is asked for"
+            )
+        return facts
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        services = self._services
+        if services is None:
+            raise WireDown("serve: not connected. Open it first")
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._link.hear)
+            nursery.start_soon(services.port.hear)
+            nursery.start_soon(self._end_when_broken, services)
+            task_status.started()
+            async with aclosing(self._clock.ticks(LOOK_S)) as ticks:
+                async for _ in ticks:
+                    await self._look(services)
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Give no torque and begin no policy: the duck is as it was found, and stands still."""
+        permit.check()
+        self._link.port.notify(p.MOVE, p.REST)
+        self._is_armed = True
+        return await self.read()
+
+    async def read(self) -> Observation:
+        await trio.lowlevel.checkpoint()
+        link, now_ns = self._link, self._clock.now_ns()
+        state = link.state
+        if state is None or now_ns - link.state_ns > self._config.silent_s * NS:
+            raise WireDown(
+                f"read: no state of robotd for {self._config.silent_s:g} s ({link.problem}). Check the robot"
+            )
+        read, self._read = self._read, trio.Event()
+        read.set()
+        told = [0.0 if value is None else value for value in self._told]
+        seen_rad = state.joints_rad[p.HEAD_JOINTS] if state.joints_rad else state.head_rad
+        return Observation(
+            t_ns=link.state_ns,
+            position=(*state.applied, *seen_rad, *told[POSE_AT], told[OPEN]),
+            stamp_ns=(link.state_ns,) * len(self._config.axes),
+            sensors=self._sensors(state, now_ns),
+        )
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        port = self._link.port
+        silent_s = (self._clock.now_ns() - self._link.state_ns) / NS
+        if silent_s > QUIET_S:
+            raise PermitDenied(f"the robot takes nothing now (its state is {silent_s * 1e3:.0f} ms old)")
+        permit.check()
+        if values[MOVES]:
+            twist = values[: len(TWIST)]
+            self._walk = _Walk(twist, values[UNTIL]) if any(twist) else None
+            port.notify(p.MOVE, p.move(*twist))
+        if values[HEADS]:
+            port.notify(p.HEAD, p.head(values[HEAD_AT]))
+        if values[POSES]:
+            port.notify(p.POSE, p.pose(values[POSE_AT]))
+        if values[MOUTHS]:
+            port.notify(p.MOUTH, {"open": values[OPEN]})
+        for flag, axes in ((HEADS, HEAD_AT), (POSES, POSE_AT), (MOUTHS, slice(OPEN, OPEN + 1))):
+            if values[flag]:
+                self._told[axes] = values[axes]
+
+    async def feed(self) -> None:
+        walk, now_ns = self._walk, self._clock.now_ns()
+        if walk is None or now_ns - self._link.state_ns > QUIET_S * NS:
+            return
+        if now_ns >= walk.until_s * NS:
+            self._walk = None
+            self._link.port.notify(p.MOVE, p.REST)
+        else:
+            self._link.port.notify(p.MOVE, p.move(*walk.twist))
+
+    # -- safe
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        self._disarm(safe_state)
+        if not self._link.is_open:
+            return self._reports(Outcome(False, False, "not connected"))
+        return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
+        has told."""
+        self._disarm(safe_state)
+        if self._link.is_open:
+            outcome = await stop_by(self._link, safe_state, OLD_S)
+            if not outcome.detail:
+                return self._reports(outcome)
+        self._anew = self._anew or DuckLink(self._config, self._clock, self._way)
+        return self._reports(await stop_by(self._anew, safe_state))
+
+    def _disarm(self, safe_state: str) -> None:
+        self._walk = None
+        self._is_armed = self._is_armed and safe_state == "zero"
+
+    def _pending(self) -> bool:
+        return self._services is not None and self._services.unanswered > 0
+
+    def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
+        state, told = self._link.state, list(self._told)
+        if told[HEAD_AT.start] is None and state is not None and state.targets_rad:
+            told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # not where it sags to
+        targets = ((0.0,) * len(TWIST)) + tuple(told[len(TWIST) :])
+        return outcome.reports(self._config.axes, self._config.ids, targets)
+
+    # -- services
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        services = self._services
+        if services is None:
+            raise WireDown(f"{service}: not connected")
+        begins = service in MOVING_POWER or (service == "theremin" and arguments.get("active", True))
+        if begins and not self._is_armed:
+            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+        if service in MOVING_POWER and self._walk is not None:
+            return Refused("live", f"{service}: the robot walks", "wait until that is over, or call stop()")
+        done = await services.perform(service, arguments, permit)
+        if isinstance(done, Refused) or service not in ("enable", "look_at"):
+            return done
+        if service == "look_at":
+            self._told[HEAD_AT] = row = tuple(done["head"].values())
+            with trio.move_on_after(TURNS_S):
+                await self._link.until_state(lambda state: _is_sent(state, row))
+        await self._read.wait()  # what the gate looks at next is no older than the answer
+        return done
+
+    def close(self) -> None:
+        for link in (self._link, self._anew):
+            if link is not None:
+                link.close()
+        if self._services is not None:
+            self._services.close()
+        self._services = self._anew = self._walk = None
+        self._looked_ns = 0
+        self._is_armed = False
+        self._way.close()
+
+    # -- what runs beside the calls
+
+    async def _look(self, services: Services) -> None:
+        try:
+            self._health, policies = await services.look()
+        except MalformedFrame as malformed:
+            self._link.problem = str(malformed)
+            return
+        except WireDown as down:
+            if not services.port.is_open or not self._looked_ns:
+                raise
+            self._link.problem = str(down)  # the states say whether the robot is there
+            return
+        self._mode, self._sitting = policies.mode, policies.sitting
+        self._looked_ns = self._clock.now_ns()
+
+    async def _end_when_broken(self, services: Services) -> None:
+        await services.broken.wait()
+        raise WireDown(
+            "robotd has not answered a request: whether it is carried out is not known. Look at the robot"
+        )
+
+    def _sensors(self, state: p.State, now_ns: int) -> dict[str, tuple[float, ...]]:
+        is_known = now_ns - self._looked_ns <= LOOKED_S * NS
+        modes = self._config.modes
+        sensors: dict[str, tuple[float, ...]] = {
+            "driven": (float(state.policy != p.HELD or self._sitting is True),),
+            "fallen": (float(state.fallen),),
+            "limp": (float(state.limp),),
+            "picked_up": (float(state.picked_up),),
+            "mode": (float(modes.index(self._mode)) if is_known and self._mode in modes else -1.0,),
+            "twist_requested": state.requested,
+            "odometry_xy_m": state.position_m[:2],
+            "odometry_yaw_rad": (state.yaw_rad,),
+            "odometry_linear_m_s": state.applied[:2],
+            "odometry_angular_rad_s": state.applied[2:],
+            "healthy": (float(self._health.healthy),),
+        }
+        if self._sitting is not None:
+            sensors["sitting"] = (float(self._sitting),)
+        if state.targets_rad:
+            sensors["head_target_rad"] = state.targets_rad[p.HEAD_JOINTS]
+        if state.gyro_rad_s and state.quaternion_wxyz:
+            sensors["gyro_rad_s"] = state.gyro_rad_s
+            sensors["orientation_wxyz"] = state.quaternion_wxyz
+            sensors["rpy_rad"] = roll_pitch_yaw(state.quaternion_wxyz)
+        for name, value in (("battery_pct", self._health.battery_pct), ("battery_v", self._health.battery_v)):
+            if not math.isnan(value):
+                sensors[name] = (value,)
+        return sensors
+
+
+def _is_sent(state: p.State, head_rad: tuple[float, ...]) -> bool:
+    """Whether the head is being sent there; true where that is not told."""
+    sent = state.targets_rad[p.HEAD_JOINTS]
+    return all(abs(here - there) <= NEAR_RAD for here, there in zip(sent, head_rad, strict=False))
