@@ -107,6 +107,7 @@ class Servo(TwinServo):
         self._overload_since_s: float | None = None
         self._heard_s = math.inf
         self._waiting = b""
+        self.indirect = bytearray(len(t.INDIRECT_DATA))
         self.power_cycle()
 
     @property
@@ -135,6 +136,7 @@ class Servo(TwinServo):
         [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
+        self.indirect[:] = bytes(len(self.indirect))
         self.put(t.GOAL_PWM, self.get(t.PWM_LIMIT))
         self.put(t.GOAL_CURRENT, self.get(t.CURRENT_LIMIT))
         self._overload_since_s = None
@@ -153,6 +155,9 @@ class Servo(TwinServo):
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
         """Error number, data."""
+        if address in t.INDIRECT_DATA and address + size <= t.INDIRECT_DATA.stop:
+            start = address - t.INDIRECT_DATA.start
+            return 0, bytes(self.indirect[start : start + size])
         if address + size > t.TABLE_SIZE:
             return p.ACCESS_ERROR, b""
         if address + size > t.MOVING.address:
@@ -162,6 +167,10 @@ class Servo(TwinServo):
     def write(self, address: int, data: bytes) -> int:
         """Error number. What is refused changes nothing."""
         covers = range(address, address + len(data))
+        if covers.start in t.INDIRECT_DATA and covers.stop <= t.INDIRECT_DATA.stop:
+            start = address - t.INDIRECT_DATA.start
+            self.indirect[start : start + len(data)] = data
+            return 0
         error = self._refuses(covers, data)
         if error:
             return error
