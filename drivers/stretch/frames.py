@@ -57,18 +57,24 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-class Frame(NamedTuple):
-    """One checked frame, as a ``half_duplex.Packet``."""
+_ONE_OF = {PULL_MORE: PULL_LAST, V0_GOT_MORE: V0_GOT_LAST}
+"""What a reply may be instead."""
 
-    id: int
-    """Its code: what it is of a transfer."""
+
+class Frame(NamedTuple):
+    """One checked frame, as a ``half_duplex.Packet``: a reply is known by its code. How long it is
+    depends on the firmware, and is its reader's business."""
+
+    code: int
     data: bytes
 
     @property
+    def id(self) -> int:
+        return _ONE_OF.get(self.code, self.code)
+
+    @property
     def params(self) -> bytes:
-        """What is expected of a reply by length. Of an acknowledgement the reply's number alone:
-        what follows it differs between firmwares."""
-        return self.data[:1] if self.id == PUSH_ACK else self.data
+        return b""
 
     @property
     def failure(self) -> str:
@@ -188,9 +194,8 @@ def pull_next(call: int) -> bytes:
     return frame(PULL_NEXT, bytes((call,)))
 
 
-def pulled(size: int) -> tuple[tuple[int, int], ...]:
-    """Return code and length of each frame of a reply of ``size`` bytes, its number among them."""
-    full, rest = divmod(size, CHUNK_V1)
-    if rest == 0 and full:
-        full, rest = full - 1, CHUNK_V1
-    return ((PULL_MORE, CHUNK_V1),) * full + ((PULL_LAST, rest),)
+def answers(reply: bytes) -> Iterator[bytes]:
+    """Return the frames of a reply, each to be asked for: the board's side of ``pull``."""
+    chunks = [reply[at : at + CHUNK_V1] for at in range(0, len(reply), CHUNK_V1)] or [b""]
+    for at, chunk in enumerate(chunks):
+        yield frame(PULL_LAST if at == len(chunks) - 1 else PULL_MORE, chunk)

@@ -100,7 +100,9 @@ def read_folder(robot: str, folder: Path) -> Parameters:
         try:
             found = yaml.safe_load((folder / name).read_text("utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise WireDown(f"connect: {folder / name} cannot be read ({_first_line(error)}). Check {PATH}") from None
+            raise WireDown(
+                f"connect: {folder / name} cannot be read ({_first_line(error)}). Check {PATH}"
+            ) from None
         if found is not None and not isinstance(found, dict):
             raise WireDown(f"connect: {folder / name} is no table. Restore the robot's own file")
         said = merged(said, found or {})

@@ -61,9 +61,7 @@ def parse_board_info(data: bytes) -> BoardInfo:
     if len(data) != INFO_BYTES:
         raise MalformedFrame(f"a board's name has {INFO_BYTES} bytes, this has {len(data)}")
     try:
-        variant, firmware = (
-            data[at : at + _NAME_BYTES].rstrip(b"\0").decode("ascii") for at in (0, _NAME_BYTES)
-        )
+        variant, firmware = (data[at : at + _NAME_BYTES].rstrip(b"\0").decode("ascii") for at in (0, _NAME_BYTES))
     except UnicodeDecodeError:
         raise MalformedFrame("a board's name is no text") from None
     match = _FIRMWARE.fullmatch(firmware)
@@ -76,7 +74,7 @@ def parse_board_info(data: bytes) -> BoardInfo:
 # -- steppers
 
 COMMAND, STATUS, GAINS, TRIGGER, FLASH_GAINS, MOTION_LIMITS = 1, 3, 5, 9, 13, 19
-RESET_TRAJECTORY = 25
+RESET_TRAJECTORY, STATUS_AUX = 25, 29
 
 
 class Mode(enum.IntEnum):
@@ -273,7 +271,7 @@ def parse_motion_limits(data: bytes) -> tuple[float, float]:
 
 # -- the power board
 
-PIMU_CONFIG, PIMU_STATUS, PIMU_TRIGGER, MOTOR_SYNC = 1, 3, 5, 9
+PIMU_CONFIG, PIMU_STATUS, PIMU_TRIGGER, MOTOR_SYNC, PIMU_STATUS_AUX = 1, 3, 5, 9, 13
 RUNSTOP_RESET, RUNSTOP_ON, CLIFF_RESET = 2, 256, 4
 
 

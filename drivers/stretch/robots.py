@@ -55,6 +55,6 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     whole = copy.deepcopy(dict(below))
     for key, value in above.items():
         found = whole.get(key)
-        is_table = isinstance(found, dict) and isinstance(value, Mapping)
-        whole[key] = merged(found, value) if is_table else copy.deepcopy(value)
+        both = isinstance(found, dict) and isinstance(value, Mapping)
+        whole[key] = merged(found or {}, value) if both else copy.deepcopy(value)
     return whole

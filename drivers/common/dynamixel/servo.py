@@ -101,6 +101,8 @@ class Servo(TwinServo):
     """The position modes (3, 4, 5); in others it does not move. Profiles are not modelled."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, mode: int, voltage_v: float) -> None:
+        self.zero_count = float(ZERO_COUNT)
+        self.counts_per_rad = COUNTS_PER_RAD  # of the joint: negative, or times the ratio of a gear
         super().__init__(plant, joint, factory_table(servo_id, model, mode), voltage_v, ROOM_TEMPERATURE_C)
         self._kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
         self._eeprom = bytearray(self.factory[: t.EEPROM_END])
@@ -268,7 +270,7 @@ class Servo(TwinServo):
             return
         rad, rad_s, load = self.reading
         sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
-        count = ZERO_COUNT + sign * round(rad * COUNTS_PER_RAD)
+        count = round(self.zero_count + sign * rad * self.counts_per_rad)
         if self.get(t.MODE) == t.POSITION_MODE:
             count %= COUNTS  # the other modes count turns
         if self.fault is Fault.WRONG:
@@ -277,7 +279,7 @@ class Servo(TwinServo):
         stall = self._kind.stall_current or 1000  # without a current sensor: 0.1 % of its torque
         for register, value in (
             (t.POSITION, count + self.get(t.HOMING_OFFSET)),
-            (t.VELOCITY, round(sign * rad_s * VELOCITY_UNITS)),
+            (t.VELOCITY, round(sign * rad_s * VELOCITY_UNITS * self.counts_per_rad / COUNTS_PER_RAD)),
             (t.CURRENT, round(amount * stall)),
             (t.VOLTAGE, round(self.voltage_v * 10)),
             (t.TEMPERATURE, round(self.temperature_c)),
@@ -292,7 +294,7 @@ class Servo(TwinServo):
         if on and self.get(t.BUS_WATCHDOG) != t.WATCHDOG_TRIPPED:
             sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
             count = self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET)
-            self.plant.set_target(self.joint, sign * (count - ZERO_COUNT) / COUNTS_PER_RAD)
+            self.plant.set_target(self.joint, sign * (count - self.zero_count) / self.counts_per_rad)
             share = abs(self.get(t.GOAL_PWM)) / PWM_MAX
             if mode == t.CURRENT_POSITION_MODE and self._kind.stall_current:
                 share = min(share, abs(self.get(t.GOAL_CURRENT)) / self._kind.stall_current)
