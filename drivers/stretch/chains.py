@@ -11,13 +11,14 @@ import msgspec
 from strands_actors.contract.driver import MotorReport, Observation, Permit
 from strands_actors.drivers.common.dynamixel import protocol, table
 from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
+from strands_actors.drivers.common.dynamixel.watchdog import FEED_S
 from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.handshake import block
 from strands_actors.drivers.common.servo.safing import LIMP
 from strands_actors.drivers.common.servo.wire import Handshake
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 
 from .config import StretchConfig, ticks_per_s, ticks_per_s2
 from .parameters import Chain
@@ -73,6 +74,12 @@ class ChainWire(DynamixelWire):
             bus.send(protocol.sync_write(table.PROFILE_VELOCITY, speeds))
             self._is_profiled = True
         await super().write(values, permit)
+
+    def go_on(self) -> None:
+        """A setpoint for the rest of the robot feeds the servos' watchdogs as one for them does:
+        who sends it is alive."""
+        if self._feed_until_ns is not None:
+            self._feed_until_ns = self.clock.now_ns() + round(FEED_S * NS)
 
     async def arm(self, permit: Permit) -> Observation:
         self._is_profiled = False

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from strands_actors.contract.axis import Axis, AxisMode, finite
-from strands_actors.contract.axis_gates import show, stale, too_fast, unit_of
+from strands_actors.contract.axis_gates import show, stale, unit_of
 from strands_actors.contract.driver import (
     Candidate,
     Condition,
@@ -87,7 +87,8 @@ def _runstop(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked."""
+    """Return the gates in the order in which they are asked. How fast a goal is reached is bounded by
+    the profiles of boards and servos."""
     return (
         _soft_limits(axes),
         stale(axes, state_ttl_s),
@@ -97,7 +98,6 @@ def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) ->
         motor_fault(axes, _FAULT_CODES, REMEDIES),
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),
-        too_fast(axes),
     )
 
 

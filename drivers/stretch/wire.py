@@ -225,6 +225,8 @@ class StretchWire(Wire):
         for chain in self._chains:
             if any(axis.key in named for axis in chain.axes):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
+            else:
+                chain.go_on()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``set_soft_limits``: from now on; the firmware of lift and arm keeps them, too."""
