@@ -52,14 +52,16 @@ class BoardInfo(NamedTuple):
         return int(last) if last.isdecimal() else 0
 
 
-def board_info_reply(variant: str, firmware: str) -> bytes:
-    return variant.encode().ljust(_NAME_BYTES, b"\0") + firmware.encode().ljust(_NAME_BYTES, b"\0")
+def board_info_reply(variant: str, firmware: str, stepper_type: int | None = None) -> bytes:
+    """``stepper_type``: of a stepper since protocol 5, behind its names."""
+    names = variant.encode().ljust(_NAME_BYTES, b"\0") + firmware.encode().ljust(_NAME_BYTES, b"\0")
+    return names if stepper_type is None else names + bytes((stepper_type,))
 
 
 def parse_board_info(data: bytes) -> BoardInfo:
     """Raise ``MalformedFrame``."""
-    if len(data) != INFO_BYTES:
-        raise MalformedFrame(f"a board's name has {INFO_BYTES} bytes, this has {len(data)}")
+    if not INFO_BYTES <= len(data) <= INFO_BYTES + 1:
+        raise MalformedFrame(f"a board's name has {INFO_BYTES} or {INFO_BYTES + 1} bytes, this has {len(data)}")
     try:
         variant, firmware = (data[at : at + _NAME_BYTES].rstrip(b"\0").decode("ascii") for at in (0, _NAME_BYTES))
     except UnicodeDecodeError:

@@ -41,7 +41,13 @@ class Kind(NamedTuple):
 
 XL430 = Kind(72, 60, 140, 265, 0, 0x34, 0)
 XL330 = Kind(70, 35, 70, 445, 1750, 0x35, 1470)
-KINDS = {"XL430-W250": XL430, "XL330-M288": XL330, "XL330-M077": XL330._replace(velocity_limit=1620)}
+XM430 = Kind(80, 95, 160, 200, 1193, 0x34, 2300)
+KINDS = {
+    "XL430-W250": XL430,
+    "XM430-W350": XM430,
+    "XL330-M288": XL330,
+    "XL330-M077": XL330._replace(velocity_limit=1620),
+}
 """Others are taken for an XL430 [assumed]."""
 
 RANGES: dict[t.Register, tuple[int, int]] = {
@@ -51,6 +57,8 @@ RANGES: dict[t.Register, tuple[int, int]] = {
     t.MODE: (0, 16),
     t.HOMING_OFFSET: (-1_044_479, 1_044_479),
     t.MAX_TEMPERATURE: (0, 100),
+    t.MAX_VOLTAGE: (31, 160),
+    t.MIN_VOLTAGE: (31, 160),
     t.PWM_LIMIT: (0, PWM_MAX),
     t.MAX_POSITION: (0, COUNTS - 1),
     t.MIN_POSITION: (0, COUNTS - 1),

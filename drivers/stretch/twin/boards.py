@@ -14,9 +14,13 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Exchange, Fault, Reply
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
+from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, RIGHT
 
 from .stepper import FIRMWARE, PROTOCOL, VARIANT, StepperMotor
 from .world import WACC_NUMBER, World
+
+STEPPER_TYPES = {LEFT: 1, RIGHT: 2, ARM: 3, LIFT: 4}
+"""As the boards have it in flash."""
 
 WRONG_RAD = 50.0
 """By so much a stepper whose readings are wrong is elsewhere."""
@@ -45,6 +49,7 @@ class BoardEar(ABC):
 
     INFO_CALL: int
     INFO: tuple[str, str]
+    stepper_type: int | None = None
 
     def __init__(self, world: World, number: int) -> None:
         self.world = world
@@ -128,7 +133,7 @@ class BoardEar(ABC):
         if not call:
             return b""
         if call[0] == self.INFO_CALL:
-            return bytes((call[0] + 1,)) + p.board_info_reply(*self.INFO)
+            return bytes((call[0] + 1,)) + p.board_info_reply(*self.INFO, self.stepper_type)
         try:
             return bytes((call[0] + 1 & 0xFF,)) + self.do(call[0], call[1:])
         except MalformedFrame:
@@ -141,6 +146,7 @@ class StepperEar(BoardEar):
 
     def __init__(self, world: World, motor: StepperMotor) -> None:
         super().__init__(world, motor.number)
+        self.stepper_type = STEPPER_TYPES[motor.name]
         self._motor = motor
         self._cycles = 0
 

@@ -24,12 +24,12 @@ from strands_actors.drivers.common.twin.server import Conversation, Exchange, Fr
 from strands_actors.drivers.stretch.config import PIMU
 from strands_actors.drivers.stretch.driver import TWIN_PORT
 from strands_actors.drivers.stretch.parameters import FILES
-from strands_actors.drivers.stretch.robots import robot_of
+from strands_actors.drivers.stretch.robots import nominal_of, robot_of
 from strands_actors.drivers.stretch.safing import number_of
 
 from .boards import ChainEar, Ear, Heard, PimuEar, StepperEar, WaccEar
 from .body import StretchBody
-from .world import World
+from .world import GRIPPER, World
 
 WACC_USB = "/dev/hello-wacc"
 DEVICES = "/dev/"
@@ -67,7 +67,8 @@ class StretchServer:
         fleet = self._root / "fleet" / FLEET_ID
         fleet.mkdir(parents=True, exist_ok=True)
         table = robot_of(world.config.robot)
-        said = {"robot": {"model_name": table.model_name, "tool": world.parameters.tool, "serial_no": FLEET_ID}}
+        about = {"model_name": table.model_name, "tool": world.parameters.tool, "serial_no": FLEET_ID}
+        said = {**nominal_of(world.config.robot), "robot": {**about, "batch_name": "twin"}}
         for name, words in zip(FILES, (said, self._devices()), strict=True):
             (fleet / name).write_text(json.dumps(words, indent=1))
 
@@ -76,7 +77,10 @@ class StretchServer:
             return str(self._folder / device.removeprefix(DEVICES))
 
         parameters = self._world.parameters
+        servos = [(joint.key, chain.usb) for chain in self._world.config.chains for joint in chain.joints]
+        servos.append((GRIPPER, parameters.wrist.usb))
         return {
+            **{key: {"usb_name": of(usb)} for key, usb in servos},
             "lift": {"usb_name": of(parameters.lift.usb)},
             "arm": {"usb_name": of(parameters.arm.usb)},
             "base": {

@@ -35,8 +35,10 @@ dropped."""
 GRIPPER = "stretch_gripper"
 WACC, WACC_NUMBER = "wacc", 6
 SERVO_V = 12.0
-SERVO_MODEL = 1060
-"""An XL430, as the vendor's software calls all of them."""
+SERVO_MODEL, BY_CURRENT_MODEL = 1060, 1020
+"""XL430-W250; XM430-W350 for a joint whose effort is limited by its current [assumed]."""
+BY_CURRENT = ("wrist_pitch",)
+"""``use_pos_current_ctrl`` of the vendor's parameters."""
 BATTERY_RAW = 655.0
 """12.8 V"""
 CURRENT_RAW = 170.0
@@ -216,8 +218,10 @@ def _bus(
 
 
 def _servo(plant: Plant, at: int, joint: Joint) -> Servo:
-    several_turns = joint.needs_homing
-    servo = Servo(plant, at, joint.id, SERVO_MODEL, 4 if several_turns else 3, SERVO_V)
+    mode = t.EXTENDED_POSITION_MODE if joint.needs_homing else t.POSITION_MODE
+    servo = Servo(plant, at, joint.id, SERVO_MODEL, mode, SERVO_V)
+    if joint.key in BY_CURRENT:
+        servo = Servo(plant, at, joint.id, BY_CURRENT_MODEL, t.CURRENT_POSITION_MODE, SERVO_V)
     servo.zero_count, servo.counts_per_rad = joint.zero, joint.scale
     return _set_up(servo)
 
@@ -230,5 +234,6 @@ def _set_up(servo: Servo) -> Servo:
 
 
 def _note_homed(chain: Chain, bus: DynamixelBus) -> None:
-    for joint, servo in zip(chain.joints, bus.servos, strict=False):
-        servo.write(HOMED.address, bytes((int(joint.needs_homing),)))
+    needs = [*(joint.needs_homing for joint in chain.joints), True]  # the gripper does, too
+    for needs_homing, servo in zip(needs, bus.servos, strict=False):
+        servo.write(HOMED.address, bytes((int(needs_homing),)))
