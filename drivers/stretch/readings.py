@@ -26,7 +26,7 @@ class Readings:
         self._steppers: dict[str, p.StepperStatus] = {}
         self._pimu: p.PimuStatus | None = None
         self._stamp_ns: dict[str, int] = {}
-        self._silent: set[str] = set()
+        self._silent_since_ns: dict[str, int] = {}  # of those that did not answer when last asked
         self._odometry = Odometry(config.parameters.separation_m)
         self.limits: dict[str, tuple[float, float]] = {}
         self.homed: dict[str, bool] = {}
@@ -37,23 +37,23 @@ class Readings:
         old time of the board's is none: it may have been on its way since its firmware hung."""
         before = self._steppers.get(board)
         if status is None or (before is not None and status.timestamp_us == before.timestamp_us):
-            self._silent.add(board)
+            self._silent_since_ns.setdefault(board, now_ns)
             return True
-        self._silent.discard(board)
+        self._silent_since_ns.pop(board, None)
         self._steppers[board] = status
         self._stamp_ns[board] = now_ns
         return before is None or status.timestamp_us > before.timestamp_us
 
     def pimu(self, status: p.PimuStatus | None, now_ns: int) -> None:
         if status is None:
-            self._silent.add(PIMU)
+            self._silent_since_ns.setdefault(PIMU, now_ns)
             return
-        self._silent.discard(PIMU)
+        self._silent_since_ns.pop(PIMU, None)
         self._pimu = status
         self._stamp_ns[PIMU] = now_ns
 
     def silent_for_ns(self, board: str, now_ns: int) -> int:
-        return now_ns - self._stamp_ns.get(board, now_ns)
+        return now_ns - self._silent_since_ns.get(board, now_ns)
 
     def observation(self, chains: Sequence[Observation], now_ns: int) -> Observation:
         lift, arm = (self._metres(name) for name in (LIFT, ARM))
@@ -130,7 +130,7 @@ class Readings:
 
     def _faults(self) -> dict[str, str]:
         axes_of = {LIFT: (LIFT,), ARM: (ARM,), LEFT: BASE, RIGHT: BASE, PIMU: ()}
-        return {axis: "silent" for board in sorted(self._silent) for axis in axes_of[board]}
+        return {axis: "silent" for board in self._silent_since_ns for axis in axes_of[board]}
 
 
 def _servos(chains: Sequence[Observation]) -> dict[str, tuple[float, ...]]:
