@@ -132,6 +132,7 @@ class Stretch(Driver):
             state_ttl_s=max(0.25, 2 / hz),
             arm_s=5.0,
             open_s=15.0,
+            safe_s=2.0,
         )
         self.gates = gates_of(self.config, self.table, self.timing.state_ttl_s)
         self.conditions = conditions()

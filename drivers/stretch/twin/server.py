@@ -48,7 +48,7 @@ class StretchServer:
         self._log = log
         self._frost = Frost()
         self.body = StretchBody(world)
-        ears = _ears(world)
+        ears = ears_of(world)
         self._ears: dict[str, Ear] = {name: ear for name, (ear, _) in ears.items()}
         self._lines = {name: PtyLine(str(self._folder / name)) for name in ears}
         self._conversations = {
@@ -184,7 +184,7 @@ class _Deaf:
         return iter(())
 
 
-def _ears(world: World) -> dict[str, tuple[Ear, bool]]:
+def ears_of(world: World) -> dict[str, tuple[Ear, bool]]:
     """Return by name of the device who hears it, and whether its bytes take time: USB's do not."""
     config, found = world.config, dict[str, tuple[Ear, bool]]()
     for name, motor in world.steppers.items():
