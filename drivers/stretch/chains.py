@@ -91,10 +91,6 @@ class ChainWire(DynamixelWire):
         return at_rest(await super().make_safe(HOLD))
 
     @property
-    def is_open(self) -> bool:
-        return self._session_or_none is not None
-
-    @property
     def observation(self) -> Observation:
         return self.session.observation
 

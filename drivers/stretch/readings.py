@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from strands_actors.contract.driver import Observation
 
@@ -13,8 +13,6 @@ from .odometry import Odometry
 
 SERVO_ROWS = ("voltage_v", "voltage_min_v", "voltage_max_v", "temperature_c", "temperature_max_c")
 """Sensors of the chains, as a servo's gates take them; NaN for an axis that is no servo."""
-
-Limits = Mapping[str, tuple[float, float]]
 
 
 class Readings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 import trio
@@ -30,10 +30,3 @@ async def together(*calls: Callable[[], Awaitable[T]]) -> list[T]:
     if failures:
         raise failures[0]
     return [results[at] for at in range(len(calls))]
-
-
-async def until_gone(hang_ups: Sequence[Callable[[], Awaitable[None]]]) -> None:
-    """Wait on each of several."""
-    async with trio.open_nursery() as nursery:
-        for hang_up in hang_ups:
-            nursery.start_soon(hang_up)

@@ -53,7 +53,6 @@ class StretchWire(Wire):
         self._chains: list[ChainWire] = []
         self._readings = Readings(config, 0)
         self._armed = False
-        self._told: dict[str, float] = {}  # by joint: where it was last told to go
 
     # -- the link
 
@@ -138,15 +137,14 @@ class StretchWire(Wire):
             chain.close()
         self._boards, self._chains = {}, []
         self._armed = False
-        self._told = {}
 
     # -- reading
 
     async def read(self) -> Observation:
         self._check_open()
-        await together(
-            *(partial(self._read_stepper, name) for name in STEPPERS), self._read_pimu, *map(_reader, self._chains)
-        )
+        steppers = (partial(self._read_stepper, name) for name in STEPPERS)
+        chains = (partial(self._read_chain, chain) for chain in self._chains)
+        await together(*steppers, self._read_pimu, *chains)
         return self._observation()
 
     async def _read_stepper(self, name: str) -> None:
@@ -170,6 +168,9 @@ class StretchWire(Wire):
         now_ns = self._clock.now_ns()
         self._readings.pimu(status, now_ns)
         self._check_silence(PIMU, now_ns)
+
+    async def _read_chain(self, chain: ChainWire) -> None:
+        await chain.read()
 
     def _check_silence(self, name: str, now_ns: int) -> None:
         silent_ns = self._readings.silent_for_ns(name, now_ns)
@@ -221,7 +222,6 @@ class StretchWire(Wire):
         for joint in (LIFT, ARM):
             if joint in named:
                 self._boards[joint].send(config.goal(joint, target[joint]).call())
-                self._told[joint] = target[joint]
         for chain in self._chains:
             if any(axis.key in named for axis in chain.axes):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
@@ -283,10 +283,3 @@ class StretchWire(Wire):
     def _check_open(self) -> None:
         if not self._boards or not self._chains:
             raise WireDown("wire: not connected. Open it first")
-
-
-def _reader(chain: ChainWire) -> Any:
-    async def read() -> None:
-        await chain.read()
-
-    return read

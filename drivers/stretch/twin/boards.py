@@ -39,11 +39,6 @@ class Ear(Protocol):
         ...
 
 
-class _Answer(NamedTuple):
-    kind: str
-    reply: bytes
-
-
 class BoardEar(ABC):
     """One board: both transports, and the calls that its kind knows. ``number``: its unit."""
 

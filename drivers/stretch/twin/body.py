@@ -41,7 +41,7 @@ class StretchBody:
     def hands(self) -> Sequence[Hand]:
         steppers = self._world.steppers
         wheels = [steppers[name].hand for name in (LEFT, RIGHT)]
-        base = max(wheels, key=lambda hand: hand is Hand.WIRE) if wheels[0] is not wheels[1] else wheels[0]
+        base = Hand.WIRE if Hand.WIRE in wheels else wheels[0]
         servos = [plant.hand(at) for plant, at in self._servos]
         return [steppers[LIFT].hand, steppers[ARM].hand, *servos, base, base]
 
