@@ -101,19 +101,18 @@ class Stretch(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        told = plain(read_options(robot, StretchOptions, options))
-        return {**told, "on_robot": True} if "tool_name" in options else told
+        return plain(read_options(robot, StretchOptions, options))
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Read the robot's own YAML. A twin's ports have their names in its folder."""
-        if port or "parameters" in options or not options.get("on_robot"):
+        if port or "parameters" in options:
             return dict(options)
         found = read_folder(robot, folder_of(os.environ))
         return {**options, "parameters": msgspec.to_builtins(found)}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        given = {name: value for name, value in options.items() if name not in ("parameters", "on_robot")}
+        given = {name: value for name, value in options.items() if name != "parameters"}
         hz = read_options(robot, StretchOptions, given).control_frequency
         if port and PurePath(port).name != TWIN_PORT:
             raise ValueError(
