@@ -63,6 +63,7 @@ WIRES = {
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "microduck": "strands_actors.drivers.microduck.driver:Microduck",
+    "stretch": "strands_actors.drivers.stretch.driver:Stretch",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

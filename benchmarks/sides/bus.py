@@ -196,7 +196,7 @@ def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
 
         frames = [feetech.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
         return feetech.sync_read(MOTORS, 56, 2), 6 * 8, frames
-    from strands_actors.drivers.dynamixel import protocol as dynamixel
+    from strands_actors.drivers.common.dynamixel import protocol as dynamixel
 
     frames = [dynamixel.goals(dict.fromkeys(MOTORS, goal(number))) for number in range(20)]
     return dynamixel.fast_sync_read(MOTORS, 132, 4), 8 + 6 * 8, frames

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from strands_actors.drivers.common.dynamixel import watchdog
+from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
+from strands_actors.drivers.common.dynamixel.table import BAUD_RATES
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
 
-from . import watchdog
-from .gates import FAULT_CODES, REMEDIES
 from .robots import TABLES
-from .table import BAUD_RATES
 
 DEFAULT_BAUD = 1_000_000
 """As lerobot sets the servos up; at delivery they speak 57 600."""
@@ -20,8 +20,8 @@ DEFAULT_BAUD = 1_000_000
 class Dynamixel(ServoDriver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
-    WIRE: ClassVar[str] = "strands_actors.drivers.dynamixel.wire:DynamixelWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.dynamixel.wire:DynamixelStopChannel"
+    WIRE: ClassVar[str] = "strands_actors.drivers.common.dynamixel.wire:DynamixelWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.common.dynamixel.wire:DynamixelStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.dynamixel.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = options_of(DEFAULT_BAUD, BAUD_RATES)
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x0403, 0x6014), (0x2F5D, 0x2202), (0x1A86, 0x55D3))

@@ -53,10 +53,15 @@ class SimDriver(Driver):
     config: SimConfig
     firmware_watchdog = "none: a simulation holds its last target"
 
+    @classmethod
+    def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
+        """Return its own, and those of the robot that are commands."""
+        real = _class_of(options)
+        acts = {name: service for name, service in real.services(options["options"]).items() if service.acts}
+        return {**cls.SERVICES, **acts}
+
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        module, _, name = options["class"].partition(":")
-        real_class: type[Driver] = getattr(importlib.import_module(module), name)
-        self.real = real_class(robot, "", options["options"])
+        self.real = _class_of(options)(robot, "", options["options"])
         real = self.real
         self.robot = real.robot
         self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
@@ -71,6 +76,7 @@ class SimDriver(Driver):
         )
         self.gates = (held(self.axes),)
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
+        vars(self)["SERVICES"] = self.services(options)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse(action, state)
@@ -89,3 +95,10 @@ class SimDriver(Driver):
 
     def travel(self) -> dict[str, tuple[float, float]]:
         return self.real.travel()
+
+
+def _class_of(options: Mapping[str, Any]) -> type[Driver]:
+    """Return the class of the robot's own driver."""
+    module, _, name = options["class"].partition(":")
+    found: type[Driver] = getattr(importlib.import_module(module), name)
+    return found

@@ -96,7 +96,10 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
 
 
 async def completed(wanted: Plan) -> Plan:
-    """Return the plan with what only the robot can tell. Raise ``WireDown``."""
+    """Return the plan with what only the robot can tell. Raise ``WireDown``. A twin is new and has
+    nothing to tell; a robot of another host was asked there."""
+    if wanted.twin_process is not None or wanted.at:
+        return wanted
     options = await wanted.driver_class.complete(wanted.robot, wanted.port, wanted.options)
     return wanted if options == wanted.options else replace(wanted, options=options)
 

@@ -284,7 +284,7 @@ class RealRobot(RobotTool):
         return functools.partial(self.service, name)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self._plan.driver_class.SERVICES})
+        return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""

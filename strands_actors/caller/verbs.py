@@ -151,7 +151,7 @@ async def release(tree: RobotTree) -> Answer:
 def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
     while the handle is not made yet."""
-    if plan is None or name not in plan.driver_class.SERVICES:
+    if plan is None or name not in plan.driver_class.services(plan.options):
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
 
@@ -159,6 +159,8 @@ async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
     """One of the driver's own services."""
+    if (command := _command(tree, name, arguments, action)) is not None:
+        return answers.refused(command) if isinstance(command, Refused) else await send_action(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
@@ -167,10 +169,22 @@ async def service(
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
+    if (command := _command(tree, name, arguments, action)) is not None:
+        return answers.refused(command) if isinstance(command, Refused) else send_action_here(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
         return _stopped(tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
+
+
+def _command(
+    tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
+) -> dict[str, Any] | Refused | None:
+    """Return the action that a service is, or why it is none; None: it is no command."""
+    known = tree.driver.SERVICES.get(name)
+    if known is None or not known.acts:
+        return None
+    return tree.driver.check_service(name, arguments) or {**(action or {}), **known.arguments, **arguments}
 
 
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:

@@ -90,6 +90,9 @@ class Service(msgspec.Struct, frozen=True):
     # began is live as a latched setpoint is, until a stop or the end of the lease. An older target
     # is not sent again.
     moves: bool = False
+    # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
+    # gates of one.
+    acts: bool = False
     # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does:
     # never refused, ahead of everything, and carried out by whoever is left.
     stops: Reason | None = None
@@ -365,6 +368,11 @@ class Driver(ABC):
         """Runs once, in the caller: check keywords, read files, return plain options for
         ``__init__``. Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
         return dict(options)
+
+    @classmethod
+    def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
+        """Return the services of a robot that was resolved to these options."""
+        return cls.SERVICES
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:

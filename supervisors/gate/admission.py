@@ -93,6 +93,8 @@ class Admission:
         refusal = self._driver.check_service(service, message.arguments)
         if refusal is not None:
             return refusal
+        if self._driver.SERVICES[service].acts:
+            return Refused("a_command", f"{service}: it is a command", "send its arguments as an action")
         if state.locked_by:
             return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
         if state.mode in failsafe.OVER:

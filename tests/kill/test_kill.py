@@ -33,6 +33,7 @@ HARDEST = (
     "crazyflie",
     "spot",
     "microduck",
+    "stretch3",
     "unitree_go2",
 )
 """Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by

@@ -47,6 +47,7 @@ STEPS = {
     "reachy_mini": WITHOUT,
     "crazyflie": WITHOUT,
     "microduck": WITHOUT,
+    "stretch3": WITH_POLICY,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -20,6 +20,8 @@ class ServoConfig(msgspec.Struct, frozen=True):
     calibration_source: str
     timeout_s: float = 0.5
     """How long the whole bus may be silent before it counts as lost."""
+    others: tuple[int, ...] = ()
+    """Ids of servos on this bus that are the robot's and not driven."""
 
     @property
     def ids(self) -> tuple[int, ...]:

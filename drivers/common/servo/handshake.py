@@ -4,7 +4,7 @@ calibrated."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.driver import WireDown
@@ -31,10 +31,15 @@ ANSWER_S = 0.25
 
 
 async def roll_call(
-    bus: HalfDuplexBus[Any], codec: Codec[Packet], robot: str, axes: Sequence[Axis], where: str
+    bus: HalfDuplexBus[Any],
+    codec: Codec[Packet],
+    robot: str,
+    axes: Sequence[Axis],
+    where: str,
+    others: Collection[int] = (),
 ) -> None:
     """Ping each servo, then all at once. Raise ``WireDown`` naming missing, double and foreign
-    servos."""
+    servos; ``others`` may be there."""
     heard: Counter[int] = Counter()
     garbled: set[int] = set()
     late_s = 0.0
@@ -56,7 +61,7 @@ async def roll_call(
         axis.label for motor, axis in expected.items() if motor in garbled or heard[motor] > 1 or present[motor] > 1
     ]
     missing = [axis.label for motor, axis in expected.items() if not heard[motor] and motor not in garbled]
-    foreign = sorted(motor for motor in present if motor not in expected)
+    foreign = sorted(motor for motor in present if motor not in expected and motor not in others)
     if late_s > BUSY_S and (missing or twice or foreign):
         raise WireDown(f"connect: {too_busy(late_s, 'the answers of the servos')}")
     if len(missing) == len(axes):

@@ -133,7 +133,8 @@ class ServoWire(Wire, Generic[PacketT]):
         codec = self.CODEC
         bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, config.baud, overhead=codec.OVERHEAD)
         try:
-            await roll_call(bus, codec, config.robot, self.axes, f"{config.port} at {config.baud} baud")
+            where = f"{config.port} at {config.baud} baud"
+            await roll_call(bus, codec, config.robot, self.axes, where, config.others)
             handshake = await self.handshake(bus)
         except BaseException as error:
             self.close()

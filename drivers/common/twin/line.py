@@ -112,14 +112,26 @@ class PtyLine:
 
     async def receive(self) -> tuple[int, bytes]:
         while True:
+            await self.readable()
+            if data := self.take():
+                return time.monotonic_ns(), data
+
+    async def readable(self) -> None:
+        """Return when there may be something to take. Waits while unplugged."""
+        while True:
             await self._plugged.wait()
             if self._master < 0:  # pulled again before we got to run
                 continue
-            with contextlib.suppress(trio.ClosedResourceError, BlockingIOError):
+            with contextlib.suppress(trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(self._master)
-                if self._master >= 0:
-                    data = os.read(self._master, CHUNK)
-                    return time.monotonic_ns(), data
+                return
+
+    def take(self) -> bytes:
+        """Return what has arrived, without waiting."""
+        with contextlib.suppress(BlockingIOError):
+            if self._master >= 0:
+                return os.read(self._master, CHUNK)
+        return b""
 
     def quiet_for(self, seconds: float) -> bool:
         waiting, _, _ = select.select([self._master] if self._master >= 0 else [], [], [], seconds)

@@ -101,6 +101,18 @@ class Conversation:
         finally:
             self._alarm.close()
 
+    async def serve_replies(self) -> None:
+        """As ``serve``, for a client that somebody else listens to: see ``heard``."""
+        try:
+            await self._send()
+        finally:
+            self._alarm.close()
+
+    def heard(self, exchange: Exchange, t_ns: int) -> None:
+        """Log a frame, and send the replies to it when they are due."""
+        self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.safe_state)
+        self._schedule(exchange, t_ns, self._channel.bits_per_s())
+
     async def _read(self) -> None:
         while True:
             t_ns, data = await self._channel.receive()

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.dynamixel import protocol, table, watchdog
 from tests.drivers.common.memory_port import Permission, virtual
 from tests.drivers.servo.rig import JOINTS, VICTIM, DynamixelRig, refused, verdicts
 

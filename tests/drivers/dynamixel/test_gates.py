@@ -10,9 +10,9 @@ import pytest
 
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Observation, Reason
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
+from strands_actors.drivers.common.dynamixel.gates import UNNAMED
+from strands_actors.drivers.common.dynamixel.watchdog import COUNTS, SECONDS, TRIPPED
 from strands_actors.drivers.dynamixel.driver import Dynamixel
-from strands_actors.drivers.dynamixel.gates import UNNAMED
-from strands_actors.drivers.dynamixel.watchdog import COUNTS, SECONDS, TRIPPED
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.dynamixel import protocol as p
-from strands_actors.drivers.dynamixel import table as t
+from strands_actors.drivers.common.dynamixel import protocol as p
+from strands_actors.drivers.common.dynamixel import table as t
 
 SIGNED = [t.HOMING_OFFSET, t.GOAL_POSITION, t.GOAL_VELOCITY, t.POSITION, t.VELOCITY, t.CURRENT, t.BUS_WATCHDOG]
 UNSIGNED = [t.MODEL, t.ID, t.MIN_POSITION, t.TORQUE_ENABLE, t.STATUS_LEVEL, t.VOLTAGE, t.PROFILE_VELOCITY]

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.drivers.dynamixel import protocol as p
-from strands_actors.drivers.dynamixel import table as t
+from strands_actors.drivers.common.dynamixel import protocol as p
+from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.testing.twin import Twin
 from tests.answers import PATIENCE_S, json_of, status, until
 

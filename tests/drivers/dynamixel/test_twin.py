@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from strands_actors.drivers.common.dynamixel import protocol as p
+from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.drivers.common.twin import Fault, Reply
-from strands_actors.drivers.dynamixel import protocol as p
-from strands_actors.drivers.dynamixel import table as t
 from strands_actors.drivers.dynamixel.robots import TABLES
 from strands_actors.drivers.dynamixel.twin import DynamixelBus, main
 

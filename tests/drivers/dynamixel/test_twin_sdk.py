@@ -11,8 +11,8 @@ import dynamixel_sdk as sdk
 import pytest
 from dynamixel_sdk import port_handler
 
-from strands_actors.drivers.dynamixel import protocol as p
-from strands_actors.drivers.dynamixel import table as t
+from strands_actors.drivers.common.dynamixel import protocol as p
+from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.testing.twin import PATIENCE_S, Twin
 
 IDS = [1, 2, 3, 4, 5, 6]

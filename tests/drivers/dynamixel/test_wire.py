@@ -12,9 +12,9 @@ import pytest
 import trio
 
 from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.dynamixel.driver import Dynamixel
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing.twin import Twin

@@ -10,14 +10,14 @@ import pytest
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, WireDown
+from strands_actors.drivers.common.dynamixel import protocol as dynamixel
+from strands_actors.drivers.common.dynamixel import table
+from strands_actors.drivers.common.dynamixel.wire import DynamixelWire
 from strands_actors.drivers.common.servo.driver import ServoDriver
 from strands_actors.drivers.common.servo.wire import ServoWire
 from strands_actors.drivers.common.twin.servo_bus import ServoBus
-from strands_actors.drivers.dynamixel import protocol as dynamixel
-from strands_actors.drivers.dynamixel import table
 from strands_actors.drivers.dynamixel.driver import Dynamixel
 from strands_actors.drivers.dynamixel.twin import DynamixelBus
-from strands_actors.drivers.dynamixel.wire import DynamixelWire
 from strands_actors.drivers.feetech import protocol as feetech
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.twin import FeetechBus

@@ -11,8 +11,8 @@ import pytest
 import trio
 
 from strands_actors.contract.driver import PermitDenied
+from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.dynamixel import table
 from strands_actors.drivers.feetech import protocol as feetech
 from tests.drivers.common.memory_port import Permission, virtual
 

@@ -9,7 +9,7 @@ import pytest
 import trio
 
 from strands_actors.contract.driver import WireDown
-from strands_actors.drivers.dynamixel import table
+from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.feetech import protocol as feetech
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.testing.inline import run_virtual

@@ -41,7 +41,13 @@ class Kind(NamedTuple):
 
 XL430 = Kind(72, 60, 140, 265, 0, 0x34, 0)
 XL330 = Kind(70, 35, 70, 445, 1750, 0x35, 1470)
-KINDS = {"XL430-W250": XL430, "XL330-M288": XL330, "XL330-M077": XL330._replace(velocity_limit=1620)}
+XM430 = Kind(80, 95, 160, 200, 1193, 0x34, 2300)
+KINDS = {
+    "XL430-W250": XL430,
+    "XM430-W350": XM430,
+    "XL330-M288": XL330,
+    "XL330-M077": XL330._replace(velocity_limit=1620),
+}
 """Others are taken for an XL430 [assumed]."""
 
 RANGES: dict[t.Register, tuple[int, int]] = {
@@ -51,6 +57,8 @@ RANGES: dict[t.Register, tuple[int, int]] = {
     t.MODE: (0, 16),
     t.HOMING_OFFSET: (-1_044_479, 1_044_479),
     t.MAX_TEMPERATURE: (0, 100),
+    t.MAX_VOLTAGE: (31, 160),
+    t.MIN_VOLTAGE: (31, 160),
     t.PWM_LIMIT: (0, PWM_MAX),
     t.MAX_POSITION: (0, COUNTS - 1),
     t.MIN_POSITION: (0, COUNTS - 1),
@@ -101,12 +109,15 @@ class Servo(TwinServo):
     """The position modes (3, 4, 5); in others it does not move. Profiles are not modelled."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, mode: int, voltage_v: float) -> None:
+        self.zero_count = float(ZERO_COUNT)
+        self.counts_per_rad = COUNTS_PER_RAD  # of the joint: negative, or times the ratio of a gear
         super().__init__(plant, joint, factory_table(servo_id, model, mode), voltage_v, ROOM_TEMPERATURE_C)
         self._kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
         self._eeprom = bytearray(self.factory[: t.EEPROM_END])
         self._overload_since_s: float | None = None
         self._heard_s = math.inf
         self._waiting = b""
+        self.indirect = bytearray(len(t.INDIRECT_DATA))
         self.power_cycle()
 
     @property
@@ -135,6 +146,7 @@ class Servo(TwinServo):
         [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
+        self.indirect[:] = bytes(len(self.indirect))
         self.put(t.GOAL_PWM, self.get(t.PWM_LIMIT))
         self.put(t.GOAL_CURRENT, self.get(t.CURRENT_LIMIT))
         self._overload_since_s = None
@@ -153,6 +165,9 @@ class Servo(TwinServo):
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
         """Error number, data."""
+        if address in t.INDIRECT_DATA and address + size <= t.INDIRECT_DATA.stop:
+            start = address - t.INDIRECT_DATA.start
+            return 0, bytes(self.indirect[start : start + size])
         if address + size > t.TABLE_SIZE:
             return p.ACCESS_ERROR, b""
         if address + size > t.MOVING.address:
@@ -162,6 +177,10 @@ class Servo(TwinServo):
     def write(self, address: int, data: bytes) -> int:
         """Error number. What is refused changes nothing."""
         covers = range(address, address + len(data))
+        if covers.start in t.INDIRECT_DATA and covers.stop <= t.INDIRECT_DATA.stop:
+            start = address - t.INDIRECT_DATA.start
+            self.indirect[start : start + len(data)] = data
+            return 0
         error = self._refuses(covers, data)
         if error:
             return error
@@ -259,7 +278,7 @@ class Servo(TwinServo):
             return
         rad, rad_s, load = self.reading
         sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
-        count = ZERO_COUNT + sign * round(rad * COUNTS_PER_RAD)
+        count = round(self.zero_count + sign * rad * self.counts_per_rad)
         if self.get(t.MODE) == t.POSITION_MODE:
             count %= COUNTS  # the other modes count turns
         if self.fault is Fault.WRONG:
@@ -268,7 +287,7 @@ class Servo(TwinServo):
         stall = self._kind.stall_current or 1000  # without a current sensor: 0.1 % of its torque
         for register, value in (
             (t.POSITION, count + self.get(t.HOMING_OFFSET)),
-            (t.VELOCITY, round(sign * rad_s * VELOCITY_UNITS)),
+            (t.VELOCITY, round(sign * rad_s * VELOCITY_UNITS * self.counts_per_rad / COUNTS_PER_RAD)),
             (t.CURRENT, round(amount * stall)),
             (t.VOLTAGE, round(self.voltage_v * 10)),
             (t.TEMPERATURE, round(self.temperature_c)),
@@ -283,7 +302,7 @@ class Servo(TwinServo):
         if on and self.get(t.BUS_WATCHDOG) != t.WATCHDOG_TRIPPED:
             sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
             count = self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET)
-            self.plant.set_target(self.joint, sign * (count - ZERO_COUNT) / COUNTS_PER_RAD)
+            self.plant.set_target(self.joint, sign * (count - self.zero_count) / self.counts_per_rad)
             share = abs(self.get(t.GOAL_PWM)) / PWM_MAX
             if mode == t.CURRENT_POSITION_MODE and self._kind.stall_current:
                 share = min(share, abs(self.get(t.GOAL_CURRENT)) / self._kind.stall_current)

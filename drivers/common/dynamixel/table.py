@@ -65,6 +65,9 @@ POSITION = Register(132, 4, True)
 VOLTAGE = Register(144, 2)  # 0.1 V
 TEMPERATURE = Register(146)  # deg C
 
+INDIRECT_DATA = range(634, 662)
+"""Indirect data 29 to 56: RAM that a host may use as it likes, where nothing is mapped there."""
+
 TABLE_SIZE = 147
 EEPROM_END = 64
 READ_ONLY = frozenset((*range(7), 69, 70, *range(120, TABLE_SIZE)))

@@ -1,0 +1,120 @@
+"""The two chains of Dynamixels: wrist and head. What differs from an arm of such servos: radians, a
+slow bus, a gripper that is not ours, and motion profiles that this robot's servos are told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+import msgspec
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit
+from strands_actors.drivers.common.dynamixel import protocol, table
+from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
+from strands_actors.drivers.common.dynamixel.watchdog import FEED_S
+from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus
+from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.servo.handshake import block
+from strands_actors.drivers.common.servo.safing import LIMP
+from strands_actors.drivers.common.servo.wire import Handshake
+from strands_actors.kernel.clock import NS, Clock
+
+from .config import StretchConfig, ticks_per_s, ticks_per_s2
+from .parameters import Chain
+
+HOMED = table.Register(661)
+"""Indirect data 56, where the vendor's homing routine notes that the joint is homed."""
+
+HOLD = "hold"
+
+
+class ChainSafing(DynamixelSafing):
+    REPEATS: ClassVar[int] = 3
+    REPEAT_S: ClassVar[float] = 0.01
+    """By then three of the longest replies have finished (3 x (94 bytes + 0.5 ms) at 115 200
+    baud)."""
+
+
+class ChainWire(DynamixelWire):
+    SAFING = ChainSafing
+
+    def __init__(
+        self,
+        config: StretchConfig,
+        chain: Chain,
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
+    ) -> None:
+        super().__init__(config.chain_config(chain), clock, open_port)
+        self._joints = chain.joints
+        self._is_profiled = False
+        self.homed: tuple[bool, ...] = (False,) * len(chain.joints)
+
+    async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
+        """A joint may rest anywhere in the range of the robot's YAML, several turns of its servo
+        too."""
+        found = await super().handshake(bus)
+        homed = []
+        for axis, joint in zip(self.axes, self._joints, strict=True):
+            data = await block(bus, protocol, axis, HOMED.address, HOMED.size) if joint.needs_homing else b"\1"
+            homed.append(bool(HOMED.decode(data)))
+        self.homed = tuple(homed)
+        return msgspec.structs.replace(found, reach={axis.id: (axis.low, axis.high) for axis in self.axes})
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """A hold leaves the servos without a limit of speed, so the first goal behind one is
+        preceded by it."""
+        if self._armed and not self._is_profiled:
+            permit.check()
+            joints, bus = self._joints, self.session.bus
+            changes = {joint.id: ticks_per_s2(joint.acceleration_rad_s2, joint.gear) for joint in joints}
+            bus.send(protocol.sync_write(table.PROFILE_ACCELERATION, changes))
+            speeds = {joint.id: ticks_per_s(joint.speed_rad_s, joint.gear) for joint in joints}
+            bus.send(protocol.sync_write(table.PROFILE_VELOCITY, speeds))
+            self._is_profiled = True
+        await super().write(values, permit)
+
+    def go_on(self) -> None:
+        """A setpoint for the rest of the robot feeds the servos' watchdogs as one for them does:
+        who sends it is alive."""
+        if self._feed_until_ns is not None:
+            self._feed_until_ns = self.clock.now_ns() + round(FEED_S * NS)
+
+    async def arm(self, permit: Permit) -> Observation:
+        self._is_profiled = False
+        return await super().arm(permit)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """Always a hold: a wrist that is let go drops what it carries."""
+        self._is_profiled = False
+        return at_rest(await super().make_safe(HOLD))
+
+    @property
+    def observation(self) -> Observation:
+        return self.session.observation
+
+
+class ChainStopChannel(DynamixelStopChannel):
+    SAFING = ChainSafing
+
+    def __init__(
+        self,
+        config: StretchConfig,
+        chain: Chain,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: Callable[[str, int], BytePort] = open_serial,
+    ) -> None:
+        super().__init__(config.chain_config(chain), descriptors, clock, open_port)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return at_rest(await super().make_safe(HOLD))
+
+
+def at_rest(reports: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
+    """Return the reports of a hold, in which a servo that has no torque is at rest, too: nobody
+    drives it."""
+    return tuple(
+        msgspec.structs.replace(report, safe=True) if report.detail == LIMP else report for report in reports
+    )

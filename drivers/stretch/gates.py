@@ -1,0 +1,186 @@
+"""What a Stretch refuses, from what it reports. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from strands_actors.contract.axis import Axis, AxisMode, finite
+from strands_actors.contract.axis_gates import show, stale, unit_of
+from strands_actors.contract.driver import (
+    Candidate,
+    Condition,
+    GateCheck,
+    GateState,
+    Observation,
+    Reason,
+)
+from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
+from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
+from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .config import BASE, StretchConfig
+
+ROUNDING = 1e-9
+_HOMING = "run the homing routine on the robot: stretch_robot_home.py"
+_FAULT_CODES = {**FAULT_CODES, "silent": "silent"}
+
+
+# -- parsing
+
+
+def parse(
+    action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
+) -> Candidate | Refused:
+    """Return the whole target, and behind it which axes are to be told. A joint's goal stands as
+    long as the lease; a twist ends after ``LIFETIME_S``, and what names only joints goes on with it
+    until then. ``vy`` may be named where it is zero: this base cannot strafe."""
+    plain: dict[str, object] = dict(action)
+    if "vy" in plain:
+        sideways = finite(plain.pop("vy"))
+        if sideways is None:
+            return Refused("not_finite", "move: vy is no finite number", "leave it out")
+        if sideways != 0:
+            why = f"move: vy {sideways:g} m/s, and this base cannot strafe"
+            return Refused("strafe", why, "turn with wz, drive with vx", f"{sideways:g}", "0")
+        if not plain:
+            plain = dict.fromkeys(BASE, 0.0)
+    before = msgspec.structs.replace(state, target=state.target[: len(axes)])  # without what it told
+    parsed = parse_twist(plain, robot, axes, index, before)
+    if isinstance(parsed, Refused):
+        return parsed
+    base = [at for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
+    drives = any(parsed.values[at] != 0 for at in base)
+    named, until_ns = set(parsed.named), parsed.until_ns
+    if drives:
+        if not named.isdisjoint(base):
+            until_ns = state.now_ns + round(LIFETIME_S * NS)
+        named.update(base)
+    mask = float(sum(1 << at for at in named))
+    return msgspec.structs.replace(parsed, values=(*parsed.values, mask), until_ns=until_ns)
+
+
+def named_in(values: Sequence[float], axes: Sequence[str]) -> frozenset[str]:
+    """Return which axes a target tells: what ``parse`` put behind it."""
+    mask = int(values[len(axes)])
+    return frozenset(axis for at, axis in enumerate(axes) if mask >> at & 1)
+
+
+# -- conditions
+
+
+def conditions() -> tuple[Condition, ...]:
+    return (Condition(_runstop, Reason.FAULT, always=True),)
+
+
+def _runstop(observation: Observation, now_ns: int) -> Refused | None:
+    if observation.sensors.get("runstop", (0.0,)) == (0.0,):
+        return None
+    return Refused("runstop", "move: runstop pressed", "release it on the robot, then resume()", "pressed")
+
+
+# -- gates
+
+
+def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked. How fast a goal is reached is bounded by
+    the profiles of boards and servos."""
+    return (
+        _soft_limits(axes),
+        stale(axes, state_ttl_s),
+        _homed(axes),
+        voltage(axes),
+        temperature(axes),
+        motor_fault(axes, _FAULT_CODES, REMEDIES),
+        _wheel_speeds(config, axes),
+        _wheel_watchdog(axes),
+    )
+
+
+def _row(state: GateState, name: str, at: int, default: float) -> float:
+    row = state.observation.sensors.get(name, ())
+    return row[at] if at < len(row) else default
+
+
+def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse a goal outside the soft limits that the joint has now."""
+
+    def soft_limits(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            axis, value = axes[at], candidate.values[at]
+            if axis.mode is AxisMode.VELOCITY:
+                continue
+            low = _row(state, "limit_low", at, axis.low)
+            high = _row(state, "limit_high", at, axis.high)
+            if not low - ROUNDING <= value <= high + ROUNDING:
+                bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
+                offered = show(value, axis.unit)
+                return Refused(
+                    "soft_limit",
+                    f"move: {axis.key} {offered}{unit_of(axis)} is outside its soft limits of now",
+                    f"stay within {bottom}..{top}",
+                    offered,
+                    f"{bottom}..{top}",
+                )
+        return None
+
+    return soft_limits
+
+
+def _homed(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse to move a joint that does not know where it is."""
+
+    def homed(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            axis = axes[at]
+            if axis.mode is AxisMode.POSITION and not _row(state, "homed", at, 0.0):
+                return Refused("not_homed", f"move: {axis.key} not homed", _HOMING, "not homed", "homed")
+        return None
+
+    return homed
+
+
+def _twist(candidate: Candidate, axes: Sequence[Axis]) -> tuple[float, float]:
+    vx, wz = (candidate.values[at] for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY)
+    return vx, wz
+
+
+def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
+    """Refuse a twist at which a wheel would run faster than it may: clamped, it would be another
+    twist."""
+    most = config.parameters.wheel_m_s
+
+    def wheel_speeds(candidate: Candidate, state: GateState) -> Refused | None:
+        for side, speed in zip(("left", "right"), config.wheels(*_twist(candidate, axes)), strict=True):
+            if not abs(speed) <= most + ROUNDING:
+                return Refused(
+                    "wheel_speed",
+                    f"move: the {side} wheel would run at {speed:.3f} m/s",
+                    f"keep |vx| + |wz| * {config.parameters.separation_m / 2:.3f} within {most:g}",
+                    f"{abs(speed):.3f}",
+                    f"{most:g}",
+                )
+        return None
+
+    return wheel_speeds
+
+
+def _wheel_watchdog(axes: Sequence[Axis]) -> GateCheck:
+    """Refuse to drive while a wheel would go on without us."""
+
+    def wheel_watchdog(candidate: Candidate, state: GateState) -> Refused | None:
+        if not any(_twist(candidate, axes)) or state.observation.sensors.get("wheel_watchdog") == (1.0,):
+            return None
+        return Refused(
+            "no_watchdog",
+            "move: the wheels' velocity watchdog is off",
+            "set enable_vel_watchdog: 1 for both wheels in the robot's YAML, then connect again",
+            "off",
+            "on",
+        )
+
+    return wheel_watchdog

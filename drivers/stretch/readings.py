@@ -1,0 +1,140 @@
+"""The newest that boards and chains report, and the ``Observation`` made of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from strands_actors.contract.driver import Observation
+
+from . import protocol as p
+from .config import ARM, BASE, LEFT, LIFT, PIMU, RIGHT, StretchConfig
+from .odometry import Odometry
+
+SERVO_ROWS = ("voltage_v", "voltage_min_v", "voltage_max_v", "temperature_c", "temperature_max_c")
+"""Sensors of the chains, as a servo's gates take them; NaN for an axis that is no servo."""
+
+
+class Readings:
+    """``homed`` and ``limits``: by joint; limits are those of now."""
+
+    def __init__(self, config: StretchConfig, pimu_hardware: int) -> None:
+        self._config = config
+        self._hardware = pimu_hardware
+        self._steppers: dict[str, p.StepperStatus] = {}
+        self._pimu: p.PimuStatus | None = None
+        self._stamp_ns: dict[str, int] = {}
+        self._silent_since_ns: dict[str, int] = {}  # of those that did not answer when last asked
+        self._odometry = Odometry(config.parameters.separation_m)
+        self.limits: dict[str, tuple[float, float]] = {}
+        self.homed: dict[str, bool] = {}
+        self.has_watchdog = False
+
+    def stepper(self, board: str, status: p.StepperStatus | None, now_ns: int) -> bool:
+        """Take what a stepper reports; False: it was reset, its clock began anew. A report with an
+        old time of the board's is none: it may have been on its way since its firmware hung."""
+        before = self._steppers.get(board)
+        if status is None or (before is not None and status.timestamp_us == before.timestamp_us):
+            self._silent_since_ns.setdefault(board, now_ns)
+            return True
+        self._silent_since_ns.pop(board, None)
+        self._steppers[board] = status
+        self._stamp_ns[board] = now_ns
+        return before is None or status.timestamp_us > before.timestamp_us
+
+    def pimu(self, status: p.PimuStatus | None, now_ns: int) -> None:
+        if status is None:
+            self._silent_since_ns.setdefault(PIMU, now_ns)
+            return
+        self._silent_since_ns.pop(PIMU, None)
+        self._pimu = status
+        self._stamp_ns[PIMU] = now_ns
+
+    def silent_for_ns(self, board: str, now_ns: int) -> int:
+        return now_ns - self._silent_since_ns.get(board, now_ns)
+
+    def observation(self, chains: Sequence[Observation], now_ns: int) -> Observation:
+        lift, arm = (self._metres(name) for name in (LIFT, ARM))
+        left, right = (self._metres(name) for name in (LEFT, RIGHT))
+        vx, wz = self._config.twist(left[1], right[1])
+        wheels_ns = min(self._stamp_ns.get(name, 0) for name in (LEFT, RIGHT))
+        if math.isfinite(left[0]) and math.isfinite(right[0]):
+            self._odometry.take(left[0], right[0])
+        places = [
+            row for chain in chains for row in zip(chain.position, chain.velocity, chain.stamp_ns, strict=True)
+        ]
+        rows = [
+            (*lift, self._stamp_ns.get(LIFT, 0)),
+            (*arm, self._stamp_ns.get(ARM, 0)),
+            *places,
+            (vx, math.nan, wheels_ns),
+            (wz, math.nan, wheels_ns),
+        ]
+        return Observation(
+            t_ns=now_ns,
+            position=tuple(row[0] for row in rows),
+            stamp_ns=tuple(row[2] for row in rows),
+            velocity=tuple(row[1] for row in rows),
+            sensors={**self._base(vx, wz), **self._power(), **self._joints(), **_servos(chains)},
+            faults={**self._faults(), **{key: words for chain in chains for key, words in chain.faults.items()}},
+        )
+
+    def _metres(self, name: str) -> tuple[float, float]:
+        status, scale = self._steppers.get(name), self._config.motors[name].rad_per_m
+        return (math.nan, math.nan) if status is None else (status.position / scale, status.velocity / scale)
+
+    def _base(self, vx: float, wz: float) -> dict[str, tuple[float, ...]]:
+        pose = self._odometry.pose
+        return {
+            "odometry_xy_m": (pose.x_m, pose.y_m),
+            "odometry_yaw_rad": (pose.yaw_rad,),
+            "odometry_linear_m_s": (vx, 0.0),
+            "odometry_angular_rad_s": (wz,),
+            "wheel_watchdog": (float(self.has_watchdog),),
+        }
+
+    def _power(self) -> dict[str, tuple[float, ...]]:
+        status = self._pimu
+        if status is None:
+            return {}
+        steppers_stopped = any(each.has(p.Diag.RUNSTOP) for each in self._steppers.values())
+        runstop = bool(status.state & p.State.RUNSTOP) or steppers_stopped
+        roll, pitch, heading = (math.radians(angle) for angle in status.roll_pitch_heading)
+        return {
+            "runstop": (float(runstop),),
+            "battery_v": (status.voltage_v,),
+            "battery_a": (status.current_a(self._hardware),),
+            "charging": (float(bool(status.state & p.State.CHARGER)),),
+            "low_battery": (float(bool(status.state & p.State.LOW_VOLTAGE)),),
+            "rpy_rad": (roll, pitch, math.remainder(heading, math.tau)),
+            "gyro_rad_s": status.gyro,
+            "acceleration_m_s2": status.acceleration,
+            "orientation_wxyz": status.orientation,
+        }
+
+    def _joints(self) -> dict[str, tuple[float, ...]]:
+        """Rows in the order of the axes; the base has no limits, and nothing to home."""
+        axes = self._config.axes
+        anywhere = (-math.inf, math.inf)
+        homed = {**self.homed}
+        for name in (LIFT, ARM):
+            status = self._steppers.get(name)
+            homed[name] = status is not None and status.has(p.Diag.HOMED)
+        return {
+            "homed": tuple(float(axis in BASE or homed.get(axis, False)) for axis in axes),
+            "limit_low": tuple(self.limits.get(axis, anywhere)[0] for axis in axes),
+            "limit_high": tuple(self.limits.get(axis, anywhere)[1] for axis in axes),
+        }
+
+    def _faults(self) -> dict[str, str]:
+        axes_of = {LIFT: (LIFT,), ARM: (ARM,), LEFT: BASE, RIGHT: BASE, PIMU: ()}
+        return {axis: "silent" for board in self._silent_since_ns for axis in axes_of[board]}
+
+
+def _servos(chains: Sequence[Observation]) -> dict[str, tuple[float, ...]]:
+    """What the servos report of themselves, a row over all axes: of those without a servo NaN."""
+    rows = {}
+    for name in SERVO_ROWS:
+        parts = [chain.sensors.get(name, (math.nan,) * len(chain.position)) for chain in chains]
+        rows[name] = (math.nan, math.nan, *(value for part in parts for value in part), math.nan, math.nan)
+    return rows

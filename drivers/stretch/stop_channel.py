@@ -1,0 +1,105 @@
+"""The root's way to a Stretch: a duplicate of the wire's descriptor for each board and each chain;
+where that is dead, the port opened anew.
+
+Nothing is asked before the first frames leave, and none of them needs to know where a joint is: the
+wheels stand, lift and arm hold, the servos are held where they are. One board that is not there
+keeps no other from being stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.stop_channels import DuplicateDescriptor
+from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
+from strands_actors.kernel.clock import Clock
+
+from .board import Board, OpenPort
+from .chains import ChainStopChannel
+from .config import BAUD, BOARDS, StretchConfig
+from .safing import boards_for, make_safe, unreachable
+from .together import together
+
+
+class BoardStopChannel(DuplicateDescriptor[StretchConfig, Board]):
+    def __init__(
+        self,
+        name: str,
+        config: StretchConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: OpenPort = open_serial,
+    ) -> None:
+        self.name = name
+        self._open = open_port
+        super().__init__(config, descriptors, clock)
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a port that was unplugged: while somebody has it open, the board gets another
+        name when it comes back."""
+        task_status.started()
+        if self.port is not None:
+            await self.port.port.hung_up()
+            self.close()
+
+    def adopt(self, descriptor: int) -> Board:
+        return Board(self.name, adopt_serial(descriptor, self.config.usb(self.name)), self.clock)
+
+    async def open_port(self) -> Board:
+        return Board(self.name, self._open(self.config.usb(self.name), BAUD), self.clock)
+
+    async def make_safe_on(self, port: Board, safe_state: str) -> tuple[MotorReport, ...]:
+        report = await make_safe(port, self.config)
+        if not report.written:
+            raise WireDown(report.detail)
+        return (report,)
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
+        return (unreachable(self.name, why),)
+
+
+class StretchStopChannel(StopChannel):
+    """``descriptors``: of all boards, then of the chains, as the wire hands them over; or none."""
+
+    def __init__(
+        self,
+        config: StretchConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_port: OpenPort = open_serial,
+    ) -> None:
+        handed = list(descriptors)
+        places = len(BOARDS) + len(config.chains)
+        own = [[fd] for fd in handed] if len(handed) == places else [[] for _ in range(places)]
+        self._boards = {
+            name: BoardStopChannel(name, config, fds, clock, open_port)
+            for name, fds in zip(BOARDS, own, strict=False)
+        }
+        self._chains = [
+            ChainStopChannel(config, chain, fds, clock, open_port)
+            for chain, fds in zip(config.chains, own[len(BOARDS) :], strict=True)
+        ]
+
+    @property
+    def _all(self) -> list[BoardStopChannel | ChainStopChannel]:
+        return [*self._boards.values(), *self._chains]
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
+        async with trio.open_nursery() as nursery:
+            for channel in self._all:
+                nursery.start_soon(channel.serve)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        boards = [self._boards[name] for name in boards_for(safe_state)]
+        channels: list[StopChannel] = [*boards, *self._chains]
+        told = await together(*(partial(channel.make_safe, safe_state) for channel in channels))
+        return tuple(report for reports in told for report in reports)
+
+    def close(self) -> None:
+        for channel in self._all:
+            channel.close()

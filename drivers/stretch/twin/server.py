@@ -1,0 +1,200 @@
+"""All ports of one robot, served as one: a folder in which each board has its name.
+
+What waits on several ports is taken in one sweep. What was written to two boards within the sweep
+has no order on a real robot either; it is logged commands first, so that a command that was written
+before a stop to another board is not told as after it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import trio
+
+from strands_actors.drivers.common.twin import PtyLine, WireLog, parse_fault
+from strands_actors.drivers.common.twin.server import Conversation, Exchange, Frost
+from strands_actors.drivers.stretch.config import PIMU
+from strands_actors.drivers.stretch.driver import TWIN_PORT
+from strands_actors.drivers.stretch.parameters import FILES
+from strands_actors.drivers.stretch.robots import nominal_of, robot_of
+from strands_actors.drivers.stretch.safing import number_of
+
+from .boards import ChainEar, Ear, Heard, PimuEar, StepperEar, WaccEar
+from .body import StretchBody
+from .world import GRIPPER, World
+
+WACC_USB = "/dev/hello-wacc"
+DEVICES = "/dev/"
+FLEET_ID = "stretch-twin-0000"
+
+
+class StretchServer:
+    """``address``: the folder. It goes when the cables are pulled. Beside it, in ``fleet``, is the
+    robot's own YAML, for a client that reads it."""
+
+    def __init__(self, world: World, log: WireLog, folder: str | None = None) -> None:
+        self._world = world
+        self._own = tempfile.mkdtemp(prefix="strands-twin-") if folder is None else None
+        self._root = Path(folder or self._own or "")
+        self._folder = self._root / TWIN_PORT
+        self._log = log
+        self._frost = Frost()
+        self.body = StretchBody(world)
+        ears = ears_of(world)
+        self._ears: dict[str, Ear] = {name: ear for name, (ear, _) in ears.items()}
+        self._lines = {name: PtyLine(str(self._folder / name)) for name in ears}
+        self._conversations = {
+            name: Conversation(_Deaf(), self._lines[name], log, self._frost, wire_time=has_wire_time)
+            for name, (_, has_wire_time) in ears.items()
+        }
+        self._write_fleet()
+
+    @property
+    def address(self) -> str:
+        return str(self._folder)
+
+    def _write_fleet(self) -> None:
+        """YAML is written as JSON, which it contains."""
+        world = self._world
+        fleet = self._root / "fleet" / FLEET_ID
+        fleet.mkdir(parents=True, exist_ok=True)
+        table = robot_of(world.config.robot)
+        about = {"model_name": table.model_name, "tool": world.parameters.tool, "serial_no": FLEET_ID}
+        said = {**nominal_of(world.config.robot), "robot": {**about, "batch_name": "twin"}}
+        for name, words in zip(FILES, (said, self._devices()), strict=True):
+            (fleet / name).write_text(json.dumps(words, indent=1))
+
+    def _devices(self) -> dict[str, Any]:
+        def of(device: str) -> str:
+            return str(self._folder / device.removeprefix(DEVICES))
+
+        parameters = self._world.parameters
+        servos = [(joint.key, chain.usb) for chain in self._world.config.chains for joint in chain.joints]
+        servos.append((GRIPPER, parameters.wrist.usb))
+        return {
+            **{key: {"usb_name": of(usb)} for key, usb in servos},
+            "lift": {"usb_name": of(parameters.lift.usb)},
+            "arm": {"usb_name": of(parameters.arm.usb)},
+            "base": {
+                "usb_name_left_wheel": of(parameters.left.usb),
+                "usb_name_right_wheel": of(parameters.right.usb),
+            },
+            "pimu": {"usb_name": of(parameters.pimu_usb)},
+            "wacc": {"usb_name": of(WACC_USB)},
+            "end_of_arm": {"usb_name": of(parameters.wrist.usb)},
+            parameters.tool: {"usb_name": of(parameters.wrist.usb)},
+            "head": {"usb_name": of(parameters.head.usb)},
+        }
+
+    # -- what may happen to the robot
+
+    def set_fault(self, text: str) -> None:
+        self._world.set_fault(*parse_fault(text))
+
+    def power_cycle(self) -> None:
+        self._world.power_cycle()
+
+    def plug(self) -> None:
+        self._folder.mkdir(exist_ok=True)
+        for line in self._lines.values():
+            line.plug()
+
+    def unplug(self) -> None:
+        for line in self._lines.values():
+            line.unplug()
+        with contextlib.suppress(FileNotFoundError):
+            self._folder.rmdir()
+
+    def freeze(self, seconds: float) -> None:
+        self._frost.freeze(seconds)
+
+    def order(self, words: Sequence[str]) -> bool:
+        """``runstop on|off``; ``homed JOINT on|off``; ``unplug-board NAME`` and ``plug-board NAME``,
+        by the name of its device."""
+        match words:
+            case ["runstop", "on" | "off" as how]:
+                self._world.pass_time()
+                self._world.set_runstop(how == "on")
+            case ["homed", joint, "on" | "off" as how]:
+                self._world.set_homed(joint, how == "on")
+            case ["unplug-board", name] if name in self._lines:
+                self._lines[name].unplug()
+            case ["plug-board", name] if name in self._lines:
+                self._lines[name].plug()
+            case _:
+                return False
+        return True
+
+    # -- serving
+
+    async def serve(self) -> None:
+        async with trio.open_nursery() as nursery:
+            for conversation in self._conversations.values():
+                nursery.start_soon(conversation.serve_replies)
+            for line in self._lines.values():
+                nursery.start_soon(self._listen, line)
+
+    async def _listen(self, line: PtyLine) -> None:
+        while True:
+            await line.readable()
+            await self._frost.thawed()
+            self._sweep()
+            await trio.lowlevel.checkpoint()
+
+    def _sweep(self) -> None:
+        """Take what waits on all ports; again until nothing does, so that whatever was written
+        before something that was taken is taken, too."""
+        t_ns = time.monotonic_ns()
+        waiting: dict[str, deque[Heard]] = {name: deque() for name in self._lines}
+        again = True
+        while again:
+            again = False
+            for name, line in self._lines.items():
+                if data := line.take():
+                    again = True
+                    waiting[name].extend(self._ears[name].frames(data, line.bits_per_s()))
+        for name, heard in commands_first(waiting):
+            self._conversations[name].heard(heard.act(), t_ns)
+
+    def close(self) -> None:
+        self.unplug()
+        if self._own is not None:
+            shutil.rmtree(self._own, ignore_errors=True)
+
+
+def commands_first(waiting: Mapping[str, deque[Heard]]) -> Iterator[tuple[str, Heard]]:
+    """Return what was heard, each port's in its order; between ports what is no stop first."""
+    while names := [name for name, heard in waiting.items() if heard]:
+        name = next((each for each in names if waiting[each][0].kind != "safe"), names[0])
+        yield name, waiting[name].popleft()
+
+
+class _Deaf:
+    """The sweep listens."""
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        return iter(())
+
+
+def ears_of(world: World) -> dict[str, tuple[Ear, bool]]:
+    """Return by name of the device who hears it, and whether its bytes take time: USB's do not."""
+    config, found = world.config, dict[str, tuple[Ear, bool]]()
+    for name, motor in world.steppers.items():
+        found[_device(config.usb(name))] = (StepperEar(world, motor), False)
+    found[_device(config.usb(PIMU))] = (PimuEar(world, number_of(PIMU)), False)
+    found[_device(WACC_USB)] = (WaccEar(world), False)
+    for chain, bus in zip(config.chains, world.chains, strict=True):
+        found[_device(chain.usb)] = (ChainEar(world, bus, frozenset(joint.id for joint in chain.joints)), True)
+    return found
+
+
+def _device(usb: str) -> str:
+    return usb.removeprefix(DEVICES)

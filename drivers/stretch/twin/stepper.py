@@ -1,0 +1,207 @@
+"""One stepper board of the twin: its firmware's modes, and the motor that follows."""
+
+from __future__ import annotations
+
+import math
+
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.stretch import protocol as p
+
+PROTOCOL = 5
+FIRMWARE = "Stepper.v0.7.2p5"
+VARIANT = "Stepper.3"
+
+BRAKE_RAD_S2 = 400.0
+"""What a motor slows down by when it is told to stop at once, and gains by without a profile
+[assumed]."""
+ROLL_RAD_S2 = 30.0
+"""What a motor that is let go of slows down by [assumed]."""
+NEAR_RAD = 0.02
+MOVES_RAD_S = 0.05
+
+
+class StepperMotor:
+    """Positions in motor radians. ``watchdog_s``: after so long without a command of a velocity it
+    stands, where its gains say so."""
+
+    def __init__(self, name: str, number: int, gains: p.Gains, position: float, watchdog_s: float) -> None:
+        self.name = name
+        self.number = number
+        self.flash = gains
+        self.position = position
+        self.watchdog_s = watchdog_s
+        self.homed = True
+        self.stuck = False
+        self.is_stopped = False  # by the runstop
+        self.power_cycle()
+        self.homed = True
+
+    def power_cycle(self) -> None:
+        """Forget everything but what is in flash; the motor is let go of."""
+        self.gains = self.flash
+        self.command = p.Command(p.Mode.SAFETY)
+        self.waiting: p.Command | None = None
+        self.limits: tuple[float, float] | None = None
+        self.velocity = 0.0
+        self.time_s = 0.0
+        self.homed = False
+        self.is_dirty = False
+        """Whether it was told to go somewhere since it was last told to stop."""
+        self.hand = Hand.NONE
+        self._goal = self.position
+        self._told_s = 0.0
+        self._steps = 0
+
+    def has(self, bit: p.Config) -> bool:
+        return bool(self.gains.config & bit)
+
+    @property
+    def mode(self) -> int:
+        return p.Mode.SAFETY if self.is_stopped else self.command.mode
+
+    # -- what it is told
+
+    def take(self, command: p.Command) -> None:
+        """Take a command: at once, or at the next pulse of the power board."""
+        self.is_dirty = command.kind == "setpoint" and not self.is_stopped
+        if self.has(p.Config.SYNC):
+            self.waiting = command
+        else:
+            self._begin(command)
+
+    def sync(self) -> None:
+        if self.waiting is not None:
+            command, self.waiting = self.waiting, None
+            self._begin(command)
+
+    def _begin(self, command: p.Command) -> None:
+        if self.is_stopped:
+            return  # the runstop is on: nothing is taken
+        self._told_s = self.time_s
+        if command.mode == p.Mode.STEP_PROFILE:
+            if command.step != self._steps:
+                self._goal = self._within(self.position + command.position)
+            self._steps = command.step
+        elif command.mode in (p.Mode.POSITION, p.Mode.POSITION_PROFILE):
+            self._goal = self._within(command.position)
+        elif command.mode != self.command.mode:
+            self._goal = self.position
+        self.command = command
+        is_free = command.mode == p.Mode.FREEWHEEL or (command.mode == p.Mode.SAFETY and not self._safety_holds)
+        self.hand = Hand.NONE if is_free else Hand.WIRE
+
+    def runstop(self, on: bool) -> None:
+        if on == self.is_stopped or not self.has(p.Config.RUNSTOP):
+            return
+        self.is_stopped = on
+        self.is_dirty = False
+        self.waiting = None
+        self.command = p.Command(p.Mode.SAFETY)
+        self._goal = self.position
+        self.hand = Hand.WIRE if self._safety_holds else Hand.NONE
+
+    def trigger(self, bits: int, value: float) -> None:
+        if bits & p.RESET_HOMED:
+            self.homed = False
+        if bits & p.SET_HOMED:
+            self.homed = True
+        if bits & p.MARK_POSITION:
+            self.position = self._goal = value
+        if bits & p.BOARD_RESET:
+            self.power_cycle()
+
+    def _within(self, goal: float) -> float:
+        if self.limits is None or not self.homed:
+            return goal
+        low, high = self.limits
+        return min(max(goal, low), high)
+
+    @property
+    def _safety_holds(self) -> bool:
+        return self.has(p.Config.SAFETY_HOLD)
+
+    # -- the simulation's hand on it
+
+    def aim(self, position: float, velocity: float, acceleration: float) -> None:
+        self._goal = position
+        self.command = p.Command(p.Mode.POSITION_PROFILE, position, velocity, acceleration)
+        self.hand = Hand.SIM
+
+    def spin(self, velocity: float, acceleration: float) -> None:
+        self.command = p.Command(p.Mode.VELOCITY_PROFILE, 0.0, velocity, acceleration)
+        self._told_s = math.inf  # the firmware's watchdog is not asked
+        self.hand = Hand.SIM
+
+    def let_go(self) -> None:
+        self.command = p.Command(p.Mode.SAFETY)
+        self._goal = self.position
+        self.hand = Hand.NONE
+
+    # -- time
+
+    def step(self, step_s: float) -> None:
+        self.time_s += step_s
+        if self.stuck:
+            self.velocity = 0.0
+            return
+        wanted, change = self._wanted()
+        before = self.velocity
+        self.velocity += max(-change * step_s, min(change * step_s, wanted - before))
+        self.position += (before + self.velocity) / 2 * step_s
+
+    def _wanted(self) -> tuple[float, float]:
+        """Return the velocity that it is after, and the acceleration with which."""
+        told = self.command
+        match self.mode:
+            case p.Mode.VELOCITY | p.Mode.VELOCITY_PROFILE:
+                overdue = self.time_s - self._told_s > self.watchdog_s and self.has(p.Config.VELOCITY_WATCHDOG)
+                has_profile = told.mode == p.Mode.VELOCITY_PROFILE and not overdue
+                return 0.0 if overdue else told.velocity, (
+                    told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
+                )
+            case p.Mode.POSITION_PROFILE | p.Mode.STEP_PROFILE | p.Mode.POSITION:
+                gain = told.acceleration or BRAKE_RAD_S2
+                return self._towards(abs(told.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)
+            case p.Mode.HOLD:
+                return 0.0, BRAKE_RAD_S2
+            case p.Mode.SAFETY if self._safety_holds:
+                return 0.0, BRAKE_RAD_S2
+        return 0.0, ROLL_RAD_S2
+
+    def _towards(self, fastest: float, slowing: float) -> float:
+        way = self._goal - self.position
+        if abs(way) < 1e-4:
+            return 0.0
+        # as fast as it can still stop there, and no further in one step of the twin
+        speed = min(fastest, math.sqrt(2 * slowing * abs(way)), abs(way) / 0.01)
+        return math.copysign(speed, way)
+
+    # -- what it reports
+
+    def status(self) -> p.StepperStatus:
+        runs = self.mode in (p.Mode.POSITION, p.Mode.POSITION_PROFILE, p.Mode.STEP_PROFILE)
+        bits = {
+            p.Diag.HOMED: self.homed,
+            p.Diag.RUNSTOP: self.is_stopped,
+            p.Diag.NEAR_POSITION: runs and abs(self._goal - self.position) < NEAR_RAD,
+            p.Diag.MOVING: abs(self.velocity) > MOVES_RAD_S,
+            p.Diag.PROFILE_MOVING: runs and abs(self.velocity) > MOVES_RAD_S,
+            p.Diag.CALIBRATED: True,
+            p.Diag.SAFETY_EVENT: self.is_stopped,
+            p.Diag.WAITS_FOR_SYNC: self.waiting is not None,
+            p.Diag.IN_SYNC_MODE: self.has(p.Config.SYNC),
+        }
+        return p.StepperStatus(
+            mode=self.mode,
+            effort=0.0,
+            position=self.position,
+            velocity=self.velocity,
+            error=self._goal - self.position if runs else 0.0,
+            diag=int(sum(bit for bit, is_set in bits.items() if is_set)),
+            timestamp_us=round(self.time_s * 1e6),
+            debug=0.0,
+            contacts=0,
+            trajectory=0.0,
+            waypoint=0,
+            voltage=630.0,  # raw: 12 V
+        )

@@ -1,0 +1,239 @@
+"""The robot behind the twin's ports: four motors, the power board, two chains of servos, and a floor
+it drives on."""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from strands_actors.drivers.common.dynamixel import table as t
+from strands_actors.drivers.common.dynamixel.servo import Servo
+from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
+from strands_actors.drivers.common.model_rows import build
+from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.twin import Fault, Faults
+from strands_actors.drivers.stretch import protocol as p
+from strands_actors.drivers.stretch.chains import HOMED
+from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
+from strands_actors.drivers.stretch.odometry import START, moved
+from strands_actors.drivers.stretch.parameters import Chain, Joint, parameters_of
+from strands_actors.drivers.stretch.robots import robot_of
+from strands_actors.drivers.stretch.safing import number_of
+
+from .stepper import StepperMotor
+
+STEP_S = 0.002
+LONGEST_S = 0.25
+"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
+dropped."""
+
+GRIPPER = "stretch_gripper"
+WACC, WACC_NUMBER = "wacc", 6
+SERVO_V = 12.0
+SERVO_MODEL, BY_CURRENT_MODEL = 1060, 1020
+"""XL430-W250; XM430-W350 for a joint whose effort is limited by its current [assumed]."""
+BY_CURRENT = ("wrist_pitch",)
+"""``use_pos_current_ctrl`` of the vendor's parameters."""
+BATTERY_RAW = 655.0
+"""12.8 V"""
+CURRENT_RAW = 170.0
+
+
+@cache
+def body_table() -> Mapping[str, Any]:
+    return tomllib.loads(resources.files(__package__).joinpath("body.toml").read_text("utf-8"))
+
+
+class World:
+    """``home``: where lift, arm, wrist and head are at first."""
+
+    def __init__(self, robot: str, now_s: Callable[[], float] = time.monotonic) -> None:
+        table, self.parameters = robot_of(robot), parameters_of(robot)
+        self.config = StretchConfig(robot, self.parameters)
+        self.now_s = now_s
+        self.faults = Faults()
+        self._home = dict(zip(self.config.joints, table.home, strict=False))
+        self.steppers = {
+            name: StepperMotor(
+                name,
+                number_of(name),
+                motor.gains,
+                self._home.get(name, 0.0) * motor.rad_per_m,
+                table.watchdog_s,
+            )
+            for name, motor in self.config.motors.items()
+        }
+        gripper = table.tools[self.parameters.tool].gripper
+        self.chains = (
+            _bus(self.parameters.wrist, self._home, "arm_end", "wrist_rows", gripper, now_s),
+            _bus(self.parameters.head, self._home, "mast", "head_rows", 0, now_s),
+        )
+        self.dirty_servos: set[int] = set()
+        """Servos that were sent somewhere since they were last held."""
+        self.runstop = False
+        self.stops_at_runstop = True
+        self.syncs = 0
+        self.pose = START
+        self.time_s = 0.0
+        self._seen_s = now_s()
+
+    # -- what may happen to it
+
+    def set_runstop(self, on: bool) -> None:
+        self.runstop = on
+        for motor in self.steppers.values():
+            motor.runstop(on and self.stops_at_runstop)
+
+    def set_homed(self, joint: str, on: bool) -> None:
+        """Raise ``ValueError`` for a joint that needs no homing."""
+        if joint in (LIFT, ARM):
+            self.steppers[joint].homed = on
+            return
+        for chain, bus in zip(self.config.chains, self.chains, strict=True):
+            for at, found in enumerate(chain.joints):
+                if found.key == joint and found.needs_homing:
+                    bus.servos[at].write(HOMED.address, bytes((int(on),)))
+                    return
+        raise ValueError(f"{joint} needs no homing. lift, arm and wrist_yaw do")
+
+    def sync(self) -> None:
+        self.syncs += 1
+        for motor in self.steppers.values():
+            motor.sync()
+
+    def set_fault(self, fault: Fault, unit: int | None) -> None:
+        self.pass_time()
+        self.faults.set(fault, unit)
+        for motor in self.steppers.values():
+            found = self.faults.of(motor.number)
+            motor.stuck = found is Fault.STUCK
+            if found is Fault.OFF:
+                motor.power_cycle()
+        for bus in self.chains:
+            bus.set_fault(fault, unit)
+
+    def power_cycle(self) -> None:
+        self.pass_time()
+        self.runstop = False
+        for motor in self.steppers.values():
+            motor.is_stopped = False
+            motor.power_cycle()
+        for bus in self.chains:
+            bus.power_cycle()
+        self.dirty_servos.clear()
+
+    def reset(self) -> None:
+        """Everything as at first, homed."""
+        self.power_cycle()
+        for name, motor in self.steppers.items():
+            motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
+            motor.let_go()
+            motor.homed = True
+        for chain, bus in zip(self.config.chains, self.chains, strict=True):
+            bus.plant.go_home()
+            _note_homed(chain, bus)
+        self.pose = START
+
+    @property
+    def safe_state(self) -> str:
+        """The safe state that the whole robot has been brought to; empty: none."""
+        if self.dirty_servos or any(motor.is_dirty for motor in self.steppers.values()):
+            return ""
+        return "stop" if self.runstop else "hold"
+
+    # -- time
+
+    def pass_time(self) -> None:
+        """Until now."""
+        now_s = self.now_s()
+        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        self.run(min(passed_s, LONGEST_S))
+
+    def run(self, seconds: float) -> None:
+        while seconds > 1e-9:
+            step_s = min(seconds, STEP_S)
+            seconds -= step_s
+            self.time_s += step_s
+            before = {name: self.steppers[name].position for name in (LEFT, RIGHT)}
+            for motor in self.steppers.values():
+                motor.step(step_s)
+            left, right = (
+                (self.steppers[name].position - before[name]) / self.config.motors[name].rad_per_m
+                for name in (LEFT, RIGHT)
+            )
+            self.pose = moved(self.pose, left, right, self.parameters.separation_m)
+
+    # -- what its power board reports
+
+    def pimu_status(self) -> p.PimuStatus:
+        wheels = [self.metres_per_s(name) for name in (LEFT, RIGHT)]
+        half_rad = self.pose.yaw_rad / 2
+        state = p.State.RUNSTOP if self.runstop else p.State(0)
+        return p.PimuStatus(
+            acceleration=(0.0, 0.0, 9.81),
+            gyro=(0.0, 0.0, self.config.twist(*wheels)[1]),
+            magnetic=(20.0, 0.0, 40.0),
+            roll_pitch_heading=(0.0, 0.0, math.degrees(self.pose.yaw_rad) % 360.0),
+            orientation=(math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)),
+            bump=0.0,
+            voltage=BATTERY_RAW,
+            current=CURRENT_RAW,
+            temperature=300.0,
+            cliffs=(0.0, 0.0, 0.0, 0.0),
+            state=int(state),
+            timestamp_us=round(self.time_s * 1e6),
+        )
+
+    def metres(self, name: str) -> float:
+        return self.steppers[name].position / self.config.motors[name].rad_per_m
+
+    def metres_per_s(self, name: str) -> float:
+        return self.steppers[name].velocity / self.config.motors[name].rad_per_m
+
+    def numbers(self) -> dict[str, int]:
+        """Return the unit of each board, as faults name it."""
+        return {**{name: number_of(name) for name in (*STEPPERS, PIMU)}, WACC: WACC_NUMBER}
+
+
+def _bus(
+    chain: Chain, home: Mapping[str, float], root: str, rows: str, gripper: int, now_s: Callable[[], float]
+) -> DynamixelBus:
+    """Return one chain with a body of its own, hung up where the rest of the robot would be."""
+    table = body_table()
+    model = {**table, "model_rows": f"{root} base - - 0,0,1 0 - - - .1 - s.01\n{table[rows]}"}
+    keys = [joint.key for joint in chain.joints]
+    keys += [GRIPPER] if gripper else []
+    plant = Plant(build(model), keys, float(table["bandwidth"]), [home.get(key, 0.0) for key in keys])
+    servos = [_servo(plant, at, joint) for at, joint in enumerate(chain.joints)]
+    if gripper:
+        servos.append(_set_up(Servo(plant, len(servos), gripper, SERVO_MODEL, 4, SERVO_V)))
+    bus = DynamixelBus(plant, servos, now_s)
+    _note_homed(chain, bus)
+    return bus
+
+
+def _servo(plant: Plant, at: int, joint: Joint) -> Servo:
+    mode = t.EXTENDED_POSITION_MODE if joint.needs_homing else t.POSITION_MODE
+    servo = Servo(plant, at, joint.id, SERVO_MODEL, mode, SERVO_V)
+    if joint.key in BY_CURRENT:
+        servo = Servo(plant, at, joint.id, BY_CURRENT_MODEL, t.CURRENT_POSITION_MODE, SERVO_V)
+    servo.zero_count, servo.counts_per_rad = joint.zero, joint.scale
+    return _set_up(servo)
+
+
+def _set_up(servo: Servo) -> Servo:
+    servo.write(t.BAUD.address, t.BAUD.encode(t.BAUD_RATES.index(115_200)))
+    servo.write(t.RETURN_DELAY.address, b"\0")
+    servo.power_cycle()
+    return servo
+
+
+def _note_homed(chain: Chain, bus: DynamixelBus) -> None:
+    needs = [*(joint.needs_homing for joint in chain.joints), True]  # the gripper does, too
+    for needs_homing, servo in zip(needs, bus.servos, strict=False):
+        servo.write(HOMED.address, bytes((int(needs_homing),)))

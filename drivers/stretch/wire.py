@@ -1,0 +1,285 @@
+"""A Stretch in the wire process: five boards and two chains of servos, each on a port of its own, all
+asked at once.
+
+A setpoint goes to what its action names. The wheels' velocity is sent again while it lives, which
+is what their firmware's watchdog needs; lift, arm and servos go to a goal by profiles of their
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import (
+    MotorReport,
+    Observation,
+    Permit,
+    PermitDenied,
+    Wire,
+    WireDown,
+)
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.half_duplex import Quiet
+from strands_actors.drivers.common.serial_port import open_serial
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import protocol as p
+from .board import Board, OpenPort
+from .chains import ChainWire
+from .config import ARM, BASE, BAUD, BOARDS, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
+from .gates import named_in
+from .readings import Readings
+from .safing import CONFIRM_S, boards_for, make_safe, unreachable
+from .stop_channel import StretchStopChannel
+from .together import together
+
+OLD_S = 0.3
+"""How long a stop is tried on ports that count as lost, before they are opened anew."""
+
+
+class StretchWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: StretchConfig, clock: Clock, open_port: OpenPort = open_serial) -> None:
+        self._config = config
+        self._clock = clock
+        self._open_port = open_port
+        self._boards: dict[str, Board] = {}
+        self._chains: list[ChainWire] = []
+        self._readings = Readings(config, 0)
+        self._armed = False
+
+    # -- the link
+
+    async def open(self) -> dict[str, Any]:
+        self.close()
+        config = self._config
+        try:
+            for name in BOARDS:
+                self._boards[name] = Board(name, self._open_port(config.usb(name), BAUD), self._clock)
+            self._chains = [ChainWire(config, chain, self._clock, self._open_port) for chain in config.chains]
+            facts = await together(
+                *(partial(self._set_up, self._boards[name]) for name in BOARDS),
+                *(chain.open for chain in self._chains),
+            )
+            flash = await together(*(partial(self._flash_watchdog, self._boards[name]) for name in (LEFT, RIGHT)))
+        except BaseException:
+            self.close()
+            raise
+        self._begin()
+        infos = {name: self._boards[name].info for name in BOARDS}
+        return {
+            "model": config.parameters.model_name,
+            "tool": config.parameters.tool,
+            "firmware": {name: info.firmware for name, info in infos.items()},
+            "velocity_watchdog": {
+                name: {"acknowledged": config.motors[name].has_watchdog, "in_flash": stored}
+                for name, stored in zip((LEFT, RIGHT), flash, strict=True)
+            },
+            "servos": {
+                chain.config.port: told for chain, told in zip(self._chains, facts[len(BOARDS) :], strict=True)
+            },
+        }
+
+    async def _set_up(self, board: Board) -> dict[str, Any]:
+        """Gains and limits of the robot's YAML, as its own software sets them when it starts.
+        Nothing of that moves anything."""
+        if board.name == PIMU:
+            await board.identify(p.Kind.PIMU)
+            await board.must(p.pimu_config_call(self._config.parameters.pimu_config), "its configuration")
+            return {}
+        await board.identify(p.Kind.STEPPER)
+        motor = self._config.motors[board.name]
+        await board.must(motor.gains.call(board.info.protocol), "its gains")
+        if board.name in (LIFT, ARM):
+            await self._limit(board, motor.low_m, motor.high_m)
+        return {}
+
+    async def _limit(self, board: Board, low_m: float, high_m: float) -> None:
+        scale = self._config.motors[board.name].rad_per_m
+        await board.must(p.motion_limits(low_m * scale, high_m * scale), "its limits of motion")
+
+    async def _flash_watchdog(self, board: Board) -> bool:
+        """Whether the velocity watchdog is among the gains in flash, which hold after a reset of
+        the board; those that hold now were acknowledged."""
+        data = await board.ask(p.FLASH_GAINS, wait=True)
+        if data is None:
+            raise WireDown(f"connect: {board.name} does not tell its gains in flash. Check its cable and power")
+        return bool(p.parse_gains(data).config & p.Config.VELOCITY_WATCHDOG)
+
+    def _begin(self) -> None:
+        config, parameters = self._config, self._config.parameters
+        readings = self._readings = Readings(config, self._boards[PIMU].info.hardware)
+        readings.limits = {
+            LIFT: (parameters.lift.low_m, parameters.lift.high_m),
+            ARM: (parameters.arm.low_m, parameters.arm.high_m),
+            **{axis.key: axis.limits for chain in self._chains for axis in chain.axes},
+        }
+        readings.homed = {
+            axis.key: homed for chain in self._chains for axis, homed in zip(chain.axes, chain.homed, strict=True)
+        }
+        readings.has_watchdog = parameters.left.has_watchdog and parameters.right.has_watchdog
+
+    def handover(self) -> Sequence[int]:
+        descriptors = [self._boards[name].port.fileno() for name in BOARDS if name in self._boards]
+        descriptors += [fd for chain in self._chains for fd in chain.handover()]
+        return descriptors if len(descriptors) == len(BOARDS) + len(self._config.chains) else ()
+
+    def close(self) -> None:
+        for board in self._boards.values():
+            board.close()
+        for chain in self._chains:
+            chain.close()
+        self._boards, self._chains = {}, []
+        self._armed = False
+
+    # -- reading
+
+    async def read(self) -> Observation:
+        self._check_open()
+        steppers = (partial(self._read_stepper, name) for name in STEPPERS)
+        chains = (partial(self._read_chain, chain) for chain in self._chains)
+        await together(*steppers, self._read_pimu, *chains)
+        return self._observation()
+
+    async def _read_stepper(self, name: str) -> None:
+        board = self._boards[name]
+        try:
+            status = await board.stepper_status()
+        except Quiet:
+            status = None
+        now_ns = self._clock.now_ns()
+        if not self._readings.stepper(name, status, now_ns):
+            raise WireDown(
+                f"read: {name} was reset. Check its supply; its gains are set again when it is connected"
+            )
+        self._check_silence(name, now_ns)
+
+    async def _read_pimu(self) -> None:
+        try:
+            status = await self._boards[PIMU].pimu_status()
+        except Quiet:
+            status = None
+        now_ns = self._clock.now_ns()
+        self._readings.pimu(status, now_ns)
+        self._check_silence(PIMU, now_ns)
+
+    async def _read_chain(self, chain: ChainWire) -> None:
+        await chain.read()
+
+    def _check_silence(self, name: str, now_ns: int) -> None:
+        silent_ns = self._readings.silent_for_ns(name, now_ns)
+        if silent_ns > self._config.timeout_s * NS:
+            raise WireDown(
+                f"read: {name} reports nothing new for {silent_ns / 1e6:.0f} ms. Check its cable and power"
+            )
+
+    def _observation(self) -> Observation:
+        return self._readings.observation([chain.observation for chain in self._chains], self._clock.now_ns())
+
+    # -- commanding
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Hold everything where it is."""
+        self._check_open()
+        seen = await self.read()
+        if "runstop" not in seen.sensors:
+            raise WireDown("arm: the power board does not tell whether the runstop is pressed. Check its cable")
+        if seen.sensors["runstop"] != (0.0,):
+            raise WireDown("arm: the runstop is pressed. Release it on the robot")
+        permit.check()
+        self._armed = True
+        for name in STEPPERS:
+            self._boards[name].send(self._config.hold(name).call())
+        await together(*(partial(chain.arm, permit) for chain in self._chains))
+        await self._await_hold()
+        return await self.read()
+
+    async def _await_hold(self) -> None:
+        statuses = await together(*(partial(self._boards[name].stepper_status, wait=True) for name in STEPPERS))
+        for name, status in zip(STEPPERS, statuses, strict=True):
+            if status is None or status.mode != p.Mode.HOLD:
+                found = "nothing" if status is None else f"mode {status.mode}"
+                raise WireDown(f"arm: {name} was told to hold and reports {found}. Check its cable and the runstop")
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """To what the action names; every frame leaves at once, none is waited for."""
+        self._check_open()
+        if not self._armed:
+            raise PermitDenied("not armed")
+        config = self._config
+        named = named_in(values, config.axes)
+        target = dict(zip(config.axes, values, strict=False))
+        permit.check()
+        if any(axis in named for axis in BASE):
+            for wheel, speed_m_s in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
+                self._boards[wheel].send(config.drive(wheel, speed_m_s).call())
+        for joint in (LIFT, ARM):
+            if joint in named:
+                self._boards[joint].send(config.goal(joint, target[joint]).call())
+        for chain in self._chains:
+            if any(axis.key in named for axis in chain.axes):
+                await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
+            else:
+                chain.go_on()
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        """``set_soft_limits``: from now on; the firmware of lift and arm keeps them, too."""
+        self._check_open()
+        joint, low, high = str(arguments["joint"]), float(arguments["low"]), float(arguments["high"])
+        permit.check()
+        if joint in (LIFT, ARM):
+            await self._limit(self._boards[joint], low, high)
+        self._readings.limits[joint] = (low, high)
+        return {"joint": joint, "low": low, "high": high}
+
+    # -- safe
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """Every board at once. After a hold, for a late writer, the robot is ready as before."""
+        if safe_state == SafeState.STOP:
+            self._armed = False
+        names = boards_for(safe_state)
+        if not self._boards:
+            return tuple(unreachable(name, "not connected") for name in names)
+        return await self._stop(safe_state)
+
+    async def _stop(self, safe_state: str, within_s: float = CONFIRM_S) -> tuple[MotorReport, ...]:
+        told: list[MotorReport] = []
+
+        async def stop_board(name: str) -> None:
+            told.append(await make_safe(self._boards[name], self._config, within_s))
+
+        async def stop_chain(chain: ChainWire) -> None:
+            told.extend(await chain.make_safe(safe_state))
+
+        async with trio.open_nursery() as nursery:
+            for name in boards_for(safe_state):
+                nursery.start_soon(stop_board, name)
+            for chain in self._chains:
+                nursery.start_soon(stop_chain, chain)
+        return tuple(sorted(told, key=lambda report: report.id))
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """On the ports that count as lost, then on all of them opened anew."""
+        if self._boards:
+            with trio.move_on_after(OLD_S):
+                reports = await self._stop(safe_state, OLD_S)
+                if all(report.safe for report in reports):
+                    self.close()
+                    return reports
+        self.close()
+        channel = StretchStopChannel(self._config, (), self._clock, self._open_port)
+        try:
+            return await channel.make_safe(safe_state)
+        finally:
+            channel.close()
+
+    def _check_open(self) -> None:
+        if not self._boards or not self._chains:
+            raise WireDown("wire: not connected. Open it first")

@@ -1,0 +1,181 @@
+"""What is refused, from what the robot reports: code, what was offered, the limit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.drivers.stretch.driver import Stretch
+from strands_actors.drivers.stretch.gates import named_in
+from strands_actors.kernel.messages import Refused
+
+NOW_NS = 10**12
+DRIVER = Stretch("stretch3", "", {})
+HERE = (0.5, 0.1, *(0.0,) * 7)
+AXES = len(DRIVER.axes)
+
+
+def seen(age_ns: int = 0, **sensors: tuple[float, ...]) -> Observation:
+    limits = [axis.limits for axis in DRIVER.table]
+    return Observation(
+        NOW_NS,
+        HERE,
+        (NOW_NS - age_ns,) * AXES,
+        sensors={
+            "runstop": (0.0,),
+            "wheel_watchdog": (1.0,),
+            "homed": (1.0,) * AXES,
+            "limit_low": tuple(low for low, _ in limits),
+            "limit_high": tuple(high for _, high in limits),
+            **sensors,
+        },
+    )
+
+
+def answer(
+    action: dict[str, Any],
+    observation: Observation | None = None,
+    target: tuple[float, ...] = HERE,
+    live_until_ns: int = 0,
+) -> Candidate | Refused:
+    """As the gate asks: conditions, parse, gates."""
+    state = GateState(NOW_NS, observation or seen(), target, NOW_NS, False, 0.0, live_until_ns)
+    for condition in DRIVER.conditions:
+        if (refusal := condition.check(state.observation, NOW_NS)) is not None:
+            return refusal
+    candidate = DRIVER.parse(action, state)
+    if isinstance(candidate, Candidate):
+        for gate in DRIVER.gates:
+            if (refusal := gate(candidate, state)) is not None:
+                return refusal
+    return candidate
+
+
+def refused(action: dict[str, Any], observation: Observation | None = None) -> tuple[str, str, str]:
+    found = answer(action, observation)
+    assert isinstance(found, Refused), found
+    return found.code, found.offered, found.limit
+
+
+def accepted(action: dict[str, Any], observation: Observation | None = None, **more: Any) -> Candidate:
+    found = answer(action, observation, **more)
+    assert isinstance(found, Candidate), found
+    return found
+
+
+def row(name: str, axis: str, value: float) -> dict[str, tuple[float, ...]]:
+    """A sensor in which one axis differs."""
+    at, whole = DRIVER.axes.index(axis), seen().sensors[name]
+    return {name: (*whole[:at], value, *whole[at + 1 :])}
+
+
+def test_axes_are_lift_and_arm_in_metres_wrist_and_head_in_radians_and_a_twist_without_a_gripper() -> None:
+    assert DRIVER.axes == (
+        "lift", "arm", "wrist_yaw", "wrist_pitch", "wrist_roll", "head_pan", "head_tilt", "vx", "wz",
+    )  # fmt: skip
+    assert [axis.unit for axis in DRIVER.table] == ["m", "m", *["rad"] * 5, "m/s", "rad/s"]
+
+
+@pytest.mark.parametrize(
+    ("action", "code", "offered", "limit"),
+    [
+        ({"lift": 1.2}, "soft_limit", "1.2000", "0.0000..1.1000"),
+        ({"arm": -0.01}, "soft_limit", "-0.0100", "0.0000..0.5200"),
+        ({"wrist_pitch": 0.6}, "soft_limit", "0.6000", "-1.5707..0.4509"),
+        ({"vx": 0.31}, "wheel_speed", "0.310", "0.3"),
+        ({"vx": 0.2, "wz": 1.0}, "wheel_speed", "0.358", "0.3"),
+        ({"wz": -2.0}, "wheel_speed", "0.315", "0.3"),
+        ({"vy": 0.1}, "strafe", "0.1", "0"),
+        ({"vy": "left"}, "not_finite", "", ""),
+        ({"gripper": 0.1}, "unknown_joint", "gripper", ", ".join(DRIVER.axes)),
+    ],
+)
+def test_saf_014_what_it_cannot_do_is_refused_and_never_clipped(
+    action: dict[str, Any], code: str, offered: str, limit: str
+) -> None:
+    assert refused(action) == (code, offered, limit)
+
+
+def test_saf_014_the_soft_limits_are_those_of_now() -> None:
+    accepted({"lift": 0.9})
+    lowered = seen(**row("limit_high", "lift", 0.8))
+    assert refused({"lift": 0.9}, lowered) == ("soft_limit", "0.9000", "0.0000..0.8000")
+    accepted({"lift": 0.8}, lowered)
+    accepted({"arm": 0.3}, lowered)
+
+
+@pytest.mark.parametrize("joint", ["lift", "arm", "wrist_yaw"])
+def test_saf_014_a_joint_that_is_not_homed_is_not_moved_and_the_base_is(joint: str) -> None:
+    lost = seen(**row("homed", joint, 0.0))
+    assert refused({joint: 0.1}, lost)[0] == "not_homed"
+    accepted({"vx": 0.1}, lost)
+    accepted({"head_pan": 0.1}, lost)
+    unknown = msgspec.structs.replace(lost, sensors={k: v for k, v in lost.sensors.items() if k != "homed"})
+    assert refused({joint: 0.1}, unknown)[0] == "not_homed", "nobody has said that it is"
+
+
+def test_saf_014_a_runstop_ends_what_is_live_and_refuses_everything() -> None:
+    pressed = seen(runstop=(1.0,))
+    for action in ({"lift": 0.5}, {"vx": 0.1}, {"vx": 0.0}):
+        assert refused(action, pressed)[0] == "runstop"
+    (condition,) = DRIVER.conditions
+    assert condition.always and condition.check(seen(), NOW_NS) is None
+
+
+def test_saf_013_no_twist_without_the_wheels_watchdog() -> None:
+    off = seen(wheel_watchdog=(0.0,))
+    assert refused({"vx": 0.1}, off) == ("no_watchdog", "off", "on")
+    unknown = msgspec.structs.replace(off, sensors={"homed": (1.0,) * AXES})
+    assert refused({"wz": 0.1}, unknown)[0] == "no_watchdog"
+    accepted({"vx": 0.0, "wz": 0.0}, off)
+    accepted({"lift": 0.6}, off)
+
+
+def test_saf_012_what_was_read_too_long_ago_moves_nothing() -> None:
+    assert refused({"lift": 0.5}, seen(age_ns=300_000_000))[0] == "stale"
+    assert refused({"vx": 0.1}, seen(age_ns=300_000_000))[0] == "stale"
+
+
+def test_saf_001_a_twist_ends_after_300_ms_and_a_joints_goal_with_the_lease() -> None:
+    assert accepted({"lift": 0.6}).until_ns == 0
+    assert accepted({"vx": 0.1}).until_ns == NOW_NS + 300_000_000
+    assert accepted({"vx": 0.1, "lift": 0.6}).until_ns == NOW_NS + 300_000_000
+    assert accepted({"vx": 0.0, "wz": 0.0}).until_ns == 0, "a base that rests needs no end"
+
+
+def test_saf_001_a_joint_alone_goes_on_with_the_twist_that_is_live_and_does_not_prolong_it() -> None:
+    driving = (*HERE[:7], 0.1, 0.2, 384.0)  # as ``parse`` left it
+    until_ns = NOW_NS + 120_000_000
+    found = accepted({"lift": 0.6}, target=driving, live_until_ns=until_ns)
+    assert found.values[:9] == (0.6, *HERE[1:7], 0.1, 0.2) and found.until_ns == until_ns
+    assert named_in(found.values, DRIVER.axes) == {"lift", "vx", "wz"}, "and the base hears of it, too"
+    ended = accepted({"lift": 0.6}, target=driving, live_until_ns=NOW_NS - 1)
+    assert ended.values[7:9] == (0.0, 0.0) and named_in(ended.values, DRIVER.axes) == {"lift"}
+
+
+def test_a_target_tells_what_the_action_names_whatever_was_told_before() -> None:
+    first = accepted({"lift": 0.6})
+    second = accepted({"vx": 0.1}, target=first.values, live_until_ns=-1)
+    assert len(second.values) == AXES + 1 and second.values[0] == 0.6
+    assert named_in(second.values, DRIVER.axes) == {"vx", "wz"}
+    assert named_in(accepted({"vy": 0.0}).values, DRIVER.axes) == {"vx", "wz"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ({"joint": "vx", "low": 0.0, "high": 0.1}, "joint is vx"),
+        ({"low": 0.0, "high": 0.1}, "joint is missing"),
+        ({"joint": "lift", "low": 0.5, "high": 0.4}, "lift 0.5..0.4"),
+        ({"joint": "lift", "low": 0.0, "high": 1.2}, "lift 0.0..1.2"),
+        ({"joint": "lift", "low": float("nan"), "high": 1.0}, "lift nan..1.0"),
+        ({"joint": "lift"}, "lift None..None"),
+    ],
+)
+def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: str) -> None:
+    found = DRIVER.check_service("set_soft_limits", arguments)
+    assert found is not None and found.code == "bad_argument" and why in found.reason
+    assert DRIVER.check_service("set_soft_limits", {"joint": "lift", "low": 0.2, "high": 0.9}) is None

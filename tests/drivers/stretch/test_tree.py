@@ -1,0 +1,345 @@
+"""A real robot on the twin: stops, lifetimes, runstop, homing, soft limits, boards that are gone.
+Safety is read in the twin's log."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.common.dynamixel import protocol as dxl
+from strands_actors.drivers.stretch import frames as f
+from strands_actors.drivers.stretch import protocol as p
+from strands_actors.drivers.stretch.parameters import parameters_of
+from strands_actors.surfaces.mesh import estop
+from strands_actors.testing import Twin
+from strands_actors.testing.wirelog import Entry
+from tests.answers import json_of, state, status, until, why
+
+SLACK_S = 0.4
+"""For a machine that runs other tests meanwhile."""
+JOINTS = ("lift", "arm", "wrist_yaw", "wrist_pitch", "wrist_roll", "head_pan", "head_tilt")
+WHEEL = parameters_of("stretch3").left.rad_per_m
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("stretch3", tmp_path) as process:
+        yield process
+
+
+@pytest.fixture
+def stretch(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
+    robot = Robot("stretch3", mode="real", port=twin.port)
+    try:
+        until(lambda: robot.connect_eagerly() is None, "it is connected")
+        yield robot
+    finally:
+        robot.cleanup()
+
+
+def commands(entries: list[Entry]) -> list[p.Command]:
+    """Return the commands to steppers among some frames; servos' are left out."""
+    found = []
+    for entry in entries:
+        if not entry.data.startswith(dxl.HEADER):
+            for frame in f.Decoder().feed(entry.data):
+                if frame.data[:1] == bytes((p.COMMAND,)):
+                    found.append(p.parse_command(frame.data[1:]))
+    return found
+
+
+def pid(robot: RealRobot, role: str) -> int:
+    tree = robot.tree()
+    assert tree is not None
+    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+    return found
+
+
+def sensor(robot: RealRobot, name: str) -> list[float]:
+    found: list[float] = status(robot)["sensors"][name]
+    return found
+
+
+def drive(robot: RealRobot, twin: Twin, vx: float = 0.2, wz: float = 0.0) -> int:
+    """Send a twist and see it on the wire; when."""
+    if state(robot) not in ("armed", "holding"):
+        until(lambda: robot.resume()["status"] == "success", "it is armed")
+    began_ns = time.monotonic_ns()
+    json_of(robot.set_twist(vx=vx, wz=wz))
+    until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
+    return began_ns
+
+
+def held(twin: Twin, since_ns: int) -> Entry:
+    """Return the frame by which the whole robot has been told to hold."""
+
+    def look() -> Entry | None:
+        return next((one for one in twin.log.host("safe", since_ns) if one.safe_state == "hold"), None)
+
+    return until(look, "all are told to hold")
+
+
+def test_saf_001_a_twist_is_repeated_for_its_lifetime_then_everything_holds(stretch: RealRobot, twin: Twin) -> None:
+    began_ns = drive(stretch, twin, 0.1, 0.4)
+    safe = held(twin, began_ns)
+    assert 0.25 < (safe.t_ns - began_ns) / 1e9 < 0.35 + SLACK_S
+    sent = commands(twin.log.host("setpoint", began_ns))
+    assert 4 <= len(sent) <= 10, "both wheels, every 100 ms while it lives"
+    assert {one.mode for one in sent} == {p.Mode.VELOCITY_PROFILE}
+    turn = 0.4 * 0.3153 / 2
+    assert {round(one.velocity / WHEEL, 4) for one in sent} == {round(0.1 - turn, 4), round(0.1 + turn, 4)}
+    twin.log.no_setpoint_after_safe(began_ns)
+    until(lambda: stretch.get_observation()["vx"] == 0.0, "it stands")
+    assert state(stretch) == "holding"
+    drive(stretch, twin)  # a late writer may go on
+
+
+def test_it_drives_on_the_floor_and_its_odometry_says_where(stretch: RealRobot, twin: Twin) -> None:
+    for _ in range(15):
+        json_of(stretch.set_twist(vx=0.2))
+        time.sleep(0.1)
+    json_of(stretch.stop())
+    x_m, y_m = sensor(stretch, "odometry_xy_m")
+    assert 0.03 < x_m < 0.35 and y_m == pytest.approx(0.0, abs=1e-3)
+    json_of(stretch.resume())
+    for _ in range(15):
+        json_of(stretch.set_twist(wz=0.5))
+        time.sleep(0.1)
+    assert sensor(stretch, "odometry_yaw_rad")[0] > 0.1
+    assert sensor(stretch, "rpy_rad")[2] == pytest.approx(sensor(stretch, "odometry_yaw_rad")[0], abs=0.1)
+
+
+def test_joints_go_where_they_are_told_and_only_those_that_are_named(stretch: RealRobot, twin: Twin) -> None:
+    began_ns = time.monotonic_ns()
+    told = json_of(stretch.send_action({"lift.pos": 0.53, "wrist_yaw": 1.2}))
+    assert told == {"robot": "stretch3", "joints": {"lift": 0.53, "wrist_yaw": 1.2}}
+    until(lambda: stretch.get_observation()["lift"] == pytest.approx(0.53, abs=1e-3), "the lift is there")
+    until(lambda: stretch.get_observation()["wrist_yaw"] == pytest.approx(1.2, abs=0.01), "the wrist is there")
+    sent = commands(twin.log.host("setpoint", began_ns))
+    goals = {round(one.position, 2) for one in sent}
+    assert goals == {round(0.53 * parameters_of("stretch3").lift.rad_per_m, 2)}, "nothing for arm and wheels"
+    assert {one.mode for one in sent} == {p.Mode.POSITION_PROFILE}
+    assert stretch.get_observation()["arm"] == pytest.approx(0.1, abs=1e-4)
+
+
+def test_saf_005_a_stop_holds_every_motor_and_reads_each_back(stretch: RealRobot, twin: Twin) -> None:
+    json_of(stretch.send_action({"lift": 0.7}))
+    drive(stretch, twin, 0.25)
+    time.sleep(0.1)
+    began_ns = time.monotonic_ns()
+    report = json_of(stretch.stop())
+    assert report["safe_state"] == "hold" and report["unconfirmed"] == []
+    assert set(report["motors"]) == {*JOINTS, "left_wheel", "right_wheel"}
+    assert (held(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    twin.log.no_setpoint_after_safe(began_ns)
+    assert {one.mode for one in commands(twin.log.host("safe", began_ns))} == {p.Mode.VELOCITY, p.Mode.HOLD}
+    until(lambda: stretch.get_observation()["vx"] == 0.0, "it stands")
+    where = stretch.get_observation()
+    assert where["lift"] < 0.6
+    time.sleep(0.4)
+    assert stretch.get_observation()["lift"] == pytest.approx(where["lift"], abs=1e-3), "held on its way"
+    assert "call resume() first" in why(stretch.send_action({"lift": 0.6}))
+    json_of(stretch.resume())
+    assert twin.log.host("setpoint", began_ns) == [], "a resume moves nothing"
+
+
+def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_hold(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    """The robot is stopped, a command is on its way to it, the caller stops, the robot goes on."""
+    drive(stretch, twin, 0.1)
+    twin.pause()
+    stretch.set_twist(vx=0.29)
+    time.sleep(0.03)
+    refusal = stretch.stop()
+    assert refusal["status"] == "error", "it is not told to have stopped"
+    assert "left_wheel" in why(refusal)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    held(twin, back_ns)
+    until(lambda: state(stretch) == "disarmed", "it is back, disarmed, and confirmed")
+    frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
+    assert frames[-1].kind == "safe", "whatever it carried out late"
+    twin.log.no_setpoint_after_safe(back_ns)
+    until(lambda: stretch.get_observation().get("vx") == 0.0, "it stands")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_saf_003_the_root_holds_every_board_by_duplicates_of_its_ports(
+    stretch: RealRobot, twin: Twin, number: signal.Signals
+) -> None:
+    json_of(stretch.send_action({"lift": 0.9}))
+    drive(stretch, twin, 0.2)
+    began_ns = time.monotonic_ns()
+    os.kill(pid(stretch, "wire"), number)
+    assert (held(twin, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(began_ns)
+    until(lambda: state(stretch) == "disarmed", "a new wire, disarmed")
+    lift = stretch.get_observation()["lift"]
+    time.sleep(0.3)
+    assert stretch.get_observation()["lift"] == pytest.approx(lift, abs=1e-3) and lift < 0.8
+
+
+def test_saf_020_cables_that_are_back_carry_a_hold_before_any_question(stretch: RealRobot, twin: Twin) -> None:
+    drive(stretch, twin, 0.2)
+    twin.unplug()
+    until(lambda: state(stretch) in ("lost", "down", None), "it is noticed")
+    back_ns = time.monotonic_ns()
+    twin.plug()
+    held(twin, back_ns)
+    until(lambda: state(stretch) == "disarmed", "it is back, disarmed")
+    twin.log.no_setpoint_after_safe(back_ns)
+
+
+def test_saf_005_one_board_that_is_unplugged_keeps_no_other_from_being_stopped(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    json_of(stretch.send_action({"arm": 0.4}))
+    drive(stretch, twin, 0.2)
+    began_ns = time.monotonic_ns()
+    twin.order("unplug-board hello-motor-lift")
+    until(lambda: state(stretch) in ("lost", "down", None), "it is noticed")
+
+    def told() -> bool:
+        modes = [one.mode for one in commands(twin.log.host("safe", began_ns))]
+        return modes.count(p.Mode.VELOCITY) >= 2 and p.Mode.HOLD in modes
+
+    until(told, "the wheels stand, the arm holds")
+    twin.log.no_setpoint_after_safe(began_ns)
+    twin.order("plug-board hello-motor-lift")
+    until(lambda: state(stretch) == "disarmed", "it is back, disarmed")
+    until(lambda: stretch.resume()["status"] == "success", "and can be used again")
+
+
+def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robot(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    json_of(stretch.send_action({"lift": 0.8}))
+    twin.order("runstop on")
+    until(lambda: "runstop" in str(status(stretch)["cause"]), "it is seen")
+    until(lambda: state(stretch) == "disarmed", "and ends the motion")
+    assert sensor(stretch, "runstop") == [1.0]
+    assert "the runstop is pressed. Release it on the robot" in why(stretch.resume())
+    twin.order("runstop off")
+    until(lambda: stretch.resume()["status"] == "success", "it is released")
+    json_of(stretch.send_action({"lift": 0.5}))
+
+
+@pytest.mark.parametrize("joint", ["lift", "arm", "wrist_yaw"])
+def test_saf_014_what_is_not_homed_is_refused_with_what_to_run(twin: Twin, run_dir: Path, joint: str) -> None:
+    twin.order(f"homed {joint} off")
+    with Robot("stretch3", mode="real", port=twin.port) as robot:
+        began_ns = time.monotonic_ns()
+        text = why(robot.send_action({joint: 0.2}))
+        assert f"{joint} not homed" in text and "run the homing routine" in text
+        assert twin.log.host("setpoint", began_ns) == []
+        json_of(robot.set_twist(vx=0.05))
+
+
+def test_saf_014_soft_limits_that_are_set_hold_at_once(stretch: RealRobot, twin: Twin) -> None:
+    json_of(stretch.send_action({"lift": 0.55}))
+    until(lambda: stretch.get_observation()["lift"] == pytest.approx(0.55, abs=1e-3), "it is there")
+    json_of(stretch.stop())
+    json_of(stretch.set_soft_limits(joint="lift", low=0.3, high=0.6))
+    json_of(stretch.set_soft_limits(joint="wrist_yaw", low=-0.5, high=0.5))
+    json_of(stretch.resume())
+    began_ns = time.monotonic_ns()
+    until(lambda: sensor(stretch, "limit_high")[0] == 0.6, "they are reported")
+    assert "outside its soft limits of now. stay within 0.3000..0.6000" in why(stretch.send_action({"lift": 0.65}))
+    assert "outside its soft limits" in why(stretch.send_action({"wrist_yaw": 0.6}))
+    assert twin.log.host("setpoint", began_ns) == []
+    json_of(stretch.send_action({"lift": 0.59}))
+    assert "lift 0.2..1.3" in why(stretch.set_soft_limits(joint="lift", low=0.2, high=1.3))
+
+
+def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_all_are_gone(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    watchdog = status(stretch)["velocity_watchdog"]
+    armed = {"acknowledged": True, "in_flash": True}
+    assert watchdog == {"left_wheel": armed, "right_wheel": armed}
+    for _ in range(8):
+        drive(stretch, twin, 0.2)
+        time.sleep(0.1)
+    tree = stretch.tree()
+    assert tree is not None
+    victims = sorted(
+        process["pid"] for process in tree["processes"] if process["role"] in ("root", "wire", "standby")
+    )
+    assert len(victims) == 3
+    for victim in victims:
+        os.kill(victim, signal.SIGSTOP)
+    for victim in victims:
+        os.kill(victim, signal.SIGKILL)
+    time.sleep(1.2)
+    with Robot("stretch3", mode="real", port=twin.port, tool_name="after") as other:
+        until(lambda: "vx" in other.get_observation(), "another program reads it")
+        assert other.get_observation()["vx"] == 0.0
+
+
+def test_saf_013_a_robot_whose_yaml_has_the_watchdog_off_does_not_drive(
+    twin: Twin, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found by its own YAML, as on a robot."""
+    fleet = Path(twin.port).parent / "fleet"
+    user = next(fleet.glob("*/stretch_user_params.yaml"))
+    off = {f"hello-motor-{side}-wheel": {"gains": {"enable_vel_watchdog": 0}} for side in ("left", "right")}
+    monkeypatch.setenv("HELLO_FLEET_PATH", str(fleet))
+    monkeypatch.setenv("HELLO_FLEET_ID", user.parent.name)
+    with Robot("stretch3", mode="real") as robot:
+        json_of(robot.set_twist(vx=0.1))
+    user.write_text(yaml.safe_dump({**yaml.safe_load(user.read_text()), **off}))
+    with Robot("stretch3", mode="real") as robot:
+        began_ns = time.monotonic_ns()
+        assert "the wheels' velocity watchdog is off" in why(robot.set_twist(vx=0.1))
+        assert twin.log.host("setpoint", began_ns) == []
+        json_of(robot.send_action({"lift": 0.51}))
+
+
+def test_an_agent_reads_and_stops_it_and_cannot_move_it(stretch: RealRobot, twin: Twin) -> None:
+    def asked(given: dict[str, Any]) -> dict[str, Any]:
+        return asyncio.run(stretch.use_tool(given, "an agent"))
+
+    began_ns = drive(stretch, twin, 0.2)
+    schema = stretch.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
+    assert schema == ["sensors", "status", "state", "stop"]
+    assert json_of(asked({"action": "sensors"}))["sensors"]["battery_v"] == [pytest.approx(12.79, abs=0.01)]
+    assert set(json_of(asked({"action": "state"}))["velocities"]) >= {"lift", "arm"}
+    assert "set_twist" in why(asked({"action": "set_twist", "vx": 0.1}))
+    json_of(asked({"action": "stop"}))
+    held(twin, began_ns)
+    assert state(stretch) == "disarmed"
+
+
+def test_saf_007_one_estop_stops_it_beside_an_so101_and_presses_the_runstop(
+    stretch: RealRobot, twin: Twin, tmp_path: Path
+) -> None:
+    (tmp_path / "arm").mkdir()
+    with Twin("so101", tmp_path / "arm") as arm_twin, Robot("so101", mode="real", port=arm_twin.port) as arm:
+        json_of(arm.send_action({"shoulder_pan": 10.0}))
+        json_of(stretch.send_action({"lift": 0.8}))
+        drive(stretch, twin, 0.2)
+        began_ns = time.monotonic_ns()
+        outcomes = {one.robot: one for one in estop(by="the red button", within_s=3.0)}
+        assert {name: one.outcome for name, one in outcomes.items()} == {"so101": "safe", "stretch3": "safe"}
+        assert outcomes["stretch3"].safe_state == "stop"
+        twin.log.safe_within(began_ns, 0.25 + SLACK_S)
+        arm_twin.log.safe_within(began_ns, 0.25 + SLACK_S)
+        pressed = [one for one in twin.log.host("safe", began_ns) if one.safe_state == "stop"]
+        assert pressed, "the runstop is on, and everything holds"
+        twin.log.no_setpoint_after_safe(began_ns)
+        assert "e-stopped by the red button" in why(stretch.set_twist(vx=0.1))
+        assert "the runstop is pressed" in why(stretch.resume()), "who lifts the lock releases it on the robot"
+        twin.order("runstop off")
+        until(lambda: stretch.resume()["status"] == "success", "it is released")

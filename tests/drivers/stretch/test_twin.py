@@ -1,0 +1,125 @@
+"""The twin: what its boards make of anything, and the order in which it tells what it heard."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from functools import partial
+
+import pytest
+
+from strands_actors.drivers.common.dynamixel import protocol as dxl
+from strands_actors.drivers.common.twin import Exchange, Fault
+from strands_actors.drivers.stretch import frames as f
+from strands_actors.drivers.stretch import protocol as p
+from strands_actors.drivers.stretch.twin.boards import Heard
+from strands_actors.drivers.stretch.twin.server import commands_first, ears_of
+from strands_actors.drivers.stretch.twin.world import World
+
+DISTURBED = 20_000
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def world() -> World:
+    return World("stretch3", Clock())
+
+
+def test_20_000_disturbed_frames_move_nothing_and_raise_nothing() -> None:
+    """Calls of every kind but commands, damaged: what a board takes it takes whole."""
+    chance = random.Random(11)
+    robot = world()
+    ears = [ear for ear, _ in ears_of(robot).values()]
+    calls = [
+        f.pull(p.STATUS),
+        f.push(bytes((p.TRIGGER,))),
+        f.push(b"\x63\1\2"),
+        *f.pushes(b"\x05" * 130),
+        dxl.ping(13),
+    ]
+    for _ in range(DISTURBED):
+        data = bytearray(chance.choice(calls))
+        for _ in range(chance.randrange(3)):
+            data[chance.randrange(len(data))] = chance.randrange(256)
+        for heard in chance.choice(ears).frames(bytes(data) + chance.randbytes(chance.randrange(4)), 115_200):
+            assert all(len(reply.data) < 200 for reply in heard.act().replies)
+    assert all(motor.velocity == 0.0 for motor in robot.steppers.values())
+
+
+def heard(kind: str, said: list[str]) -> Heard:
+    return Heard(kind, partial(_say, kind, said))
+
+
+def _say(kind: str, said: list[str]) -> Exchange:
+    said.append(kind)
+    return Exchange(kind, b"", ())
+
+
+def test_of_one_sweep_commands_are_told_before_stops_and_each_port_in_its_order() -> None:
+    said: list[str] = []
+    waiting = {
+        "a": deque([heard("safe", said), heard("read", said)]),
+        "b": deque([heard("setpoint", said), heard("safe", said), heard("setpoint", said)]),
+    }
+    order = [(name, one.kind) for name, one in commands_first(waiting)]
+    assert order == [("b", "setpoint"), ("a", "safe"), ("a", "read"), ("b", "safe"), ("b", "setpoint")]
+
+
+@pytest.mark.parametrize("fault", [Fault.OFF, Fault.STUCK])
+def test_a_motor_that_is_off_or_stuck_does_not_move(fault: Fault) -> None:
+    robot = world()
+    clock = robot.now_s
+    assert isinstance(clock, Clock)
+    lift = robot.steppers["lift"]
+    robot.set_fault(fault, 3)
+    lift.take(robot.config.goal("lift", 0.6))
+    clock.now_s += 0.2
+    robot.pass_time()
+    if fault is Fault.STUCK:
+        assert robot.metres("lift") == pytest.approx(0.5)
+    else:
+        assert not lift.homed, "without power it forgets where it is"
+    robot.set_fault(Fault.OK, None)
+    assert not lift.stuck
+
+
+def test_the_runstop_lets_go_of_arm_and_wheels_and_holds_the_lift() -> None:
+    robot = world()
+    for name in ("lift", "arm"):
+        robot.steppers[name].take(robot.config.goal(name, 0.3))
+    assert robot.safe_state == ""
+    robot.set_runstop(True)
+    assert robot.safe_state == "stop"
+    assert {motor.mode for motor in robot.steppers.values()} == {p.Mode.SAFETY}
+    assert all(motor.status().has(p.Diag.RUNSTOP) for motor in robot.steppers.values())
+    robot.steppers["arm"].take(robot.config.goal("arm", 0.3))
+    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "and takes no command"
+    robot.set_runstop(False)
+    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "nor does it go on with an old one"
+
+
+def test_a_robot_is_at_rest_when_all_that_moved_has_been_told() -> None:
+    robot = world()
+    robot.steppers["lift"].take(robot.config.goal("lift", 0.6))
+    robot.dirty_servos.add(13)
+    robot.steppers["left_wheel"].take(robot.config.stand("left_wheel"))
+    assert robot.safe_state == ""
+    robot.steppers["lift"].take(robot.config.hold("lift"))
+    assert robot.safe_state == "", "a servo is on its way"
+    robot.dirty_servos.clear()
+    assert robot.safe_state == "hold"
+
+
+def test_homing_is_a_matter_of_three_joints() -> None:
+    robot = world()
+    robot.set_homed("lift", False)
+    robot.set_homed("wrist_yaw", False)
+    assert not robot.steppers["lift"].homed
+    with pytest.raises(ValueError, match="head_pan needs no homing"):
+        robot.set_homed("head_pan", False)

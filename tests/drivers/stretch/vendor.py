@@ -1,0 +1,36 @@
+"""The vendor's client in an environment of its own, which is made once and kept in the user's cache:
+it is LGPL, and what it says it needs cannot be installed beside anything else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+CLIENT = "hello-robot-stretch-body==0.7.31"
+NEEDS = (
+    "numpy", "pyserial", "aioserial", "pyyaml", "click", "colorama", "filelock", "psutil", "opencv-python-headless",
+    "dynamixel-sdk==4.1.0", "chime", "urchin", "meshio",
+)  # fmt: skip
+"""What its modules import. Its own list has audio, point clouds and a camera's SDK besides."""
+NOT_THERE = ("pyrealsense2",)
+"""Imported by one of its modules and used for nothing here: empty."""
+MADE_S = 600.0
+
+
+def environment() -> Path:
+    """Return the Python of the client's environment."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    root = cache / "strands-actors-tests" / f"{CLIENT.replace('==', '-')}-{sys.version_info[1]}"
+    python = root / "bin" / "python"
+    if not (root / "made").exists():
+        subprocess.run([sys.executable, "-m", "venv", "--clear", str(root)], check=True, timeout=MADE_S)
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, "--no-deps", CLIENT], check=True, timeout=MADE_S)
+        subprocess.run([*pip, *NEEDS], check=True, timeout=MADE_S)
+        (site,) = root.glob("lib/python*/site-packages")
+        for name in NOT_THERE:
+            (site / f"{name}.py").write_text("")
+        (root / "made").touch()
+    return python
