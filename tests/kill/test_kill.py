@@ -14,37 +14,14 @@ import pytest
 
 from strands_actors.testing import Bench, Cell, Faults, Victims, cells_of, run_cell
 from strands_actors.testing.bench import driver_of
-from strands_actors.testing.conformance import CELLS as HARDEST_CELLS
 
 SLACK_MS = 400.0
 SETTLE_S = 0.2
-WHOLE = ("so101", "robotiq_2f85", "ur5e", "unitree_g1")
-"""Every cell of these: a serial bus, a connection made when needed, an SDK, a wire of 500 Hz."""
-HARDEST = (
-    "koch",
-    "xarm7",
-    "kuka_iiwa",
-    "kinova_gen3",
-    "rby1",
-    "panda",
-    "earthrover",
-    "yahboom_m3pro",
-    "reachy_mini",
-    "crazyflie",
-    "spot",
-    "microduck",
-    "stretch3",
-    "unitree_go2",
-)
-"""Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by
-hand."""
+WHOLE = ("so101", "unitree_g1")
+"""A serial bus, and a wire of 500 Hz. Of the other drivers the seven hardest cells are run with their
+conformance; the whole matrix is measured by hand."""
 
-CELLS = [
-    (robot, cell)
-    for robot in (*WHOLE, *HARDEST)
-    for cell in cells_of(driver_of(robot))
-    if not cell.why_not and (robot in WHOLE or (cell.victim, cell.fault) in HARDEST_CELLS)
-]
+CELLS = [(robot, cell) for robot in WHOLE for cell in cells_of(driver_of(robot)) if not cell.why_not]
 
 
 @pytest.fixture(scope="module")

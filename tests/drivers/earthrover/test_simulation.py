@@ -1,22 +1,11 @@
-"""The rover keeps what every driver must, its kill cells on the twin included; and its simulation
-drives."""
+"""Its simulation drives."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from strands_actors import Robot
-from strands_actors.drivers.earthrover.driver import EarthRover
-from strands_actors.testing import conformance
 from tests.answers import json_of, state, until, why
-
-
-@pytest.mark.parametrize("check", conformance(EarthRover), ids=str)
-def test_the_rover_conforms(check: object) -> None:
-    assert callable(check)
-    check()
 
 
 def test_a_simulated_rover_drives_for_its_lifetime_and_stands(run_dir: Path) -> None:

@@ -1,5 +1,4 @@
-"""Spot keeps what every driver must, its kill cells on the twin included; its simulation stands up,
-walks and reaches."""
+"""Its simulation stands up, walks and reaches."""
 
 from __future__ import annotations
 
@@ -8,15 +7,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.drivers.spot.driver import Spot
-from strands_actors.testing import conformance
 from tests.answers import json_of, state, until, why
-
-
-@pytest.mark.parametrize("check", conformance(Spot), ids=str)
-def test_spot_conforms(check: object) -> None:
-    assert callable(check)
-    check()
 
 
 def test_a_simulated_spot_stands_up_walks_for_its_lifetime_and_its_arm_reaches(run_dir: Path) -> None:

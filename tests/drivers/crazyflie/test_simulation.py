@@ -1,22 +1,11 @@
-"""The drone keeps what every driver must, its kill cells on the twin included; and its simulation
-flies."""
+"""Its simulation flies."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from strands_actors import Robot
-from strands_actors.drivers.crazyflie.driver import Crazyflie
-from strands_actors.testing import conformance
 from tests.answers import json_of, state, until, why
-
-
-@pytest.mark.parametrize("check", conformance(Crazyflie), ids=str)
-def test_the_drone_conforms(check: object) -> None:
-    assert callable(check)
-    check()
 
 
 def test_a_simulated_drone_rises_moves_hovers_and_lands(run_dir: Path) -> None:

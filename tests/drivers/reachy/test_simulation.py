@@ -1,5 +1,4 @@
-"""Reachy keeps what every driver must, its kill cells on the twin included; and its simulation
-moves."""
+"""Its simulation moves."""
 
 from __future__ import annotations
 
@@ -8,15 +7,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.drivers.reachy.driver import Reachy
-from strands_actors.testing import conformance
 from tests.answers import json_of, until, why
-
-
-@pytest.mark.parametrize("check", conformance(Reachy), ids=str)
-def test_reachy_conforms(check: object) -> None:
-    assert callable(check)
-    check()
 
 
 def test_a_simulated_reachy_moves_what_it_is_told(run_dir: Path) -> None:

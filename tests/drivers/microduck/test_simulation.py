@@ -1,5 +1,4 @@
-"""The duck keeps what every driver must, its kill cells on the twin included; and its simulation
-walks."""
+"""Its simulation walks."""
 
 from __future__ import annotations
 
@@ -8,15 +7,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.drivers.microduck.driver import Microduck
-from strands_actors.testing import conformance
 from tests.answers import json_of, state, until, why
-
-
-@pytest.mark.parametrize("check", conformance(Microduck), ids=str)
-def test_the_duck_conforms(check: object) -> None:
-    assert callable(check)
-    check()
 
 
 def test_a_simulated_duck_walks_for_its_duration_and_turns_its_head(run_dir: Path) -> None:

@@ -1,0 +1,29 @@
+"""Every driver keeps what each must, the hardest kill cells on its twin included. Where every cell is
+run (``tests/kill``), they are left out here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.surfaces.cli.matrix import one_of_each
+from strands_actors.testing import Check, conformance
+from tests.kill.test_kill import WHOLE
+
+
+def checks() -> Iterator[object]:
+    whole = {get_native_driver_class(robot) for robot in WHOLE}
+    for robot in one_of_each():
+        driver_class = get_native_driver_class(robot)
+        assert driver_class is not None and issubclass(driver_class, Driver)
+        for check in conformance(driver_class, robot):
+            if not (driver_class in whole and check.name.startswith("kill cell")):
+                yield pytest.param(check, id=f"{robot}-{check}")
+
+
+@pytest.mark.parametrize("check", checks())
+def test_a_driver_conforms(check: Check) -> None:
+    check()
