@@ -18,7 +18,7 @@ class RBY1Body(ControlledBody):
 
     @property
     def driven(self) -> bool:
-        return self._controller.runs
+        return self._controller.driven
 
     @property
     def led(self) -> bool:

@@ -98,7 +98,8 @@ class Controller:
         self.servos = [False] * len(self.info.joints)
         self.manager: int = Manager.IDLE
         self.pressed = False
-        self.led = False  # whether a simulation moves it: until it is energised on the wire
+        self.driven = False  # by whoever is on the wire, since it was enabled and not cancelled
+        self.led = False  # whether a simulation moves it meanwhile
         self.time_scale = 1.0
         self._motions: dict[str, Motion] = {}
         self._owner: Owner | None = None
@@ -117,7 +118,7 @@ class Controller:
 
     @property
     def runs(self) -> bool:
-        """Return whether whoever is on the wire has the joints."""
+        """Return whether all servos of the driven joints are on."""
         return all(self.servos[FIRST_JOINT:])
 
     @property
@@ -155,7 +156,7 @@ class Controller:
     def fail(self, fault: Manager) -> None:
         """Put the control manager into a fault; what runs is ended."""
         self._end(Finish.CONTROL_MANAGER_FAULT)
-        self.manager = fault
+        self.driven, self.manager = False, fault
 
     # -- orders
 
@@ -182,7 +183,7 @@ class Controller:
                 self._halt()
             for at in found:
                 self.servos[at] = True
-            self.led = self._rested = False
+            self._rested = False
             self._set_brakes()
         elif order == JointOrder.BRAKE_ENGAGE:
             self._servos_off(found)
@@ -198,15 +199,17 @@ class Controller:
         match order:
             case ManagerOrder.ENABLE if self.manager == Manager.IDLE and any(self.servos):
                 self._halt()
+                self._drive()
                 self.manager = Manager.ENABLED
             case ManagerOrder.DISABLE if self.manager == Manager.ENABLED:
                 self._end(Finish.CONTROL_MANAGER_IDLE)
-                self.manager = Manager.IDLE
+                self.driven, self.manager = False, Manager.IDLE
             case ManagerOrder.RESET_FAULT if self.manager in (Manager.MINOR_FAULT, Manager.MAJOR_FAULT):
                 self.manager = Manager.IDLE
 
     def cancel(self) -> None:
         self._end(Finish.CANCELED)
+        self.driven = False
 
     def command(self, owner: Owner, command: Command) -> Finish | None:
         """Take a command. Return why it is not done, else None: it runs, and takes the place of
@@ -224,6 +227,7 @@ class Controller:
             if command.priority < self._priority:
                 return Finish.PREEMPTED
             self._end(Finish.PREEMPTED)
+        self._drive()
         self._owner, self._priority = owner, command.priority
         for name, part in command.parts.items():
             self._motions[name] = self._motion(name, part)
@@ -260,9 +264,15 @@ class Controller:
     def lead(self, on: bool) -> None:
         """Let a simulation move the robot, or take it back."""
         self.led = on
-        self._rested = not on
+        self._rested = not on and not any(self.servos)
         self._halt()
         self._set_brakes()
+
+    def _drive(self) -> None:
+        """Whoever is on the wire has the joints, from where they are."""
+        if self.led:
+            self._halt()
+        self.driven, self.led = True, False
 
     def _end(self, why: Finish) -> None:
         """End what runs; the robot holds where it is."""
@@ -282,7 +292,7 @@ class Controller:
             self.servos[at] = False
         if not self.runs and self.manager == Manager.ENABLED:
             self._end(Finish.UNEXPECTED_STATE)
-            self.manager = Manager.IDLE
+            self.driven, self.manager = False, Manager.IDLE
         self._set_brakes()
 
     def _set_brakes(self) -> None:

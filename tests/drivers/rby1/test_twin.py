@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import pytest
 
+from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.rby1.commands import Command, Finish, JointPosition
 from strands_actors.drivers.rby1.protocol import Control, JointOrder, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
+from strands_actors.drivers.rby1.twin.body import RBY1Body
 from strands_actors.drivers.rby1.twin.controller import Controller
 
 
@@ -152,3 +154,22 @@ def test_a_fault_ends_what_runs_until_it_is_reset() -> None:
     robot.order_manager(ManagerOrder.RESET_FAULT)
     robot.order_manager(ManagerOrder.ENABLE)
     assert robot.command(client, head(0.5, 0.0)) is None
+
+
+def test_a_simulation_has_the_joints_while_nobody_drives_them() -> None:
+    robot = Robot()
+    body = RBY1Body(robot)
+    robot.energise()
+    assert set(body.hands) == {Hand.WIRE}
+    body.take(True)
+    assert set(body.hands) == {Hand.WIRE}, "what is energised on the wire follows the wire"
+    robot.cancel()
+    assert set(body.hands) == {Hand.NONE}
+    body.take(True)
+    body.aim([*robot.plant.position_rad[:-1], 0.4])
+    robot.wait(1.0)
+    assert robot.plant.position_rad[-1] == pytest.approx(0.4, abs=0.03)
+    robot.command(Client(), head(0.0, 0.45))
+    assert set(body.hands) == {Hand.WIRE}
+    robot.wait(0.05)
+    assert robot.plant.position_rad[-1] == pytest.approx(0.4, abs=0.06), "from where it is"
