@@ -1,0 +1,179 @@
+"""What the wire says again, how long, and to whom not: on a socket of this test, by its clock."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.contract.driver import PermitDenied
+from strands_actors.drivers.common.json_rpc import Call
+from strands_actors.drivers.microduck import protocol as p
+from strands_actors.drivers.microduck.driver import Microduck
+from strands_actors.drivers.microduck.gates import HEADS, MOVES, UNTIL
+from strands_actors.drivers.microduck.twin import DuckTwin
+from strands_actors.drivers.microduck.wire import MicroduckWire
+from strands_actors.kernel.clock import MonotonicClock
+
+WALKS = (0.2, 0.0, 0.1)
+
+
+class Clock(MonotonicClock):
+    """Time that passes when a test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def now_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+
+class Allowed:
+    def check(self) -> None:
+        pass
+
+
+class Denied:
+    def check(self) -> None:
+        raise PermitDenied("a stop is waiting")
+
+
+class Rig:
+    """A wire that is connected, and what robotd's end of it has heard."""
+
+    def __init__(self, wire: MicroduckWire, clock: Clock, robotd: socket.socket) -> None:
+        self.wire = wire
+        self.clock = clock
+        self._robotd = robotd
+
+    def tell_state(self) -> None:
+        self.wire._link._take(Call(p.STATE, DuckTwin("microduck").state(), None, True))
+
+    def heard(self) -> list[dict[str, Any]]:
+        try:
+            data = self._robotd.recv(65536)
+        except BlockingIOError:
+            return []
+        return [json.loads(line) for line in data.splitlines()]
+
+    async def walk(self, until_s: float) -> None:
+        values = [*WALKS, *(0.0,) * 14]
+        values[MOVES], values[UNTIL] = 1.0, until_s
+        await self.wire.write(tuple(values), Allowed())
+
+
+@asynccontextmanager
+async def rig(folder: Path) -> AsyncIterator[Rig]:
+    path = folder / "robotd"
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        clock = Clock()
+        wire = MicroduckWire(Microduck("microduck", str(path), {}).config, clock)
+        await wire._link.connect()
+        robotd, _ = listener.accept()
+        with robotd:
+            robotd.setblocking(False)
+            one = Rig(wire, clock, robotd)
+            one.tell_state()
+            try:
+                yield one
+            finally:
+                wire.close()
+
+
+def run(folder: Path, test: Callable[[Rig], Any]) -> None:
+    async def main() -> None:
+        async with rig(folder) as one:
+            await test(one)
+
+    trio.run(main)
+
+
+def test_saf_001_a_twist_past_its_end_is_zeroed_once_by_the_wire_itself(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        await one.walk(until_s=100.5)
+        assert [call["params"] for call in one.heard()] == [p.move(*WALKS)]
+        for _ in range(3):
+            one.clock.now_s += 0.05
+            one.tell_state()
+            await one.wire.feed()
+        assert [call["params"] for call in one.heard()] == [p.move(*WALKS)] * 3
+        one.clock.now_s = 100.5
+        one.tell_state()
+        await one.wire.feed()
+        await one.wire.feed()
+        assert [(call["method"], call["params"]) for call in one.heard()] == [(p.MOVE, p.REST)]
+
+    run(tmp_path, test)
+
+
+def test_saf_010_nothing_is_said_to_a_robot_whose_state_is_old(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        await one.walk(until_s=110.0)
+        one.heard()
+        one.clock.now_s += 0.21
+        await one.wire.feed()
+        with pytest.raises(PermitDenied, match="210 ms old"):
+            await one.walk(until_s=110.0)
+        assert one.heard() == []
+        one.tell_state()
+        await one.wire.feed()
+        assert len(one.heard()) == 1, "it is back"
+
+    run(tmp_path, test)
+
+
+def test_saf_002_what_was_made_safe_is_not_said_again(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        await one.walk(until_s=110.0)
+        one.heard()
+        with trio.move_on_after(0.3):  # nobody answers
+            await one.wire.make_safe("zero")
+        said = [call["method"] for call in one.heard()]
+        assert said[0] == p.MOVE and set(said) <= {p.MOVE, p.STOP}
+        one.tell_state()
+        await one.wire.feed()
+        assert one.heard() == []
+
+    run(tmp_path, test)
+
+
+def test_saf_001_a_permit_is_asked_before_anything_leaves(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        values = [*WALKS, *(0.0,) * 14]
+        values[MOVES] = values[HEADS] = 1.0
+        values[UNTIL] = 110.0
+        with pytest.raises(PermitDenied, match="a stop is waiting"):
+            await one.wire.write(tuple(values), Denied())
+        await one.wire.feed()
+        assert one.heard() == []
+
+    run(tmp_path, test)
+
+
+def test_a_twist_of_zero_is_not_said_again(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        await one.walk(until_s=110.0)
+        values = [0.0] * 17
+        values[MOVES], values[UNTIL] = 1.0, 110.0
+        await one.wire.write(tuple(values), Allowed())
+        one.heard()
+        await one.wire.feed()
+        assert one.heard() == []
+
+    run(tmp_path, test)
+
+
+def test_saf_005_without_a_connection_nothing_is_called_written(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        one.wire._link.close()
+        assert all(not report.written for report in await one.wire.make_safe("stop"))
+
+    run(tmp_path, test)
