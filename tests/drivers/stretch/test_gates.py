@@ -8,9 +8,14 @@ import msgspec
 import pytest
 
 from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.drivers import canonical_name, list_driver_coverage, list_native_drivers, port_kind
 from strands_actors.drivers.stretch.driver import Stretch
 from strands_actors.drivers.stretch.gates import named_in
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.admission import Admission, Known
+from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.lease import Leases
+from strands_actors.supervisors.messages import Perform
 
 NOW_NS = 10**12
 DRIVER = Stretch("stretch3", "", {})
@@ -179,3 +184,18 @@ def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: s
     found = DRIVER.check_service("set_soft_limits", arguments)
     assert found is not None and found.code == "bad_argument" and why in found.reason
     assert DRIVER.check_service("set_soft_limits", {"joint": "lift", "low": 0.2, "high": 0.9}) is None
+
+
+def test_a_command_that_comes_as_a_service_is_refused_at_the_gate() -> None:
+    """It would have no lifetime: the handle sends it as the action that it is."""
+    known = Known(State(Mode.ARMED, 1), Leases(0), "", "", seen(), HERE, NOW_NS, 0, False)
+    refusal = Admission(DRIVER).service(Perform(1, 1, "set_twist", {"vx": 0.1}), known, NOW_NS)
+    assert refusal is not None and refusal.code == "a_command"
+
+
+def test_the_robots_are_known_by_their_names() -> None:
+    native = list_native_drivers()
+    assert native["stretch"] == native["stretch3"] == "StretchDriver"
+    assert canonical_name("stretch2") == "stretch" and canonical_name("Stretch 3") == "stretch3"
+    assert list_driver_coverage()["stretch3"] == ("lerobot", "strands")
+    assert port_kind("stretch3") == "serial"
