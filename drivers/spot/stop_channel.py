@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_process import OwnProcess
-from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.drivers.common.outcome import Outcome, names_of
 
 from .config import SpotConfig
 
@@ -25,4 +25,4 @@ class SpotStopChannel(OwnProcess[SpotConfig]):
     ANSWER_S: ClassVar[float] = ANSWER_S
 
     def failed(self, why: str) -> Reports:
-        return Outcome(False, False, why).reports(self.config.axes)
+        return Outcome(False, False, why).reports(*names_of(self.config.axes))

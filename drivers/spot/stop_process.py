@@ -8,7 +8,7 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import KeptSession
-from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import SpotConfig
@@ -64,10 +64,10 @@ class EstopChannel(KeptSession[SpotConfig, Session]):
                     session = await self.connect()
                     self.replace(session)
             except WireDown as down:
-                return Outcome(False, False, str(down)).reports(self.config.axes)
+                return Outcome(False, False, str(down)).reports(*names_of(self.config.axes))
             endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
             outcome = await stop_by_estop(session, endpoint, safe_state, STOP_S)
             if not outcome.acknowledged:
                 self.replace(None)  # what it was given may be dead: the next attempt connects anew
-            return outcome.reports(self.config.axes)
-        return Outcome(False, False, "silent").reports(self.config.axes)
+            return outcome.reports(*names_of(self.config.axes))
+        return Outcome(False, False, "silent").reports(*names_of(self.config.axes))

@@ -7,7 +7,7 @@ import trio
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.drivers.common.outcome import Outcome
 
 from . import protocol as p
 from .control import NOTHING_SINCE, EstopEndpoint, FreshState

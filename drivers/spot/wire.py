@@ -16,7 +16,7 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.velocity_base import Outcome
+from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -349,7 +349,7 @@ class SpotWire(Wire):
             session.close_in_order()
 
     def _reports(self, outcome: Outcome, returned: str = "") -> tuple[MotorReport, ...]:
-        reports = outcome.reports(self._config.axes)
+        reports = outcome.reports(*names_of(self._config.axes))
         if not returned or outcome.detail:
             return reports
         return tuple(
