@@ -172,6 +172,7 @@ class Status(Message, frozen=True):
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
     no_standby: str = ""  # why there is no standby, so that nothing may be energised
+    no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
 
 
 # -- inside the wire group

@@ -478,6 +478,7 @@ class Gate(Actor):
             self._facts,
             self._lock.since if self._state.locked_by else "",
             self._no_standby,
+            self._admission.refuse_motion(self._known(), self.context.received_ns),
         )
 
     # -- for a recorder

@@ -158,6 +158,26 @@ def test_start_task_is_refused_by_name(tmp_path: Path) -> None:
 # -- rollouts
 
 
+def test_saf_014_a_rollout_of_a_robot_that_may_not_move_is_refused_at_the_call(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        for order, sensor, value, code in (
+            ("fsm 1", "fsm", 1, "fsm"),
+            ("fsm 801", "fsm", 801, ""),
+            ("battery 12", "battery_pct", 12, "battery_low"),
+            ("battery 80", "battery_pct", 80, ""),
+        ):
+            g1.order(order, lambda sensor=sensor, value=value: g1.sensor(sensor) == value)  # type: ignore[misc]
+            if code:
+                answer = g1.robot.run_policy(Stand(), duration=1.0)
+                assert answer["status"] == "error", answer
+                assert answer["content"][0]["text"].startswith("run_policy: ")
+                assert answer["content"][1]["json"]["refused"]["code"] == code
+                assert g1.status()["state"] == "armed"  # and not ended by the refusal
+        assert not g1.log.host("setpoint") and not g1.task()["running"]
+        assert g1.robot.run_policy(Stand(), duration=0.5)["status"] == "success"
+        assert g1.wait_for_the_end()["exit_reason"] == "duration"
+
+
 def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         assert g1.robot.run_policy(Stand(), duration=3.0)["status"] == "success"
