@@ -85,6 +85,9 @@ class Setpoint(Message, frozen=True):
 class Accepted(Message, frozen=True):
     epoch: int
     values: tuple[float, ...]  # the whole target, axis order, the driver's units
+    sensors: dict[str, tuple[float, ...]] = msgspec.field(
+        default_factory=dict
+    )  # ``Driver.ANSWERS_WITH``, as last read
 
 
 class Stop(Message, frozen=True):

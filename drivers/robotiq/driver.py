@@ -8,18 +8,19 @@ in a hold is that the gripper closes again by itself when the object slips.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import AXIS, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
-from .protocol import ACTIVATION_S
+from .protocol import ACTIVATION_S, counts_of
 from .robots import TABLES, UNIT
 
 _HOW: Mapping[str, Mapping[str, str]] = {
@@ -56,6 +57,7 @@ class Robotiq(Driver):
         STATUS,
         STOP,
     )
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("contact",)
     ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(RobotiqOptions)
 
@@ -98,12 +100,34 @@ class Robotiq(Driver):
         return {AXIS: values[POSITION]}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """``position`` is the closed fraction, whatever key it was asked for with [assumed]."""
+        """``gripper`` is the closed fraction; ``position``, ``speed`` and ``force`` are what goes
+        over the wire: counts, 0 to 255."""
+        position, speed, force = (counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         return {
             "robot": self.robot,
             "commanded_key": self.keys.places_in(action)[0],
-            "position": round(values[POSITION], 4),
+            AXIS: round(values[POSITION], 4),
+            "position": position,
             "aperture_mm": round(self.config.aperture_mm(values[POSITION]), 2),
-            "speed": values[SPEED],
-            "force": values[FORCE],
+            "speed": speed,
+            "force": force,
         }
+
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        return {**self.commanded(action, values), "holding": holding(sensors)}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        sensors = observation.sensors
+        told: dict[str, Any] = {"position": counts_of(observation.position[0]), "holding": holding(sensors)}
+        if "aperture_mm" in sensors:
+            told["aperture_mm"] = round(sensors["aperture_mm"][0], 2)
+        return told
+
+
+def holding(sensors: Mapping[str, tuple[float, ...]]) -> bool | None:
+    """Return whether the fingers have met something, as last read; None while that is not known:
+    they move, or have not taken the last command yet."""
+    contact = sensors.get("contact", (math.nan,))[0]
+    return None if math.isnan(contact) else contact != 0.0

@@ -44,7 +44,7 @@ class Keys:
         self._index = {axis.key: at for at, axis in enumerate(self._axes)}
         self._places = (AXIS, f"{AXIS}.pos", "position", "aperture_mm")
         self._names = (*self._places, "speed", "force")
-        self._in_range = past_range(self._axes)
+        self._in_range = past_range(self._axes, measured=False)
 
     def places_in(self, action: Iterable[object]) -> list[str]:
         """Return the keys that say where to go."""

@@ -15,11 +15,11 @@ gently, bring it to a pose from which it cannot fall before the policy ends.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
 from strands_actors.kernel.messages import Refused
@@ -45,6 +45,18 @@ class LegsOptions(DriverOptions, frozen=True):
     ] = ""
 
 
+IMU: Mapping[str, str] = {
+    "rpy": "rpy_rad",
+    "gyro": "gyro_rad_s",
+    "accel": "acceleration_m_s2",
+    "quaternion": "orientation_wxyz",
+    "gyroscope": "gyro_rad_s",
+    "accelerometer": "acceleration_m_s2",
+}
+"""Field to sensor. Subscribers of strands-robots read ``gyroscope`` and ``accelerometer`` of legs,
+and ``gyro`` and ``accel`` of other robots."""
+
+
 class _Legs(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.unitree.wire:UnitreeWire"
@@ -58,15 +70,7 @@ class _Legs(Driver):
         "use mode='real', transport='twin': its twin has them"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        Sensor(
-            "imu",
-            {
-                "rpy": "rpy_rad",
-                "gyro": "gyro_rad_s",
-                "accel": "acceleration_m_s2",
-                "quaternion": "orientation_wxyz",
-            },
-        ),
+        Sensor("imu", IMU),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
@@ -122,12 +126,40 @@ class _Legs(Driver):
             "unit": self.unit,
         }
 
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        return {**self.commanded(action, values), **telling(sensors)}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        told = telling(observation.sensors)
+        pct = observation.sensors.get("battery_pct")
+        told["battery_pct"] = None if pct is None else pct[0]
+        told["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
+        return told
+
     def energised(self, safe_state: str) -> bool:
         return False
 
 
+def telling(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
+    """Return what the robot said of who controls it, under the names of strands-robots; nothing
+    of what it has not."""
+    return {field: kind(sensors[name][0]) for field, (name, kind) in _TELLING.items() if name in sensors}
+
+
+_TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
+    "fsm_id": ("fsm", int),
+    "mode_machine": ("mode_machine", int),
+    "sport_mode_released": ("sport_mode_released", bool),
+}
+"""Field to sensor, and what it is."""
+
+
 class G1Driver(_Legs):
     """Commanded while its FSM is in 500, 501 or 801."""
+
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("fsm", "mode_machine")
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("unitree_g1",)
     ALIASES: ClassVar[Mapping[str, str]] = {
@@ -137,6 +169,8 @@ class G1Driver(_Legs):
 
 class Go2Driver(_Legs):
     """Commanded once their own controller has been released."""
+
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("sport_mode_released",)
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(name for name in TABLES.robots if name != "unitree_g1")
     ALIASES: ClassVar[Mapping[str, str]] = {

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
@@ -19,6 +19,7 @@ from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from .arms import TABLES, arm_of
 from .config import URConfig
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ, all_gates
+from .protocol import RobotMode, SafetyMode, mode_name
 
 
 class UROptions(DriverOptions, frozen=True):
@@ -84,3 +85,21 @@ class UR(Driver):
         named = {str(key).removesuffix(".pos") for key in action}
         targets = {joint: rad for joint, rad in self.as_json(values).items() if joint in named}
         return {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": self.period_s}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        sensors = observation.sensors
+        told: dict[str, Any] = {"model": self.robot}
+        for field, name in _READINGS.items():
+            told[field] = list(sensors[name]) if name in sensors else None
+        for field, modes in (("robot_mode", RobotMode), ("safety_mode", SafetyMode)):
+            told[field] = mode_name(modes, round(sensors[field][0])) if field in sensors else None
+        return told
+
+
+_READINGS: Mapping[str, str] = {
+    "tcp_pose": "tcp_pose_m_rad",
+    "tcp_speed": "tcp_speed_m_s_rad_s",
+    "wrench": "wrench_n_nm",
+}
+"""Pose: metres, then a rotation vector; wrench: newtons, then newton metres, at the tool's centre
+in the axes of the base."""

@@ -47,6 +47,8 @@ _GETTERS = {
     "actual_qd": "getActualQd",
     "actual_current": "getActualCurrent",
     "actual_TCP_pose": "getActualTCPPose",
+    "actual_TCP_speed": "getActualTCPSpeed",
+    "actual_TCP_force": "getActualTCPForce",
     "joint_temperatures": "getJointTemperatures",
     "robot_mode": "getRobotMode",
     "safety_mode": "getSafetyMode",
@@ -69,6 +71,8 @@ class Sample(NamedTuple):
     velocity: tuple[float, ...]
     current: tuple[float, ...]
     pose: tuple[float, ...]
+    tcp_speed: tuple[float, ...]
+    wrench: tuple[float, ...]  # N and Nm at the tool's centre, in the base's axes
     temperature: tuple[float, ...]
     robot_mode: int
     safety_mode: int

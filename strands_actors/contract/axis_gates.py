@@ -79,10 +79,11 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
     return stale
 
 
-def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
+def past_range(axes: Axes, *, rounding: float = _ROUNDING, measured: bool = True) -> GateCheck:
     """Refuse a target outside the range of its axis, unless it keeps an axis that is past its end
     where it is, or brings it back. ``rounding``: what numbers may lose on the way to the robot and
-    back, so that an axis at its end is within."""
+    back, so that an axis at its end is within. ``measured``: the axes are those of the
+    observation; else a target outside is refused wherever the robot is."""
     ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
@@ -90,7 +91,7 @@ def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
         for at in candidate.named:
             value, (least, most) = values[at], ends[at]
             # not (a <= b) rather than b < a: a NaN is refused too
-            if not least <= value <= most and not _no_further(axes[at], at, value, state):
+            if not least <= value <= most and not (measured and _no_further(axes[at], at, value, state)):
                 return _past_range(axes[at], value)
         return None
 

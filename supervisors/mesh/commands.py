@@ -195,7 +195,7 @@ class Commands(Actor):
         answer = await self._gate.ask(setpoint, ASK_S)
         if not isinstance(answer, messages.Accepted):
             return _no_answer(answer)
-        return self._driver.commanded(move.targets, answer.values)
+        return self._driver.accepted(move.targets, answer.values, answer.sensors)
 
     # -- reading
 
@@ -204,7 +204,11 @@ class Commands(Actor):
         if not isinstance(answer, Observation):
             return _no_answer(answer)
         age_s = (self.context.clock.now_ns() - answer.t_ns) / NS
-        return {"joints": self._driver.as_json(answer.position), "unit": self._driver.unit, "age_s": age_s}
+        return {
+            "joints": self._driver.as_telemetry(answer.position),
+            "unit": self._driver.unit,
+            "age_s": age_s,
+        }
 
     async def _status(self) -> dict[str, Any] | Refused:
         status = await self._gate.ask(messages.GetStatus(), ASK_S)

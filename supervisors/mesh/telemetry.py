@@ -149,7 +149,7 @@ class Telemetry(Actor):
             "joints": {},
         }
         if status is not None and observation is not None:
-            state["joints"] = driver.as_json(observation.position)
+            state["joints"] = driver.as_telemetry(observation.position)
             state["age_s"] = status.age_s
             if status.mode in WRITABLE and status.target:
                 state["targets"] = driver.as_json(status.target)

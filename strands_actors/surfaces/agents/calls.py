@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -97,13 +98,15 @@ def read(driver: Driver, given: object) -> Call | Refused:
         return Refused("bad_input", f"tool: the input is {_shown(given)}", f"give an object with action: {names}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
+    if all(value is None for value in given.values()):
+        wanted = "status"  # an empty input asks how the robot is
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
     if verb is None:
         what = "no action is given" if said is None else f"{_shown(said)} is not a verb of {driver.robot}"
         return Refused("unknown_verb", f"tool: {what}", f"use {names}", _shown(said), names)
     if verb.does == "stop":
         return Call(verb)
-    inputs = {name: value for name, value in given.items() if name != "action" and value is not None}
+    inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
     return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and service.moves)
 

@@ -21,6 +21,7 @@ from strands_actors.drivers.unitree.twin import safe_state_of
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import WireLog
 from strands_actors.testing.wirelog import Entry
+from tests.answers import json_of
 from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
 
 
@@ -120,7 +121,11 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
         ):
             assert g1.refused(action)[0] == expected
 
-        assert g1.robot.send_action(fine)["status"] == "success"
+        told = g1.robot.send_action(fine)["content"][0]["json"]
+        assert (told["fsm_id"], told["joints"]) == (801, ["left_elbow"])
+        assert told["mode_machine"] == g1.status()["mode_machine"] == json_of(g1.robot.state())["mode_machine"]
+        assert (g1.status()["battery_pct"], g1.status()["fsm_id"]) == (80.0, 801)
+        assert len(json_of(g1.robot.state())["imu"]["rpy"]) == 3
         wait_until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
         codec = CommandCodec(model_of("g1"))
         first = codec.decode(g1.log.host("setpoint")[0].data)
@@ -310,7 +315,8 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         assert [entry.data for entry in robot.events("mode")] == [b""]
         joint, rad = next(iter(robot.robot.get_observation().items()))
         wait_until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
-        assert robot.robot.send_action({joint: rad})["status"] == "success"
+        told = json_of(robot.robot.send_action({joint: rad}))
+        assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
         wait_until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
         assert not robot.log.host("garbled")  # its own family's frames
 
