@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
@@ -50,11 +50,8 @@ IMU: Mapping[str, str] = {
     "gyro": "gyro_rad_s",
     "accel": "acceleration_m_s2",
     "quaternion": "orientation_wxyz",
-    "gyroscope": "gyro_rad_s",
-    "accelerometer": "acceleration_m_s2",
 }
-"""Field to sensor. Subscribers of strands-robots read ``gyroscope`` and ``accelerometer`` of legs,
-and ``gyro`` and ``accel`` of other robots."""
+"""Field to sensor."""
 
 
 class _Legs(Driver):
@@ -70,7 +67,7 @@ class _Legs(Driver):
         "use mode='real', transport='twin': its twin has them"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        Sensor("imu", IMU),
+        imu(**IMU),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)

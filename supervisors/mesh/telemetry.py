@@ -65,7 +65,6 @@ class Telemetry(Actor):
         self._robot = robot
         self._driver = driver
         self._rates = rates_of(driver)
-        self._published = frozenset(name for sensor in driver.SENSORS for name in sensor.fields.values())
         self._pubsub = pubsub
         self._task = task
         self._counts = counts
@@ -132,7 +131,7 @@ class Telemetry(Actor):
             "task_status": "running" if task.running else "idle",
             "instruction": task.instruction,
             "action_keys": list(self._driver.axes),
-            "topics": list(self._topics),
+            "topics": self._available(status),
             "pid": os.getpid(),
         }
 
@@ -144,7 +143,11 @@ class Telemetry(Actor):
             "degraded": status is None or status.mode not in WRITABLE,
             "state": _mode(status),
             "epoch": 0 if status is None else status.epoch,
-            "task": {"status": "running" if task.running else "idle", "steps": task.steps},
+            "task": {
+                "status": "running" if task.running else "idle",
+                "instruction": task.instruction,
+                "steps": task.steps,
+            },
             "unit": driver.unit,
             "joints": {},
         }
@@ -156,6 +159,29 @@ class Telemetry(Actor):
             if observation.velocity:
                 state["velocities"] = driver.as_json(observation.velocity)
         return state
+
+    def _available(self, status: Status | None) -> list[str]:
+        """Return the topics; of sensors that only the robot knows, those it has reported. All lidar
+        topics stand as ``lidar``, too, which is their word in strands-robots."""
+        sensors = {} if status is None or status.observation is None else status.observation.sensors
+        topics = [
+            rate.topic
+            for rate in self._rates
+            if rate.sensor is None or not rate.sensor.prefix or rate.sensor.read(sensors)
+        ]
+        return topics + ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
+
+    def _charge_and_heat(self, observation: Observation) -> dict[str, Any]:
+        """Return ``battery_pct`` and ``temps``, where the robot measures them: subscribers of
+        strands-robots look for them here."""
+        told: dict[str, Any] = {}
+        for sensor in self._driver.SENSORS:
+            if sensor.topic == "battery" and (charge := sensor.read(observation.sensors).get("pct")) is not None:
+                told["battery_pct"] = charge
+        heat = observation.sensors.get("temperature_c", ())
+        if len(heat) == len(self._driver.axes):
+            told["temps"] = dict(zip(self._driver.axes, heat, strict=True))
+        return told
 
     def _health(self, status: Status | None) -> dict[str, Any]:
         health: dict[str, Any] = {
@@ -176,8 +202,11 @@ class Telemetry(Actor):
                 "reads": status.reads,
             }
             if status.observation is not None:
+                health |= self._charge_and_heat(status.observation)
                 health["sensors"] = {
-                    name: row for name, row in status.observation.sensors.items() if name not in self._published
+                    name: row
+                    for name, row in status.observation.sensors.items()
+                    if not any(sensor.publishes(name) for sensor in self._driver.SENSORS)
                 }
         return health
 
