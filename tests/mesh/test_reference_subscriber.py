@@ -11,7 +11,6 @@ from strands_actors import Robot
 
 from .subscriber import Subscriber
 
-
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
 
 
