@@ -38,6 +38,7 @@ class SimDriver(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.sim.wire:SimWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.sim.stop_channel:SimStopChannel"
     TWIN: ClassVar[str] = ""
+    SIMULATED: ClassVar[bool] = True
 
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "step": Service(
@@ -47,7 +48,11 @@ class SimDriver(Driver):
             arguments={"steps": 1},
             counts={"steps": MOST_STEPS},
             in_motion=True,
-        )
+        ),
+        "reset": Service(
+            "put everything back to where it began, limp: after a stop, before a resume",
+            within_s=STEP_S,
+        ),
     }
 
     config: SimConfig

@@ -323,6 +323,8 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
+    SIMULATED: ClassVar[bool] = False
+    """Whether it drives a simulation: nobody's approval is needed for it."""
     WHOLE_ACTIONS: ClassVar[bool] = False
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -57,40 +58,6 @@ class Call:
         return command
 
 
-def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
-    """As strands-agents and MCP want it; ``action`` names the verb."""
-    verbs = driver.TOOL_VERBS
-    properties: dict[str, Any] = {
-        "action": {
-            "type": "string",
-            "enum": [verb.name for verb in verbs],
-            "description": " ".join(f"{verb.name}: {verb.says}" for verb in verbs),
-        }
-    }
-    for verb in verbs:
-        for name, schema in verb.inputs.items():
-            properties[name] = _with_axes(schema, driver)
-    return {
-        "name": tool_name,
-        "description": (
-            f"The robot {driver.robot}: {', '.join(driver.axes)}, in {driver.unit}. "
-            "What it must not do it refuses, and says what it would accept."
-        ),
-        "inputSchema": {"json": {"type": "object", "properties": properties, "required": ["action"]}},
-    }
-
-
-def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
-    """An object is keyed by axis."""
-    if schema["type"] != "object":
-        return dict(schema)
-    return {
-        **schema,
-        "properties": {axis: {"type": "number"} for axis in driver.axes},
-        "additionalProperties": False,
-    }
-
-
 def read(driver: Driver, given: object) -> Call | Refused:
     """What a model asks for. A null is an input that is not given; a stop minds no input."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
@@ -132,3 +99,6 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
 
 def _shown(value: object) -> str:
     return repr(value)[:_SHOWN]
+
+
+__all__ = ["Call", "Kind", "read", "tool_spec"]
