@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec import Meta
+
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
@@ -24,8 +26,8 @@ from .protocol import ACTIVATION_S, counts_of
 from .robots import TABLES, UNIT
 
 _HOW: Mapping[str, Mapping[str, str]] = {
-    "speed": {"type": "number", "description": "0 slowest to 1 fastest, the default"},
-    "force": {"type": "number", "description": "0 weakest to 1 strongest, the default"},
+    "speed": {"type": "number", "description": "0 slowest to 1 fastest; else what the robot was made with"},
+    "force": {"type": "number", "description": "0 weakest to 1 strongest; else what the robot was made with"},
 }
 
 
@@ -34,6 +36,12 @@ class RobotiqOptions(DriverOptions, frozen=True):
     stroke_mm: Annotated[
         float | None, option("opening when fully open, to be sure that it is the gripper that was meant")
     ] = None
+    tcp_port: Annotated[
+        Annotated[int, Meta(ge=1, le=65535)] | None,
+        option("TCP port of the gripper's gateway, 1 to 65535, where port= does not name it; None: 502"),
+    ] = None
+    speed: Annotated[float, option("of an action that names none, 0 slowest to 1 fastest", ge=0, le=1)] = 1.0
+    force: Annotated[float, option("of an action that names none, 0 weakest to 1 strongest", ge=0, le=1)] = 1.0
     activate: Annotated[
         bool,
         option(
@@ -88,9 +96,11 @@ class Robotiq(Driver):
         chosen = read_options(robot, RobotiqOptions, self.resolve(robot, options))
         self.robot = TABLES.canonical(robot)
         stroke_mm: float = TABLES.table(robot)["stroke_mm"]
-        self.config = RobotiqConfig(self.robot, port, chosen.unit_id, stroke_mm, chosen.activate)
+        self.config = RobotiqConfig(self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port)
+        if port and chosen.tcp_port is not None:
+            self.config.address()  # a port that says otherwise is told at once
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
-        self.keys = Keys(self.robot, stroke_mm)
+        self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

@@ -40,8 +40,13 @@ class LegsOptions(DriverOptions, frozen=True):
         float, option("charge under which nothing is commanded, 0 to 100 percent", ge=0, le=100)
     ] = BATTERY_FLOOR_PCT
     domain: Annotated[int, option("DDS domain of the robot, 0 to 232", ge=0, le=232)] = 0
-    interface: Annotated[
-        str, option("our own IPv4 address on the robot's network; empty: the one that leads to it")
+    network_interface: Annotated[
+        str,
+        option(
+            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
+            "empty: the one that leads to it",
+            pattern=r"^[A-Za-z0-9_.:@-]{0,15}\Z",
+        ),
     ] = ""
 
 
@@ -71,6 +76,7 @@ class _Legs(Driver):
         Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
+    SPELLINGS: ClassVar[Mapping[str, str]] = {"interface": "network_interface"}
 
     unit = "radians"
     timing = Timing(
@@ -99,7 +105,7 @@ class _Legs(Driver):
         self.robot = model.name
         if self.robot not in self.SUPPORTED_ROBOTS:
             raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
-        self.config = UnitreeConfig(model, port, chosen.interface, chosen.domain)
+        self.config = UnitreeConfig(model, port, chosen.network_interface, chosen.domain)
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec import Meta
+
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
@@ -31,6 +33,13 @@ class UROptions(DriverOptions, frozen=True):
             le=500,
         ),
     ] = CONTROL_HZ
+    rtde_frequency: Annotated[
+        Annotated[float, Meta(ge=25, le=500)] | None,
+        option(
+            "samples and registers a second that are exchanged with the controller, 25 to 500, for one that serves "
+            "other RTDE clients too; None: 125 and 500"
+        ),
+    ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
         None
     )
@@ -77,7 +86,8 @@ class UR(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.period_s = 1 / self.resolve(robot, options)["control_frequency"]
         self.robot = TABLES.canonical(robot)
-        self.config = URConfig(self.robot, port, self.timing.state_ttl_s)
+        rtde_hz = self.resolve(robot, options)["rtde_frequency"]
+        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, rtde_hz)
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
 

@@ -135,7 +135,7 @@ class URWire(Wire):
             host = self._config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        sdk = Sdk(host)
+        sdk = Sdk(host, self._config.rtde_hz)
         facts = await plain.handshake(host)
         await plain.look(host)
         await sdk.open_receive()

@@ -430,7 +430,7 @@ def test_every_end_is_zero_torque_unless_the_user_chose_to_damp() -> None:
     ({"battery_floor_pct": True}, "battery_floor_pct is True"),
     ({"domain": 233}, "domain is 233. .* 0 to 232"),
     ({"domain": "x"}, "domain is 'x'"),
-    ({"interface": 3}, "interface is 3"),
+    ({"network_interface": 3}, "network_interface is 3"),
 ])  # fmt: skip
 def test_options_are_checked(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):

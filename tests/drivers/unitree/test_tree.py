@@ -344,6 +344,12 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
         go2.robot.stop_task()
 
 
+def test_the_interface_may_be_named(tmp_path: Path) -> None:
+    """As ``network_interface="eth0"`` on a robot's network: here the loopback."""
+    with legs(tmp_path, "unitree_go2", network_interface="lo") as go2:
+        assert go2.status()["connected"] is True
+
+
 def test_what_connecting_says(tmp_path: Path) -> None:
     with legs(tmp_path, "unitree_go2") as go2:
         status = go2.status()
