@@ -116,7 +116,8 @@ class RealRobot(RobotTool):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset({"move"})
-    """Verbs of this program that connect by themselves when nobody has."""
+    """Verbs of this program that connect by themselves when nobody has; never to a robot of another
+    host, where connecting resumes one that holds."""
     OTHERS_CONNECT: ClassVar[bool] = False
     """Whether they do so for an agent, too: what energises a robot is for the program to decide."""
 
@@ -191,7 +192,7 @@ class RealRobot(RobotTool):
 
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
-        if self._tree is None and name in self.LAZY and not self._closed:
+        if self._tree is None and name in self.LAZY and not self._closed and not self._plan.at:
             problem = self.connect_eagerly()
             if problem is not None:
                 return f"not connected: {problem.removeprefix('connect: ')}"
