@@ -25,6 +25,7 @@ from strands_actors.supervisors import addresses, messages
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.lease import refuse_by_deadline
 from strands_actors.supervisors.messages import Rollout, StartTask, TaskStatus
 
 from . import schemas as mesh_json
@@ -77,7 +78,7 @@ class Motion:
         """Do what was asked, and answer. ``own``: the lease that the sender has by ``acquire``."""
         try:
             async with self._turn:
-                told = await self._refuse(command) or await self._do(sender, own, command)
+                told = self._refuse(command) or await self._do(sender, own, command)
         except (AskTimeout, Unreachable) as failure:
             told = Refused("unreachable", f"the wire does not answer: {failure}", "resume when the robot is back")
         if isinstance(told, Refused):
@@ -90,8 +91,12 @@ class Motion:
 
     # -- may it
 
-    async def _refuse(self, command: mesh_json.Motion) -> Refused | None:
+    def _refuse(self, command: mesh_json.Motion) -> Refused | None:
         driver, action = self._driver, command.action
+        # It may have waited for another's turn: what is late by now is not done.
+        late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns(), f"{action}: ")
+        if late is not None:
+            return late
         keys: tuple[str, ...] = ()
         match command:
             case mesh_json.Start():
@@ -99,6 +104,11 @@ class Motion:
                     return Refused("no_rollout", f"{action}: {driver.robot}: {why}", "")
                 keys = driver.axes
             case mesh_json.SetJoints():
+                longest_s = driver.timing.oneshot_ttl_s
+                if longest_s is not None and command.duration > longest_s:
+                    why = f"{action}: {driver.robot} keeps no command on its own for {command.duration:g} s"
+                    remedy = f"give a duration of at most {longest_s:g} s, or run a policy"
+                    return Refused("too_long", why, remedy, f"{command.duration:g}", f"{longest_s:g}")
                 keys = driver.to_approve(command.target_joints)
             case _ if action not in driver.SERVICES:
                 why = f"{action}: {driver.robot} is no simulation"
