@@ -18,7 +18,7 @@ no mesh.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from .lean_mujoco import mujoco
@@ -45,6 +45,17 @@ class Row(NamedTuple):
     kg: float
     com: tuple[float, ...] | None
     geom: str | None
+
+
+def with_limits(links: str, limits_of: Callable[[str], str]) -> str:
+    """Return rows whose three columns of range, effort and velocity were left out, with those of
+    each joint, by its key: a robot's table has them once, with its joints."""
+    rows = []
+    for line in links.splitlines():
+        if line.strip():
+            body, parent, key, axis, xyz, rot, kg, com, geom = line.split()
+            rows.append(f"{body} {parent} {key} {axis} {xyz} {rot} {limits_of(key)} {kg} {com} {geom}")
+    return "\n".join(rows)
 
 
 def numbers(text: str) -> tuple[float, ...]:

@@ -13,9 +13,8 @@ from typing import Any, Unpack
 import msgspec
 import trio
 
-from strands_actors.drivers.common.jointed_body import JointedBody
+from strands_actors.drivers.common.controlled_body import ControlledBody
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
@@ -45,33 +44,26 @@ OPTIONS = {
 TICK_S = 0.01
 
 
-class KinovaBody(JointedBody):
-    """The arm as a simulation: as long as no joint speeds drive it, targets come through the
-    simulation control. The base keeps it energised whoever moves it: nothing here makes it limp."""
-
+class KinovaBody(ControlledBody):
     def __init__(self, base: Base) -> None:
         super().__init__(base.plant, base.advance)
         self._base = base
 
     @property
-    def _hand(self) -> Hand:
-        if self._base.driven:
-            return Hand.WIRE
-        return Hand.SIM if self._base.led else Hand.NONE
+    def driven(self) -> bool:
+        return self._base.driven
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self._hand] * len(self.axes)
+    def led(self) -> bool:
+        return self._base.led
 
-    def take(self, on: bool) -> None:
-        if self._hand is (Hand.NONE if on else Hand.SIM):
-            self._base.led = True
-            self.hold()
-            self._base.led = on
+    def lead(self, on: bool) -> None:
+        self._base.led = True
+        self.hold()
+        self._base.led = on
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._hand is Hand.SIM:
-            self._base.lead(list(values))
+    def aim_controller(self, values: Sequence[float]) -> None:
+        self._base.lead(list(values))
 
     def reset(self) -> None:
         super().reset()

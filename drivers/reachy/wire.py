@@ -21,6 +21,8 @@ from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -28,7 +30,7 @@ from strands_actors.kernel.messages import Refused
 from . import protocol as p
 from .config import ReachyConfig
 from .services import Moves, Services
-from .stop import STOP_S, Stopper, nothing_pending, stop_everywhere
+from .stop import STOP_S, Stopper, stop_everywhere
 
 STATUS_S = 10.0
 """Within which the daemon must tell its status."""
@@ -284,7 +286,8 @@ class ReachyWire(Wire):
             detail = await stopper.run(safe_state, STOP_S, pending)
         finally:
             stopper.close()
-        return self._config.reports(stopper.written, stopper.acknowledged, detail)
+        outcome = Outcome(stopper.written, stopper.acknowledged, detail)
+        return outcome.reports(self._config.axes, self._config.ids)
 
     # -- the daemon
 

@@ -5,38 +5,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import JointedBody
-from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.controlled_body import ControlledBody
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .controller import TICK_S, Controller
 
 
-class FrankaBody(JointedBody):
-    """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
-
+class FrankaBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller.plant, lambda: None)  # the controller's own ticks
         self._controller = controller
 
     @property
-    def _hand(self) -> Hand:
-        if self._controller.motion is not None:
-            return Hand.WIRE
-        return Hand.SIM if self._controller.led else Hand.NONE
+    def driven(self) -> bool:
+        return self._controller.motion is not None
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self._hand] * len(self.axes)
+    def led(self) -> bool:
+        return self._controller.led
 
-    def take(self, on: bool) -> None:
-        if self._hand is (Hand.NONE if on else Hand.SIM):
-            self._controller.lead(self._plant.position_rad)
-            self._controller.led = on
+    def lead(self, on: bool) -> None:
+        self._controller.lead(self._plant.position_rad)
+        self._controller.led = on
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._hand is Hand.SIM:
-            self._controller.lead(values)
+    def aim_controller(self, values: Sequence[float]) -> None:
+        self._controller.lead(values)
 
     def step(self, steps: int) -> None:
         for _ in range(round(steps * TIMESTEP_S / TICK_S)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.drivers.common.model_rows import with_limits
 from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 
@@ -13,12 +14,10 @@ def model_table(arm: Arm) -> Mapping[str, Any]:
     the joints."""
     table = TABLES.table(arm.name)
     joints = {joint.key: joint for joint in arm.joints}
-    rows = []
-    for line in table["links"].splitlines():
-        if not line.strip():
-            continue
-        body, parent, key, axis, xyz, rot, kg, com, geom = line.split()
+
+    def limits_of(key: str) -> str:
         joint = joints[key]
-        limits = f"{-joint.reach_rad},{joint.reach_rad} {joint.effort_nm} {joint.speed_rad_s}"
-        rows.append(f"{body} {parent} {key} {axis} {xyz} {rot} {limits} {kg} {com} {geom}")
-    return {**table, "joints": [{"key": key} for key in arm.axes], "model_rows": "\n".join(rows)}
+        return f"{-joint.reach_rad},{joint.reach_rad} {joint.effort_nm} {joint.speed_rad_s}"
+
+    rows = with_limits(table["links"], limits_of)
+    return {**table, "joints": [{"key": key} for key in arm.axes], "model_rows": rows}

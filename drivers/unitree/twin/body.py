@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from strands_actors.drivers.common.legged_body import LeggedBody
+from strands_actors.drivers.common.model_rows import with_limits
 from strands_actors.drivers.unitree.robots import TABLES, Model
 
 
@@ -10,12 +11,9 @@ def body_of(model: Model) -> LeggedBody:
     """Limits, torque and speed come from the joints, the rest from ``links``."""
     table = TABLES.table(model.name)
     joints = {joint.key: joint for joint in model.joints}
-    rows = []
-    for line in table["links"].splitlines():
-        if not line.strip():
-            continue
-        body, parent, key, axis, xyz, rot, kg, com, geom = line.split()
+
+    def limits_of(key: str) -> str:
         joint = joints[key]
-        limits = f"{joint.low},{joint.high} {joint.torque} {joint.speed}"
-        rows.append(f"{body} {parent} {key} {axis} {xyz} {rot} {limits} {kg} {com} {geom}")
-    return LeggedBody({**table, "model_rows": "\n".join(rows)}, model.axes)
+        return f"{joint.low},{joint.high} {joint.torque} {joint.speed}"
+
+    return LeggedBody({**table, "model_rows": with_limits(table["links"], limits_of)}, model.axes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import JointedBody
+from strands_actors.drivers.common.controlled_body import ControlledBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
@@ -13,34 +13,28 @@ from .controller import Controller
 from .motion import Hold, Servo
 
 
-class URBody(JointedBody):
-    """The controller keeps its arm energised whoever moves it: nothing here makes it limp."""
-
+class URBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller.plant, lambda: None)  # the controller's own ticks
         self._controller = controller
 
     @property
-    def _hand(self) -> Hand:
-        if self._controller.busy:
-            return Hand.WIRE
-        return Hand.SIM if self._controller.led else Hand.NONE
+    def driven(self) -> bool:
+        return self._controller.busy
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self._hand] * len(self.axes)
+    def led(self) -> bool:
+        return self._controller.led
 
-    def take(self, on: bool) -> None:
-        if self._hand is (Hand.NONE if on else Hand.SIM):
-            self._controller.move(Hold())
-            self._controller.led = on
+    def lead(self, on: bool) -> None:
+        self._controller.move(Hold())
+        self._controller.led = on
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._hand is Hand.SIM:
-            self._controller.move(Servo(values))
+    def aim_controller(self, values: Sequence[float]) -> None:
+        self._controller.move(Servo(values))
 
     def hold(self) -> None:
-        if self._hand is Hand.SIM:
+        if self.hand is Hand.SIM:
             self._controller.move(Hold())
 
     def step(self, steps: int) -> None:

@@ -4,41 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.jointed_body import JointedBody
+from strands_actors.drivers.common.controlled_body import ControlledBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 from .controller import Controller
 
 
-class XArmBody(JointedBody):
-    """The controller holds its arm, or its brakes do, whoever moves it: nothing here makes it
-    limp."""
-
+class XArmBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller.plant, lambda: None)  # the controller's own ticks
         self._controller = controller
 
     @property
-    def _hand(self) -> Hand:
-        if self._controller.runs:
-            return Hand.WIRE
-        return Hand.SIM if self._controller.led else Hand.NONE
+    def driven(self) -> bool:
+        return self._controller.runs
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self._hand] * len(self.axes)
+    def led(self) -> bool:
+        return self._controller.led
 
-    def take(self, on: bool) -> None:
-        if self._hand is (Hand.NONE if on else Hand.SIM):
-            self._controller.lead(on)
+    def lead(self, on: bool) -> None:
+        self._controller.lead(on)
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._hand is Hand.SIM:
-            self._controller.aim(values)
+    def aim_controller(self, values: Sequence[float]) -> None:
+        self._controller.aim(values)
 
     def hold(self) -> None:
-        if self._hand is Hand.SIM:
+        if self.hand is Hand.SIM:
             self._controller.hold()
 
     def step(self, steps: int) -> None:

@@ -70,7 +70,8 @@ class TwinProcess:
         self.process.stdin.flush()
 
     def log(self) -> list[Mapping[str, Any]]:
-        return [json.loads(line) for line in self.log_path.read_text().splitlines()]
+        *lines, _unfinished = self.log_path.read_text().split("\n")  # the twin may be writing its last line
+        return [json.loads(line) for line in lines]
 
     def logged(self, source: str) -> list[tuple[str, str]]:
         """Kind and hex of every frame of one side."""
