@@ -39,7 +39,7 @@ class Patience(NamedTuple):
     wire by then never will."""
 
     ask_s: float = 0.5
-    status_s: float = 0.4
+    status_s: float = 0.1
     stop_s: float = 2.0  # of the gate; it may take longer, as the driver says
     command_s: float = 0.25
 

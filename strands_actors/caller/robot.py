@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import threading
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
@@ -129,6 +130,8 @@ class RealRobot(RobotTool):
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
+        self._asked_to_connect = False
+        self._connecting_first = threading.Lock()
         self._observing = verbs.Observing()
         self._completing = trio.Lock()  # two threads may connect at once
 
@@ -192,16 +195,30 @@ class RealRobot(RobotTool):
 
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
-        if self._tree is None and name in self.LAZY and not self._closed and not self._plan.at:
-            problem = self.connect_eagerly()
+        if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
+            problem = self._connect_first()
             if problem is not None:
                 return f"not connected: {problem.removeprefix('connect: ')}"
         return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    def _connect_first(self) -> str | None:
+        """Connect once, whichever thread is first: the others wait for it. Not tried again when
+        there is a tree: a stop during bring-up must stand."""
+        with self._connecting_first:
+            if self._asked_to_connect:
+                return None
+            problem = self._connect_now()
+            self._asked_to_connect = self._opened is not None
+            return problem
 
     # -- lifecycle
 
     def connect_eagerly(self) -> str | None:
         """Start the tree, connect, and arm at the measured position. None, or why not."""
+        self._asked_to_connect = True
+        return self._connect_now()
+
+    def _connect_now(self) -> str | None:
         if self._closed:
             return f"connect: {_CLEANED_UP}"
         try:

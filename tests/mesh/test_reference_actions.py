@@ -271,7 +271,7 @@ def test_a_simulation_steps_and_is_put_back(simulated: RealRobot) -> None:
 
 def test_who_is_there_and_asking_all() -> None:
     with Robot("so101") as one, Robot("koch") as other:
-        assert one.is_connected and other.is_connected
+        until(lambda: one.is_connected and other.is_connected, "both are there")
         peers = get_peers()
         assert [peer["peer_id"] for peer in peers] == ["koch", "so101"]
         assert all(peer["type"] == "robot" and peer["reachable"] and peer["age"] < 2.0 for peer in peers)

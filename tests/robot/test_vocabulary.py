@@ -12,6 +12,7 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
+from strands_actors.caller.tree import RobotTree
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, task, until, why
 
@@ -36,6 +37,23 @@ def test_a_first_command_that_cannot_connect_says_why(new_arm: NewArm) -> None:
     text = why(arm.send_action({"shoulder_pan": 10.0}))
     assert text.startswith("move: not connected: ") and "/dev/nowhere" in text
     assert "not connected" in why(arm.send_action({"shoulder_pan": 10.0}))
+
+
+def test_saf_009_a_stop_while_the_first_command_connects_stands(
+    twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next command does not energise what was stopped."""
+    arm = new_arm(port=twin.port)
+    connected: list[bool] = []
+
+    async def stopped(tree: RobotTree, arm: bool = True) -> str:
+        connected.append(arm)
+        return "connect: stopped meanwhile"
+
+    monkeypatch.setattr(RobotTree, "connect", stopped)
+    assert why(arm.send_action({"shoulder_pan": 10.0})) == "move: not connected: stopped meanwhile"
+    assert "call connect_eagerly() first" in why(arm.send_action({"shoulder_pan": 10.0}))
+    assert connected == [True]
 
 
 def test_two_threads_may_both_be_first(twin: Twin, new_arm: NewArm) -> None:
@@ -97,7 +115,7 @@ def test_the_servos_can_be_read_as_lerobots_are(arm: RealRobot) -> None:
 
 
 def test_a_silent_servo_is_not_read_to_be_where_it_was(arm: RealRobot, twin: Twin) -> None:
-    twin.fault("off", motor=3)
+    twin.fault("off:3")
     until(lambda: "elbow_flex" not in arm.bus.sync_read(), "it is left out")
     assert "gripper" in arm.bus.sync_read()
 
