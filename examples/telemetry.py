@@ -28,7 +28,9 @@ def endpoints() -> list[str]:
 def show(sample: zenoh.Sample) -> None:
     told = json.loads(sample.payload.to_string())
     stamp = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
-    joints = " ".join(f"{joint}={value:.1f}" for joint, value in told["joints"].items())
+    joints = " ".join(
+        f"{joint}={value:.1f}" for joint, value in told["joints"].items() if not joint.endswith(".pos")
+    )
     print(f"{sample.key_expr} #{stamp.get('seq')} {told['state']}: {joints}", flush=True)
 
 

@@ -25,7 +25,19 @@ if TYPE_CHECKING:
         register_native_driver,
         register_robot,
     )
-    from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
+    from .surfaces.mesh import (
+        TLS,
+        Access,
+        MeshConfig,
+        broadcast,
+        control,
+        estop,
+        estop_button,
+        get_peers,
+        open_mesh,
+        resume,
+        tell,
+    )
     from .surfaces.recording import RecordingError, read, record, replay
 
 _WHERE = {
@@ -38,7 +50,19 @@ _WHERE = {
         "register_robot",
     ),
     "caller.robot": ("Robot", "open_robot"),
-    "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
+    "surfaces.mesh": (
+        "TLS",
+        "Access",
+        "MeshConfig",
+        "broadcast",
+        "control",
+        "estop",
+        "estop_button",
+        "get_peers",
+        "open_mesh",
+        "resume",
+        "tell",
+    ),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
 
@@ -50,9 +74,11 @@ __all__ = [
     "RecordingError",
     "Robot",
     "__version__",
+    "broadcast",
     "control",
     "estop",
     "estop_button",
+    "get_peers",
     "list_driver_coverage",
     "list_native_drivers",
     "list_robots",
@@ -64,6 +90,7 @@ __all__ = [
     "register_robot",
     "replay",
     "resume",
+    "tell",
 ]
 
 

@@ -85,6 +85,9 @@ class Setpoint(Message, frozen=True):
 class Accepted(Message, frozen=True):
     epoch: int
     values: tuple[float, ...]  # the whole target, axis order, the driver's units
+    sensors: dict[str, tuple[float, ...]] = msgspec.field(
+        default_factory=dict
+    )  # ``Driver.ANSWERS_WITH``, as last read
 
 
 class Stop(Message, frozen=True):
@@ -172,6 +175,7 @@ class Status(Message, frozen=True):
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
     no_standby: str = ""  # why there is no standby, so that nothing may be energised
+    no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
 
 
 # -- inside the wire group

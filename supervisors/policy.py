@@ -20,6 +20,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Observation
+from strands_actors.contract.positions import Positions
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import gc_freeze as heap
@@ -288,7 +289,7 @@ class Policy(Actor):
         if not isinstance(observation, Observation):
             await self._end("gate", getattr(observation, "text", "no observation"))
             return None
-        return dict(zip(self._rollout.axes, observation.position, strict=True))
+        return Positions(zip(self._rollout.axes, observation.position, strict=True))
 
     async def _acquire(self) -> bool:
         """Only when the first action is there: until then the robot is the caller's."""

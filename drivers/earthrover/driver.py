@@ -16,7 +16,7 @@ from strands_actors.contract.axis_gates import axis_gates
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
@@ -51,6 +51,7 @@ class EarthRover(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(EarthRoverOptions)
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         Sensor("battery", {"pct": "battery_pct"}),
+        imu(gyro="gyros", accel="accels"),  # as the rover tells them: its units are not documented
         Sensor("pose", {"gps": "latitude_longitude_deg", "heading": "heading_deg"}),
     )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (

@@ -22,7 +22,7 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, place
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -47,7 +47,9 @@ class Kinova(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.kinova.wire:KinovaWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_position": "tool_position_m"}),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        place("tool_position_m", frame="base", tcp_position="tool_position_m"),
+    )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)

@@ -24,12 +24,14 @@ import msgspec
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing, WireDown
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.kernel.messages import Refused
 
 from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
 from .gates import CONDITIONS, all_gates
-from .members import declared_by
+from .members import SENSED, declared_by
 from .place import place_of_class
 
 MARGIN_S = 0.5
@@ -51,7 +53,7 @@ class PlainDriver(Driver):
     TWIN: ClassVar[str] = ""
     SECRETS: ClassVar[frozenset[str]] = frozenset({"secrets"})
     SIMULATION: ClassVar[str] = "a driver class of your own has none"
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, SENSORS, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, READ_SENSORS, STATUS, STOP)
 
     fallbacks: Mapping[Reason, str] = {
         reason: str(SafeState.OFF if reason in LEAVING else SafeState.STOP) for reason in Reason
@@ -62,6 +64,7 @@ class PlainDriver(Driver):
     bound_s = 1.0
     """And what the class takes to connect and to stop."""
     conditions = CONDITIONS
+    SENSORS: ClassVar[tuple[Sensor, ...]] = tuple(Sensor(topic, prefix=f"{topic}.") for topic in SENSED)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.robot = robot

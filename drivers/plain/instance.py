@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .config import PlainConfig
-from .members import failure_of
+from .members import SENSED, failure_of, rows_of
 from .place import load_class
 
 _log = logging.getLogger("strands_actors")
@@ -22,6 +22,8 @@ class Instance:
         self._class: type[Any] | None = None
         self._object: Any = None
         self._loop: Any = None
+        self.sensed: dict[str, tuple[float, ...]] = {}
+        """Of the last observation: topic and field, ``imu.rpy``, to numbers."""
 
     @property
     def made(self) -> Any:
@@ -91,9 +93,27 @@ class Instance:
             if failure := failure_of(answer):
                 return failure
             observed = answer
+            self.sensed = {
+                name: row
+                for topic, attributes in SENSED.items()
+                for name, row in rows_of(topic, self._sense(attributes)).items()
+            }
             return "" if answer else "it is empty"
 
         return _told("get_observation", run) or observed if self.observes else {}
+
+    def _sense(self, attributes: tuple[str, ...]) -> Any:
+        """Return the first of these members that has a value. One that raises has none: a sensor
+        that fails must not take the positions with it."""
+        for name in attributes:
+            try:
+                value = getattr(self._object, name, None)
+            except Exception as error:  # a property of the user's code may raise anything
+                _log.debug("%s.%s raised", self._config.name, name, exc_info=error)
+                continue
+            if value is not None:
+                return value
+        return None
 
     def send(self, action: Mapping[str, float]) -> str:
         """Give the object one action."""

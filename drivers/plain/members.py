@@ -74,6 +74,40 @@ def keys_of(observation: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple([key for key in keys if key.endswith(".pos")] or keys)
 
 
+SENSED: Mapping[str, tuple[str, ...]] = {
+    "pose": ("_pose", "_slam_pose", "_odom_pose"),
+    "imu": ("_imu",),
+    "odom": ("_odom",),
+    "battery": ("_battery",),
+    "lidar/summary": ("_lidar_summary",),
+    "lidar/state": ("_lidar_state",),
+}
+"""Topic of the mesh to the members of the page that it is read from, the first that has a value."""
+
+MOST_FIELDS = 32
+LONGEST_ROW = 16
+
+
+def rows_of(topic: str, record: Any) -> dict[str, tuple[float, ...]]:
+    """Return the numbers of a sensor's record under ``<topic>.<field>``; what is neither a number
+    nor a short row of them is left out. A battery may be its charge alone."""
+    if topic == "battery" and number(record) is not None:
+        record = {"pct": record}
+    if not isinstance(record, Mapping):
+        return {}
+    rows = {f"{topic}.{field}": row for field, value in record.items() if (row := _row(value))}
+    return dict(list(rows.items())[:MOST_FIELDS])
+
+
+def _row(value: Any) -> tuple[float, ...]:
+    """Return a number, or a row of numbers of any library, as floats; empty when it is none."""
+    value = value.tolist() if callable(getattr(value, "tolist", None)) else value
+    parts = value if isinstance(value, list | tuple) else [value]
+    numbers_ = [number(part) for part in parts]
+    known = tuple(part for part in numbers_ if part is not None)
+    return known if 0 < len(known) == len(parts) <= LONGEST_ROW else ()
+
+
 def number(value: Any) -> float | None:
     """Return a number of any library as a finite float, else None."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):

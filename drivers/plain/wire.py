@@ -48,6 +48,7 @@ class PlainWire(Wire):
         self._alive: tuple[int, int] | None = None
         self._position = [math.nan] * len(config.axes)
         self._stamp_ns = [0] * len(config.axes)
+        self._sensed: dict[str, tuple[float, ...]] = {}
         self._read_ns = 0
         self._refused: dict[str, str] = {}
         self._ended = ""  # what went wrong when the object was given up
@@ -152,6 +153,7 @@ class PlainWire(Wire):
             return answer
         self._read_ns = asked_ns
         self._take(answer, asked_ns)
+        self._sensed = self._instance.sensed
         return ""
 
     def _take(self, observed: Mapping[str, Any], asked_ns: int) -> None:
@@ -163,7 +165,11 @@ class PlainWire(Wire):
     def _observation(self, trouble: str = "") -> Observation:
         silent = dict.fromkeys(self._config.axes, f"silent ({trouble})") if trouble else {}
         return Observation(
-            self._read_ns, tuple(self._position), tuple(self._stamp_ns), faults={**silent, **self._refused}
+            self._read_ns,
+            tuple(self._position),
+            tuple(self._stamp_ns),
+            sensors=self._sensed,
+            faults={**silent, **self._refused},
         )
 
 

@@ -17,7 +17,7 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, imu, place
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -55,8 +55,14 @@ class Reachy(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(ReachyOptions)
     ROLLOUTS: ClassVar[str] = "its daemon plays moves by itself and takes no stream of a policy"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        Sensor("imu", {"accel": "accelerometer_m_s2", "gyro": "gyroscope_rad_s", "orientation": "quaternion_wxyz"}),
-        Sensor("pose", {"xyz": "head_xyz_m", "rpy": "head_rpy_rad"}),
+        imu(
+            rpy="imu_rpy_rad",
+            gyro="gyroscope_rad_s",
+            accel="accelerometer_m_s2",
+            quaternion="quaternion_wxyz",
+            orientation="quaternion_wxyz",
+        ),
+        place("head_xyz_m", rpy="head_rpy_rad", frame="base", quat="quaternion_wxyz"),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     SERVICES: ClassVar[Mapping[str, Service]] = verbs.SERVICES

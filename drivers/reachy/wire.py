@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
@@ -214,6 +215,7 @@ class ReachyWire(Wire):
                     self._sensors["accelerometer_m_s2"] = imu.accelerometer_m_s2
                     self._sensors["gyroscope_rad_s"] = imu.gyroscope_rad_s
                     self._sensors["quaternion_wxyz"] = imu.quaternion_wxyz
+                    self._sensors["imu_rpy_rad"] = roll_pitch_yaw(imu.quaternion_wxyz)
                     self._sensors["imu_temperature_c"] = (imu.temperature_c,)
         except MalformedFrame as malformed:
             self._problem = str(malformed)  # ``read`` tells when it lasts

@@ -19,10 +19,15 @@ class RobotiqConfig(msgspec.Struct, frozen=True):
     stroke_mm: float
     activate: bool
     """Whether arming may activate the gripper, which moves its fingers."""
+    tcp_port: int | None = None
 
     def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address."""
-        return parse_address(self.port, TCP_PORT)
+        """Return host and port. Raise ``ValueError`` for a ``port`` that is no address, or names
+        another one than ``tcp_port``."""
+        host, number = parse_address(self.port, self.tcp_port or TCP_PORT)
+        if self.tcp_port not in (None, number):
+            raise ValueError(f"port is {self.port!r} and tcp_port {self.tcp_port}. Give one of the two")
+        return host, number
 
     def aperture_mm(self, closed: float) -> float:
         """Return the nominal opening: the real scale is not linear at its ends [assumed]."""

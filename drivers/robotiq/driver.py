@@ -8,23 +8,26 @@ in a hold is that the gripper closes again by itself when the object slips.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec import Meta
+
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import AXIS, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
-from .protocol import ACTIVATION_S
+from .protocol import ACTIVATION_S, counts_of
 from .robots import TABLES, UNIT
 
 _HOW: Mapping[str, Mapping[str, str]] = {
-    "speed": {"type": "number", "description": "0 slowest to 1 fastest, the default"},
-    "force": {"type": "number", "description": "0 weakest to 1 strongest, the default"},
+    "speed": {"type": "number", "description": "0 slowest to 1 fastest; else what the robot was made with"},
+    "force": {"type": "number", "description": "0 weakest to 1 strongest; else what the robot was made with"},
 }
 
 
@@ -33,6 +36,12 @@ class RobotiqOptions(DriverOptions, frozen=True):
     stroke_mm: Annotated[
         float | None, option("opening when fully open, to be sure that it is the gripper that was meant")
     ] = None
+    tcp_port: Annotated[
+        Annotated[int, Meta(ge=1, le=65535)] | None,
+        option("TCP port of the gripper's gateway, 1 to 65535, where port= does not name it; None: 502"),
+    ] = None
+    speed: Annotated[float, option("of an action that names none, 0 slowest to 1 fastest", ge=0, le=1)] = 1.0
+    force: Annotated[float, option("of an action that names none, 0 weakest to 1 strongest", ge=0, le=1)] = 1.0
     activate: Annotated[
         bool,
         option(
@@ -56,6 +65,7 @@ class Robotiq(Driver):
         STATUS,
         STOP,
     )
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("contact",)
     ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(RobotiqOptions)
 
@@ -86,9 +96,11 @@ class Robotiq(Driver):
         chosen = read_options(robot, RobotiqOptions, self.resolve(robot, options))
         self.robot = TABLES.canonical(robot)
         stroke_mm: float = TABLES.table(robot)["stroke_mm"]
-        self.config = RobotiqConfig(self.robot, port, chosen.unit_id, stroke_mm, chosen.activate)
+        self.config = RobotiqConfig(self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port)
+        if port and chosen.tcp_port is not None:
+            self.config.address()  # a port that says otherwise is told at once
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
-        self.keys = Keys(self.robot, stroke_mm)
+        self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
@@ -98,12 +110,34 @@ class Robotiq(Driver):
         return {AXIS: values[POSITION]}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """``position`` is the closed fraction, whatever key it was asked for with [assumed]."""
+        """``gripper`` is the closed fraction; ``position``, ``speed`` and ``force`` are what goes
+        over the wire: counts, 0 to 255."""
+        position, speed, force = (counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         return {
             "robot": self.robot,
             "commanded_key": self.keys.places_in(action)[0],
-            "position": round(values[POSITION], 4),
+            AXIS: round(values[POSITION], 4),
+            "position": position,
             "aperture_mm": round(self.config.aperture_mm(values[POSITION]), 2),
-            "speed": values[SPEED],
-            "force": values[FORCE],
+            "speed": speed,
+            "force": force,
         }
+
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        return {**self.commanded(action, values), "holding": holding(sensors)}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        sensors = observation.sensors
+        told: dict[str, Any] = {"position": counts_of(observation.position[0]), "holding": holding(sensors)}
+        if "aperture_mm" in sensors:
+            told["aperture_mm"] = round(sensors["aperture_mm"][0], 2)
+        return told
+
+
+def holding(sensors: Mapping[str, tuple[float, ...]]) -> bool | None:
+    """Return whether the fingers have met something, as last read; None while that is not known:
+    they move, or have not taken the last command yet."""
+    contact = sensors.get("contact", (math.nan,))[0]
+    return None if math.isnan(contact) else contact != 0.0

@@ -21,18 +21,17 @@ weakest to 1 strongest."""
 _PLACES = 3
 """Keys that say where to go; the first is how far closed, the others how wide open."""
 
-_AT_BEST = (math.nan,) * _PLACES + (1.0, 1.0)
-"""What the keys mean that an action does not name: full speed and force."""
-
 _BARE = GateState(0, Observation(0, (), ()), (), 0, stream=False)
 """A range asks for nothing of the gripper."""
 
 
 class Keys:
-    """The keys of an action: how far closed, or how wide open, and how."""
+    """The keys of an action: how far closed, or how wide open, and how. ``speed``, ``force``: what
+    an action means that does not name them."""
 
-    def __init__(self, robot: str, stroke_mm: float) -> None:
+    def __init__(self, robot: str, stroke_mm: float, speed: float = 1.0, force: float = 1.0) -> None:
         self._robot = robot
+        self._unnamed = (math.nan,) * _PLACES + (speed, force)
         self._stroke_mm = stroke_mm
         self._axes = (
             _fraction(AXIS),
@@ -44,7 +43,7 @@ class Keys:
         self._index = {axis.key: at for at, axis in enumerate(self._axes)}
         self._places = (AXIS, f"{AXIS}.pos", "position", "aperture_mm")
         self._names = (*self._places, "speed", "force")
-        self._in_range = past_range(self._axes)
+        self._in_range = past_range(self._axes, measured=False)
 
     def places_in(self, action: Iterable[object]) -> list[str]:
         """Return the keys that say where to go."""
@@ -64,7 +63,7 @@ class Keys:
         if not given:
             said = ", ".join(action) or "{}"
             return Refused("empty", "move: the action says no position", f"use one of {places}", said, places)
-        parsed = parse_action(action, self._robot, self._axes, self._index, _AT_BEST)
+        parsed = parse_action(action, self._robot, self._axes, self._index, self._unnamed)
         if isinstance(parsed, Refused):
             return parsed
         asked = Candidate(*parsed)

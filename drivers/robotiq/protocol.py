@@ -31,6 +31,11 @@ _GO_TO = 0x08
 _RELEASE = 0x10
 
 
+def counts_of(fraction: float) -> int:
+    """Return a fraction as a register has it."""
+    return round(TOP * fraction)
+
+
 class Activation(enum.IntEnum):
     """gSTA."""
 

@@ -122,7 +122,7 @@ class RobotiqWire(Wire):
         session = self._session()
         if not session.status.active:  # being told to go would activate it
             raise WireDown("write: the gripper is not activated. Activate it first")
-        position, speed, force = (round(protocol.TOP * values[slot]) for slot in (POSITION, SPEED, FORCE))
+        position, speed, force = (protocol.counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         permit.check()
         session.gripper.write(Command(go_to=True, position=position, speed=speed, force=force))
         if session.told != position:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Service
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Service
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
 from strands_actors.kernel.messages import Refused
@@ -38,6 +38,7 @@ class SimDriver(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.sim.wire:SimWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.sim.stop_channel:SimStopChannel"
     TWIN: ClassVar[str] = ""
+    SIMULATED: ClassVar[bool] = True
 
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "step": Service(
@@ -47,7 +48,11 @@ class SimDriver(Driver):
             arguments={"steps": 1},
             counts={"steps": MOST_STEPS},
             in_motion=True,
-        )
+        ),
+        "reset": Service(
+            "put everything back to where it began, limp: after a stop, before a resume",
+            within_s=STEP_S,
+        ),
     }
 
     config: SimConfig
@@ -86,6 +91,14 @@ class SimDriver(Driver):
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return self.real.commanded(action, values)
+
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        return self.real.accepted(action, values, sensors)
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        return self.real.readings(observation)
 
     def energised(self, safe_state: str) -> bool:
         return self.real.energised(safe_state)

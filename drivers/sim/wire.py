@@ -73,13 +73,15 @@ class SimWire(Wire):
         return await make_safe(self._config, self._control, safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``step``, in a conversation beside the readings'. A target written before is heard
-        before."""
+        """``step`` and ``reset``, in a conversation beside the readings'. A target written before
+        is heard before."""
         permit.check()
+        if service == "reset" and self._armed:
+            return Refused("live", "reset: the robot is energised", "stop it first")
         self._beside = beside = self._beside or SimulationClient(self._config.control)
         try:
-            step = p.Step(0, int(arguments.get("steps", 1)))
-            sample = await beside.call(step, p.Sample, p.STEP_S)
+            request = p.Reset(0) if service == "reset" else p.Step(0, int(arguments.get("steps", 1)))
+            sample = await beside.call(request, p.Sample, p.STEP_S)
         except Refusal as refusal:
             return Refused("wire", f"{service}: {refusal}")
         return {

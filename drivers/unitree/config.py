@@ -12,5 +12,5 @@ class UnitreeConfig(msgspec.Struct, frozen=True):
     port: str
     """The robot's address: ``host`` or ``host:port``."""
     interface: str = ""
-    """Our own address on its network; empty: the one that leads there."""
+    """Ours on its network, by name or address; empty: the one that leads there."""
     domain: int = 0

@@ -15,13 +15,13 @@ gently, bring it to a pose from which it cannot fall before the policy ends.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
@@ -40,9 +40,23 @@ class LegsOptions(DriverOptions, frozen=True):
         float, option("charge under which nothing is commanded, 0 to 100 percent", ge=0, le=100)
     ] = BATTERY_FLOOR_PCT
     domain: Annotated[int, option("DDS domain of the robot, 0 to 232", ge=0, le=232)] = 0
-    interface: Annotated[
-        str, option("our own IPv4 address on the robot's network; empty: the one that leads to it")
+    network_interface: Annotated[
+        str,
+        option(
+            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
+            "empty: the one that leads to it",
+            pattern=r"^[A-Za-z0-9_.:@-]{0,15}\Z",
+        ),
     ] = ""
+
+
+IMU: Mapping[str, str] = {
+    "rpy": "rpy_rad",
+    "gyro": "gyro_rad_s",
+    "accel": "acceleration_m_s2",
+    "quaternion": "orientation_wxyz",
+}
+"""Field to sensor."""
 
 
 class _Legs(Driver):
@@ -58,18 +72,11 @@ class _Legs(Driver):
         "use mode='real', transport='twin': its twin has them"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        Sensor(
-            "imu",
-            {
-                "rpy": "rpy_rad",
-                "gyro": "gyro_rad_s",
-                "accel": "acceleration_m_s2",
-                "quaternion": "orientation_wxyz",
-            },
-        ),
+        imu(**IMU),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
+    SPELLINGS: ClassVar[Mapping[str, str]] = {"interface": "network_interface"}
 
     unit = "radians"
     timing = Timing(
@@ -97,7 +104,7 @@ class _Legs(Driver):
         self.robot = model.name
         if self.robot not in self.SUPPORTED_ROBOTS:
             raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
-        self.config = UnitreeConfig(model, port, chosen.interface, chosen.domain)
+        self.config = UnitreeConfig(model, port, chosen.network_interface, chosen.domain)
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)
@@ -121,12 +128,40 @@ class _Legs(Driver):
             "unit": self.unit,
         }
 
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        return {**self.commanded(action, values), **telling(sensors)}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        told = telling(observation.sensors)
+        pct = observation.sensors.get("battery_pct")
+        told["battery_pct"] = None if pct is None else pct[0]
+        told["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
+        return told
+
     def energised(self, safe_state: str) -> bool:
         return False
 
 
+def telling(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
+    """Return what the robot said of who controls it, under the names of strands-robots; nothing
+    of what it has not."""
+    return {field: kind(sensors[name][0]) for field, (name, kind) in _TELLING.items() if name in sensors}
+
+
+_TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
+    "fsm_id": ("fsm", int),
+    "mode_machine": ("mode_machine", int),
+    "sport_mode_released": ("sport_mode_released", bool),
+}
+"""Field to sensor, and what it is."""
+
+
 class G1Driver(_Legs):
     """Commanded while its FSM is in 500, 501 or 801."""
+
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("fsm", "mode_machine")
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("unitree_g1",)
     ALIASES: ClassVar[Mapping[str, str]] = {
@@ -136,6 +171,8 @@ class G1Driver(_Legs):
 
 class Go2Driver(_Legs):
     """Commanded once their own controller has been released."""
+
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("sport_mode_released",)
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(name for name in TABLES.robots if name != "unitree_g1")
     ALIASES: ClassVar[Mapping[str, str]] = {

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import Participant
 from strands_actors.kernel.clock import Clock
 
@@ -68,7 +69,7 @@ class Link:
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model, robot = config.model, config.port
         try:
-            own = config.interface or own_address(robot.partition(":")[0])
+            own = address_of(config.interface) if config.interface else own_address(robot.partition(":")[0])
             multicast = not own.startswith("127.")
             self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
@@ -139,6 +140,8 @@ def own_address(host: str) -> str:
         try:
             sock.connect((host, 7400))
         except OSError as error:
-            raise ValueError(f"no way there ({error.strerror}). Check the network, or give interface=") from None
+            raise ValueError(
+                f"no way there ({error.strerror}). Check the network, or give network_interface="
+            ) from None
         address: str = sock.getsockname()[0]
         return address

@@ -14,6 +14,8 @@ class URConfig(msgspec.Struct, frozen=True):
     port: str
     silent_s: float = 0.3
     """When the controller's clock stands still for so long the link counts as lost."""
+    rtde_hz: float | None = None
+    """Rate at which the controller exchanges samples and registers; None: ours."""
 
     @property
     def host(self) -> str:

@@ -10,15 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec import Meta
+
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, place
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, arm_of
 from .config import URConfig
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ, all_gates
+from .protocol import RobotMode, SafetyMode, mode_name
 
 
 class UROptions(DriverOptions, frozen=True):
@@ -30,6 +33,13 @@ class UROptions(DriverOptions, frozen=True):
             le=500,
         ),
     ] = CONTROL_HZ
+    rtde_frequency: Annotated[
+        Annotated[float, Meta(ge=25, le=500)] | None,
+        option(
+            "samples and registers a second that are exchanged with the controller, 25 to 500, for one that serves "
+            "other RTDE clients too; None: 125 and 500"
+        ),
+    ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
         None
     )
@@ -41,7 +51,7 @@ class UR(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.ur.wire:URWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"tcp_pose": "tcp_pose_m_rad"}),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (place("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
 
@@ -76,7 +86,8 @@ class UR(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.period_s = 1 / self.resolve(robot, options)["control_frequency"]
         self.robot = TABLES.canonical(robot)
-        self.config = URConfig(self.robot, port, self.timing.state_ttl_s)
+        rtde_hz = self.resolve(robot, options)["rtde_frequency"]
+        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, rtde_hz)
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
 
@@ -84,3 +95,21 @@ class UR(Driver):
         named = {str(key).removesuffix(".pos") for key in action}
         targets = {joint: rad for joint, rad in self.as_json(values).items() if joint in named}
         return {"robot": self.robot, "joints": list(targets), "targets": targets, "control_period": self.period_s}
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        sensors = observation.sensors
+        told: dict[str, Any] = {"model": self.robot}
+        for field, name in _READINGS.items():
+            told[field] = list(sensors[name]) if name in sensors else None
+        for field, modes in (("robot_mode", RobotMode), ("safety_mode", SafetyMode)):
+            told[field] = mode_name(modes, round(sensors[field][0])) if field in sensors else None
+        return told
+
+
+_READINGS: Mapping[str, str] = {
+    "tcp_pose": "tcp_pose_m_rad",
+    "tcp_speed": "tcp_speed_m_s_rad_s",
+    "wrench": "wrench_n_nm",
+}
+"""Pose: metres, then a rotation vector; wrench: newtons, then newton metres, at the tool's centre
+in the axes of the base."""

@@ -47,6 +47,8 @@ _GETTERS = {
     "actual_qd": "getActualQd",
     "actual_current": "getActualCurrent",
     "actual_TCP_pose": "getActualTCPPose",
+    "actual_TCP_speed": "getActualTCPSpeed",
+    "actual_TCP_force": "getActualTCPForce",
     "joint_temperatures": "getJointTemperatures",
     "robot_mode": "getRobotMode",
     "safety_mode": "getSafetyMode",
@@ -69,6 +71,8 @@ class Sample(NamedTuple):
     velocity: tuple[float, ...]
     current: tuple[float, ...]
     pose: tuple[float, ...]
+    tcp_speed: tuple[float, ...]
+    wrench: tuple[float, ...]  # N and Nm at the tool's centre, in the base's axes
     temperature: tuple[float, ...]
     robot_mode: int
     safety_mode: int
@@ -79,19 +83,23 @@ class Sample(NamedTuple):
 class Sdk(SdkCalls):
     """One connection. Calls never overlap."""
 
-    def __init__(self, host: str) -> None:
-        """Raise ``ProcessSpent`` when this process has had one."""
+    def __init__(self, host: str, rtde_hz: float | None = None) -> None:
+        """``rtde_hz``: see ``URConfig``. Raise ``ProcessSpent`` when this process has had one."""
         if kept():
             raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
         super().__init__("ur-rtde", _ERRORS)
         self._host = host
+        self._sample_hz = rtde_hz or CONTROL_HZ
+        self._register_hz = rtde_hz or REGISTERS_HZ
         self._receive: Any = None
         self._control: Any = None
 
     async def open_receive(self) -> None:
         """Raise ``WireDown`` where it is not installed, and when no sample comes."""
         interface = load_sdk("rtde_receive", _INSTALL).RTDEReceiveInterface
-        self._receive = await self.construct("receive", OPEN_S, interface, self._host, CONTROL_HZ, list(_GETTERS))
+        self._receive = await self.construct(
+            "receive", OPEN_S, interface, self._host, self._sample_hz, list(_GETTERS)
+        )
         with trio.move_on_after(FIRST_S):
             while not self.sample().time_s:  # noqa: ASYNC110  # until then everything is zero
                 await trio.sleep(CONTROL_S)
@@ -105,7 +113,7 @@ class Sdk(SdkCalls):
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock
             # held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
-            self._control = await self.construct("control", OPEN_S, interface, self._host, REGISTERS_HZ, flags)
+            self._control = await self.construct("control", OPEN_S, interface, self._host, self._register_hz, flags)
 
     def sample(self) -> Sample:
         """Never waits."""

@@ -108,6 +108,8 @@ class _Session:
                 "current_a": sample.current,
                 "temperature_c": sample.temperature,
                 "tcp_pose_m_rad": sample.pose,
+                "tcp_speed_m_s_rad_s": sample.tcp_speed,
+                "wrench_n_nm": sample.wrench,
                 "robot_mode": (sample.robot_mode,),
                 "safety_mode": (sample.safety_mode,),
                 "runtime_state": (sample.runtime_state,),
@@ -133,7 +135,7 @@ class URWire(Wire):
             host = self._config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        sdk = Sdk(host)
+        sdk = Sdk(host, self._config.rtde_hz)
         facts = await plain.handshake(host)
         await plain.look(host)
         await sdk.open_receive()

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, place
 
 from .arms import TABLES, arm_of, axes_of
 from .config import XArmConfig
@@ -35,7 +35,7 @@ class XArm(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.xarm.stop_channel:XArmStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (Sensor("pose", {"xyz": "tcp_xyz_m", "rpy": "tcp_rpy_rad"}),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (place("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
 
     config: XArmConfig

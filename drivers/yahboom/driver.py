@@ -17,7 +17,7 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
@@ -66,21 +66,17 @@ class Yahboom(Driver):
         Sensor(
             "odom",
             {
+                "x": "odometry_xy_m[0]",
+                "y": "odometry_xy_m[1]",
+                "theta": "odometry_yaw_rad",
                 "xy": "odometry_xy_m",
                 "yaw": "odometry_yaw_rad",
                 "linear": "odometry_linear_m_s",
                 "angular": "odometry_angular_rad_s",
             },
+            words={"frame": "odom"},
         ),
-        Sensor(
-            "imu",
-            {
-                "rpy": "rpy_rad",
-                "gyro": "gyro_rad_s",
-                "accel": "acceleration_m_s2",
-                "quaternion": "orientation_wxyz",
-            },
-        ),
+        imu(rpy="rpy_rad", gyro="gyro_rad_s", accel="acceleration_m_s2", quaternion="orientation_wxyz"),
         Sensor("lidar/summary", {"nearest_scan0": "scan0_nearest_m", "nearest_scan1": "scan1_nearest_m"}),
     )
     ROLLOUTS: ClassVar[str] = (

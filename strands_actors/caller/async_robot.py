@@ -105,6 +105,10 @@ class AsyncRobot:
         verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
 
+    async def state(self) -> Answer:
+        """As ``Robot.state``."""
+        return await answered("state", verbs.get_state, self._tree)
+
     async def stop(self) -> Answer:
         """De-energise every motor and report each."""
         return await answered("stop", verbs.stop, self._tree)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
@@ -48,6 +49,7 @@ class Orders:
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
     ) -> Order | Refused:
         """``action``: a command that is written first; when it is refused, so is the service."""
+        arguments = {name: as_python(value) for name, value in arguments.items()}
         refusal = self._driver.check_service(service, arguments)
         if refusal is None and action is not None:
             refusal = refuse_shape(action)

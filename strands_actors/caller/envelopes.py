@@ -179,12 +179,14 @@ def status(
         "last_refusal": None if told is None else told.last_refusal or None,
         "standby": None if told is None else told.no_standby or "ready",
         "standby_report": standby_report,
+        "motors": dict(zip(driver.axes, driver.ids, strict=True)),
         "faults": {} if observation is None else dict(observation.faults),
         "sensors": {} if observation is None else sensors(observation),
         "fallbacks": {str(reason): safe_state for reason, safe_state in driver.fallbacks.items()},
         "firmware_watchdog": driver.firmware_watchdog,
         "unit": driver.unit,
         **facts,
+        **({} if observation is None else driver.readings(observation)),
     }
 
 

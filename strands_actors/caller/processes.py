@@ -155,6 +155,18 @@ class Processes(ABC):
             raise NotConnected(f"no answer within {CONNECT_S:g} s")
         raise NotConnected(status.connect_error or f"the robot is {status.mode}")
 
+    async def ask_status(self, verb: str) -> Status | Refused:
+        """For a verb that depends on it: wait as long as for a command, and say when nothing was
+        answered. A robot that is slow to answer is not one that is not connected."""
+        try:
+            answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
+        except AskTimeout:
+            why = f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms"
+            return Refused("no_answer", why, "try again: the host may be busy")
+        except Unreachable as failure:
+            return unreachable(verb, failure)
+        return answer if isinstance(answer, Status | Refused) else Refused("no_answer", f"{verb}: no answer")
+
     async def status(self) -> Status | None:
         """None when the wire does not answer."""
         if not self.started:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import threading
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
@@ -28,6 +29,7 @@ from strands_actors.surfaces.agents.use import use
 from . import envelopes as answers
 from . import verbs
 from .async_robot import AsyncRobot, open_robot
+from .bus import Bus
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
 from .plan import Plan, completed, plan
@@ -114,8 +116,11 @@ class RealRobot(RobotTool):
     for their answer: milliseconds.
     """
 
-    LAZY: ClassVar[frozenset[str]] = frozenset()
-    """Verbs that connect by themselves when nobody has."""
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move"})
+    """Verbs of this program that connect by themselves when nobody has; never to a robot of another
+    host, where connecting resumes one that holds."""
+    OTHERS_CONNECT: ClassVar[bool] = False
+    """Whether they do so for an agent, too: what energises a robot is for the program to decide."""
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         self._plan = plan
@@ -125,6 +130,8 @@ class RealRobot(RobotTool):
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
+        self._asked_to_connect = False
+        self._connecting_first = threading.Lock()
         self._observing = verbs.Observing()
         self._completing = trio.Lock()  # two threads may connect at once
 
@@ -188,16 +195,30 @@ class RealRobot(RobotTool):
 
     def _ready(self, name: str) -> RobotTree | str:
         """The tree for a verb, or why there is none."""
-        if self._tree is None and name in self.LAZY and not self._closed:
-            problem = self.connect_eagerly()
+        if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
+            problem = self._connect_first()
             if problem is not None:
-                return problem
+                return f"not connected: {problem.removeprefix('connect: ')}"
         return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    def _connect_first(self) -> str | None:
+        """Connect once, whichever thread is first: the others wait for it. Not tried again when
+        there is a tree: a stop during bring-up must stand."""
+        with self._connecting_first:
+            if self._asked_to_connect:
+                return None
+            problem = self._connect_now()
+            self._asked_to_connect = self._opened is not None
+            return problem
 
     # -- lifecycle
 
     def connect_eagerly(self) -> str | None:
         """Start the tree, connect, and arm at the measured position. None, or why not."""
+        self._asked_to_connect = True
+        return self._connect_now()
+
+    def _connect_now(self) -> str | None:
         if self._closed:
             return f"connect: {_CLEANED_UP}"
         try:
@@ -272,6 +293,21 @@ class RealRobot(RobotTool):
         there is none."""
         return self._observing.positions(self._get_observation())
 
+    def state(self) -> Answer:
+        """What the robot measures now: positions and velocities, with their age, and what its
+        driver has beside them under the names of its users: a UR's TCP pose, wrench and modes, a
+        G1's imu and FSM."""
+        return self._verb(verbs.get_state, "state")
+
+    @property
+    def bus(self) -> Bus:
+        """The servos of a robot on a serial bus, to be read as lerobot's are:
+        ``arm.bus.sync_read("Present_Position")``. Raise ``AttributeError`` for a robot without
+        one."""
+        if self._plan.driver_class.PORT_KIND != "serial":
+            raise AttributeError  # and ``__getattr__`` says why
+        return Bus(self._driver, self._newest)
+
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """One of the driver's own services. Each is a method, too:
         ``robot.release_sport_mode(attempts=3)``. ``action``: a command that is written first; when
@@ -280,6 +316,8 @@ class RealRobot(RobotTool):
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """The driver's own services as methods."""
+        if name == "bus":
+            raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
         verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
 
@@ -360,7 +398,9 @@ class RealRobot(RobotTool):
             return self._get_status()
         name = call.verb.name
         tree: RobotTree | str | None = self._tree
-        if tree is None:
+        if tree is None and not self.OTHERS_CONNECT:
+            tree = _CLEANED_UP if self._closed else _NOT_CONNECTED
+        elif tree is None:
             tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
         if isinstance(tree, str):
             return answers.error(f"{name}: {tree}")
@@ -379,6 +419,13 @@ class RealRobot(RobotTool):
 
     def _get_observation(self) -> Answer:
         return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
+
+    def _newest(self) -> Observation:
+        """The newest observation. Raise ``ConnectionError`` without one."""
+        status = self._status()
+        if status is None or status.observation is None or not status.connected:
+            raise ConnectionError(f"bus: {_CLEANED_UP if self._closed else _NOT_CONNECTED}")
+        return status.observation
 
     def _status(self) -> Status | None:
         tree = self._tree
@@ -414,8 +461,9 @@ class SimRobot(RealRobot):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset(
-        {"move", "observe", "resume", "run_policy", "start_task", "reset", "step"}
+        {"move", "observe", "state", "resume", "run_policy", "start_task", "reset", "step"}
     )
+    OTHERS_CONNECT: ClassVar[bool] = True
 
     def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
         super().__init__(plan, approval)

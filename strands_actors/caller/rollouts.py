@@ -17,6 +17,7 @@ from strands_actors.contract.loading import load
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
 
@@ -114,10 +115,15 @@ class Rollouts:
         if self._driver.TASKS and verb == "start_task":
             return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
         self._processes.require()
-        status = await self._processes.status()
-        if status is None or status.mode not in (Mode.ARMED, Mode.HOLDING):
-            mode = "not connected" if status is None else status.mode
-            return Refused("not_armed", f"{verb}: the robot is {mode}", "connect_eagerly() or resume() first")
+        status = await self._processes.ask_status(verb)
+        if isinstance(status, Refused):
+            return status
+        if status.mode not in (Mode.ARMED, Mode.HOLDING):
+            return Refused(
+                "not_armed", f"{verb}: the robot is {status.mode}", "connect_eagerly() or resume() first"
+            )
+        if status.no_motion is not None:
+            return about(verb, status.no_motion)
         return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:

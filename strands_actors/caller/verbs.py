@@ -14,6 +14,8 @@ from typing import Any
 
 from strands_actors.contract.axis import SHOWN
 from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.positions import Positions
 from strands_actors.drivers import canonical_name
 from strands_actors.kernel.health.processor import pressure
 from strands_actors.kernel.messages import Refused
@@ -76,7 +78,7 @@ def send_action_here(tree: RobotTree, action: Mapping[str, Any]) -> Answer | Non
 def _commanded(tree: RobotTree, action: Mapping[str, Any], answer: Accepted | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
-    return answers.success(tree.driver.commanded(action, answer.values))
+    return answers.success(tree.driver.accepted(action, answer.values, answer.sensors))
 
 
 async def get_observation(tree: RobotTree) -> Answer:
@@ -109,13 +111,24 @@ class Observing:
             self._told = why
             return {}
         self._told = ""
-        observation: dict[str, float] = answer["content"][0]["json"]
-        return observation
+        return Positions(answer["content"][0]["json"])
 
 
 async def get_state(tree: RobotTree) -> Answer:
     """Positions and velocities, and how old they are."""
-    return await _measured(tree, "state", lambda seen: {"velocities": answers.velocities(tree.driver, seen)})
+    return await _measured(tree, "state", lambda seen: _state(tree.driver, seen))
+
+
+def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
+    """``joints`` and ``joint_velocities`` are the words of strands-robots for the same numbers."""
+    velocities = answers.velocities(driver, seen)
+    return {
+        "robot": driver.robot,
+        "joints": answers.positions(driver, seen),
+        "joint_velocities": velocities,
+        "velocities": velocities,
+        **driver.readings(seen),
+    }
 
 
 async def get_sensors(tree: RobotTree) -> Answer:
@@ -254,6 +267,7 @@ def run_policy(
     policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
 ) -> Verb | Answer:
     """The arguments as ``Robot.run_policy`` has them."""
+    duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
         _check_length(duration, n_steps, hz)
         chosen = _choose_policy(policy, policy_object)
@@ -277,6 +291,7 @@ def start_task(
     hz: float | None,
 ) -> Verb | Answer:
     """The arguments as ``Robot.start_task`` has them."""
+    duration, hz = map(as_python, (duration, hz))
     try:
         if why := driver.ROLLOUTS or driver.TASKS:
             raise ValueError(f"{driver.robot}: {why}")

@@ -16,10 +16,14 @@ from .driver import Candidate, GateCheck, GateState
 STEP_TOLERANCE = 1.2
 """A stream's period jitters; so does the top speed of a servo with its supply."""
 
+READING_NOISE = 5e-4
+"""Of its whole travel: what two readings of an axis that stands still may differ by [assumed]."""
+
 _ROUNDING = 1e-9
 _DECIMALS = {"deg": 1, "percent": 1, "%": 1, "mm": 1}
 _OTHER_DECIMALS = 4
 """Radians, metres, fractions: enough digits that what a refusal names as the limit is accepted."""
+_MOST_DECIMALS = 12
 
 
 class Limited(Protocol):
@@ -35,6 +39,8 @@ class Limited(Protocol):
     def limits(self) -> tuple[float, float]: ...
     @property
     def speed(self) -> float: ...
+    @property
+    def mode(self) -> AxisMode: ...
 
 
 Axes = Sequence[Limited]
@@ -73,9 +79,11 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
     return stale
 
 
-def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
-    """Refuse a target outside the range of its axis. ``rounding``: what numbers may lose on the way
-    to the robot and back, so that an axis at its end is within."""
+def past_range(axes: Axes, *, rounding: float = _ROUNDING, measured: bool = True) -> GateCheck:
+    """Refuse a target outside the range of its axis, unless it keeps an axis that is past its end
+    where it is, or brings it back. ``rounding``: what numbers may lose on the way to the robot and
+    back, so that an axis at its end is within. ``measured``: the axes are those of the
+    observation; else a target outside is refused wherever the robot is."""
     ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
@@ -83,23 +91,53 @@ def past_range(axes: Axes, *, rounding: float = _ROUNDING) -> GateCheck:
         for at in candidate.named:
             value, (least, most) = values[at], ends[at]
             # not (a <= b) rather than b < a: a NaN is refused too
-            if not least <= value <= most:
-                axis = axes[at]
-                low, high = axis.limits
-                # rounded inwards: what the text allows is allowed
-                bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
-                end = bottom if value < low else top
-                unit = unit_of(axis)
-                return Refused(
-                    "past_travel",
-                    f"move: {axis.key} {show(value, axis.unit)}{unit} is past {end}",
-                    f"stay within {bottom}..{top}",
-                    offered=show(value, axis.unit),
-                    limit=f"{bottom}..{top}",
-                )
+            if not least <= value <= most and not (measured and _no_further(axes[at], at, value, state)):
+                return _past_range(axes[at], value)
         return None
 
     return past_range
+
+
+def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
+    """Return whether a position outside the range is no further out than the axis is measured, or
+    was let be: a policy that returns what it observed holds a joint that rests on its stop."""
+    if axis.mode is not AxisMode.POSITION:
+        return False
+    low, high = axis.limits
+    measured, target = state.observation.position[at], state.target[at]
+    noise = READING_NOISE * (high - low)
+    if value > high:
+        return value <= measured + noise or value <= target
+    return value >= measured - noise or value >= target
+
+
+def _past_range(axis: Limited, value: float) -> Refused:
+    low, high = axis.limits
+    # rounded inwards: what the text allows is allowed
+    bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
+    end = bottom if value < low else top
+    offered = _show_past(value, low if value < low else high, axis.unit)
+    return Refused(
+        "past_travel",
+        f"move: {axis.key} {offered}{unit_of(axis)} is past {end}",
+        f"stay within {bottom}..{top}",
+        offered=offered,
+        limit=f"{bottom}..{top}",
+    )
+
+
+def _show_past(value: float, end: float, unit: str) -> str:
+    """Return ``value`` with as many digits as show that it is past ``end``."""
+    shown = show(value, unit)
+    digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
+    while math.isfinite(value) and digits < _MOST_DECIMALS and not _is_past(float(shown), value, end):
+        digits += 1
+        shown = f"{value:.{digits}f}"
+    return shown
+
+
+def _is_past(shown: float, value: float, end: float) -> bool:
+    return shown > end if value > end else shown < end
 
 
 def too_fast(
@@ -173,6 +211,7 @@ def unit_of(axis: Limited) -> str:
 
 
 __all__ = [
+    "READING_NOISE",
     "STEP_TOLERANCE",
     "Axes",
     "AxisMode",

@@ -27,6 +27,7 @@ from strands_actors.kernel.messages import Message, Refused
 
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
+from .positions import SUFFIX
 from .sensors import Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 
@@ -324,6 +325,8 @@ class Driver(ABC):
     """Why this robot runs no policy in a process of its own; empty: it does."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
+    SIMULATED: ClassVar[bool] = False
+    """Whether it drives a simulation: nobody's approval is needed for it."""
     WHOLE_ACTIONS: ClassVar[bool] = False
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
@@ -336,6 +339,8 @@ class Driver(ABC):
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
     """What the robot has beyond its axes, and where it is published; the rest of what is read is in
     ``health``."""
+    ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
+    """Sensors whose newest reading goes with the answer to an accepted command (``accepted``)."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
     """Verbs, and keys of an action, that those may use only with an operator's approval. A stop
     never needs one, nor does a zero of a velocity axis."""
@@ -460,11 +465,30 @@ class Driver(ABC):
         """A row in axis order as the public keys."""
         return dict(zip(self.axes, values, strict=True))
 
+    def as_telemetry(self, values: Sequence[float]) -> dict[str, float]:
+        """``as_json`` for other hosts: a position stands under ``x`` and under ``x.pos``, since a
+        reader of JSON cannot ask for the other."""
+        told = self.as_json(values)
+        rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
+        return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
+
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """What ``send_action`` answers: an accepted action and the target it became."""
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
+
+    def accepted(
+        self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
+    ) -> dict[str, Any]:
+        """What ``send_action`` answers: ``commanded``, and what the driver makes of ``sensors``,
+        those of ``ANSWERS_WITH`` as they were last read."""
+        return self.commanded(action, values)
+
+    def readings(self, observation: Observation) -> dict[str, Any]:
+        """What ``state`` and ``status`` say of the robot beside its positions and velocities, in
+        the words of its users: a pose, a charge, a mode by its name. JSON."""
+        return {}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the

@@ -17,6 +17,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from .plain_numbers import as_python
+
 ALWAYS = ("tool_name",)
 """Keywords that every driver is given."""
 
@@ -58,7 +60,7 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
     """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the
     nearest, and ``ValueError`` for a value that is not accepted, with what would be."""
     known = [field.encode_name for field in msgspec.structs.fields(options)]
-    wanted = {name: value for name, value in given.items() if name in known or name not in ALWAYS}
+    wanted = {name: as_python(value) for name, value in given.items() if name in known or name not in ALWAYS}
     if unknown := [name for name in wanted if name not in known]:
         close = difflib.get_close_matches(unknown[0], known, n=1)
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""

@@ -118,13 +118,16 @@ class Admission:
             return Refused("busy", f"{service}: another service is under way", "wait until it is done")
         if known.observation is None:
             return Refused("no_observation", f"{service}: nothing was read yet", "wait for the first observation")
+        refusal = self.refuse_motion(known, now_ns)
+        return None if refusal is None else about(service, refusal)
+
+    def refuse_motion(self, known: Known, now_ns: int) -> Refused | None:
+        """Return what any setpoint would be refused for: the mode, or a condition of the robot."""
         refusal = self._refuse_by_mode(known)
-        if refusal is None:
-            broken = self.broken_condition(known.observation, now_ns)
-            refusal = None if broken is None else broken[1]
-        if refusal is None:
-            return None
-        return msgspec.structs.replace(refusal, reason=f"{service}: {refusal.reason.removeprefix('move: ')}")
+        if refusal is not None or known.observation is None:
+            return refusal
+        broken = self.broken_condition(known.observation, now_ns)
+        return None if broken is None else broken[1]
 
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False
@@ -163,6 +166,11 @@ class Admission:
             return None
         why = f"move: {self._driver.robot} takes no command without an end"
         return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
+
+
+def about(verb: str, refusal: Refused) -> Refused:
+    """Return what a setpoint is refused for as the answer to another verb."""
+    return msgspec.structs.replace(refusal, reason=f"{verb}: {refusal.reason.removeprefix('move: ')}")
 
 
 def refuse_at_the_end(what: str, cause: str) -> Refused:

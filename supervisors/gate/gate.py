@@ -203,7 +203,14 @@ class Gate(Actor):
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
         write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns)
         self._transport.tell(write)
-        return Accepted(self._state.epoch, admitted.values)
+        return Accepted(self._state.epoch, admitted.values, self._read_beside())
+
+    def _read_beside(self) -> dict[str, tuple[float, ...]]:
+        """Return what the driver wants told with an accepted command."""
+        wanted, seen = self._driver.ANSWERS_WITH, self._observation
+        if not wanted or seen is None:
+            return {}
+        return {name: seen.sensors[name] for name in wanted if name in seen.sensors}
 
     def _known(self) -> Known:
         return Known(
@@ -478,6 +485,7 @@ class Gate(Actor):
             self._facts,
             self._lock.since if self._state.locked_by else "",
             self._no_standby,
+            self._admission.refuse_motion(self._known(), self.context.received_ns),
         )
 
     # -- for a recorder

@@ -16,13 +16,14 @@ from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sende
 from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
+_MAX_TURNS = 256
 
 _decode_envelope = msgspec.json.Decoder(Envelope).decode
 _decode_sender = msgspec.json.Decoder(Sender).decode
 
 
 class _Action(msgspec.Struct):
-    action: str
+    action: str = "status"  # as strands-robots reads a command that names none
 
 
 _decode_action = msgspec.json.Decoder(_Action).decode
@@ -76,6 +77,22 @@ class Clocks:
         return refuse_by_deadline(deadline_ns, now_ns)
 
 
+class Turns:
+    """Commands that moved the robot for longer than they live themselves: one that comes again is
+    done once."""
+
+    def __init__(self) -> None:
+        self._done: dict[tuple[str, str], None] = {}
+
+    def is_new(self, sender: str, turn: str) -> bool:
+        if (sender, turn) in self._done:
+            return False
+        if len(self._done) >= _MAX_TURNS:
+            del self._done[next(iter(self._done))]
+        self._done[sender, turn] = None
+        return True
+
+
 class Shared:
     """What the robot's actors on the mesh have in common; it outlives their restarts."""
 
@@ -83,6 +100,7 @@ class Shared:
         self.clocks = Clocks()
         self.resumed_epoch = 0  # in which the robot was last resumed over the mesh
         self.taken = 0  # commands that were read, good and bad
+        self.turns = Turns()
         self.sessions = Sessions()  # of callers of other hosts
 
 

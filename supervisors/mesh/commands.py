@@ -11,6 +11,8 @@ healed moves nothing.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 import trio
@@ -23,12 +25,14 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
 from strands_actors.supervisors import addresses, messages
-from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
 from strands_actors.supervisors.gate.gate import Gate
 
 from . import schemas as mesh_json
 from .answers import Answers
 from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale
+from .lease_rules import refuse_by_mode
+from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
+from .readings import TELEOP, features, state_of, tool_of
 from .safety import ResumeOrder, Safety, StopOrder
 from .schemas import Command, Envelope
 
@@ -54,7 +58,17 @@ class Poll(Message, frozen=True):
 
 
 class Commands(Actor):
-    def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
+    def __init__(
+        self,
+        robot: str,
+        driver: Driver,
+        pubsub: PubSub,
+        answers: Answers,
+        shared: Shared,
+        task: Callable[[], messages.TaskStatus],
+    ) -> None:
+        """``task``: what the robot's policy process does."""
+        self._task = task
         self._robot = robot
         self._driver = driver
         self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING)
@@ -71,6 +85,7 @@ class Commands(Actor):
         at = addresses.of(self._robot)
         self._gate: Ref = self.context.ref(at.gate, Gate)
         self._safety: Ref = self.context.ref(at.safety, Safety)
+        self._motion = Motion(self._robot, self._driver, self.context, self._task, self._shared)
         self.context.start_soon(self._look)
 
     async def _look(self) -> None:
@@ -133,6 +148,9 @@ class Commands(Actor):
             case mesh_json.Beat():
                 self._gate.tell(messages.Beat(command.lease, command.answered_ago_s))
                 return
+            case mesh_json.Motion():
+                self._begin(sender, turn, command)
+                return
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
@@ -156,20 +174,53 @@ class Commands(Actor):
                 return {"released": command.lease}
             case mesh_json.Observe():
                 return await self._observe()
+            case mesh_json.Ping():
+                return {"pong": True, "peer_id": self._robot, "t": time.time()}
+            case mesh_json.Features():
+                return features(self._driver)
+            case mesh_json.DescribeTool():
+                return tool_of(self._robot, self._driver)
+            case mesh_json.TeleopStatus():
+                return dict(TELEOP)
+            case mesh_json.State():
+                return state_of(self._robot, self._driver, self._task(), await self._newest())
         return await self._status()
+
+    async def _newest(self) -> messages.Status | None:
+        """The gate's status; None when it has none to give."""
+        answer = await self._gate.ask(messages.GetStatus(), ASK_S)
+        return answer if isinstance(answer, messages.Status) else None
+
+    # -- what goes on by itself
+
+    def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
+        """Beside the commands that come next: it may take seconds."""
+        if not self._shared.turns.is_new(sender, turn):
+            why = f"{command.action}: turn {turn} of {sender} was done already"
+            self._refuse(sender, turn, Refused("duplicate", why, "give each command a turn_id of its own"))
+            return
+
+        def answer(told: dict[str, Any] | Refused, final: bool) -> None:
+            if isinstance(told, Refused):
+                self._refuse(sender, turn, told)
+            else:
+                self._answers.success(sender, turn, told, final)
+
+        own = self._lease if sender == self._holder else None
+        self.context.start_soon(self._motion.do, sender, own, command, answer)
 
     # -- writing
 
     async def _acquire(self, sender: str) -> dict[str, Any] | Refused:
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
-            return _no_answer(status)
+            return no_answer(status)
         refused = refuse_by_mode(status, self._shared.resumed_epoch)
         if refused is not None:
             return refused
-        lease = await self._gate.ask(messages.Acquire(f"{sender} on the mesh"), ASK_S)
+        lease = await self._gate.ask(messages.Acquire(holder_of(sender)), ASK_S)
         if not isinstance(lease, messages.Lease):
-            return _no_answer(lease)
+            return no_answer(lease)
         self._holder, self._lease = sender, lease
         timing = self._driver.timing
         return {
@@ -188,28 +239,32 @@ class Commands(Actor):
             # the mesh it must also be the one that the lease came with.
             return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
-            return not_approved("move", names, "on the mesh there is nobody to ask")
+            return not_approved("move", names, NOBODY_TO_ASK)
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
         )
         answer = await self._gate.ask(setpoint, ASK_S)
         if not isinstance(answer, messages.Accepted):
-            return _no_answer(answer)
-        return self._driver.commanded(move.targets, answer.values)
+            return no_answer(answer)
+        return self._driver.accepted(move.targets, answer.values, answer.sensors)
 
     # -- reading
 
     async def _observe(self) -> dict[str, Any] | Refused:
         answer = await self._gate.ask(messages.GetObservation(), ASK_S)
         if not isinstance(answer, Observation):
-            return _no_answer(answer)
+            return no_answer(answer)
         age_s = (self.context.clock.now_ns() - answer.t_ns) / NS
-        return {"joints": self._driver.as_json(answer.position), "unit": self._driver.unit, "age_s": age_s}
+        return {
+            "joints": self._driver.as_telemetry(answer.position),
+            "unit": self._driver.unit,
+            "age_s": age_s,
+        }
 
     async def _status(self) -> dict[str, Any] | Refused:
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
-            return _no_answer(status)
+            return no_answer(status)
         return {
             "state": status.mode,
             "epoch": status.epoch,
@@ -221,21 +276,5 @@ class Commands(Actor):
             "age_s": status.age_s,
             "refusals": status.refusals,
             "last_refusal": status.last_refusal,
+            "task": task_json(self._task()),
         }
-
-
-def _no_answer(answer: Message | None) -> Refused:
-    return answer if isinstance(answer, Refused) else Refused("no_answer", "the gate gave no answer", "try again")
-
-
-def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
-    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because
-    somebody on the mesh wanted it to. ``resumed_epoch``: in which that was last so."""
-    if status.locked_by:
-        return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
-    if status.mode not in WRITABLE:
-        cause = f" ({status.cause})" if status.cause else ""
-        return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
-    if status.mode == Mode.HOLDING and status.epoch != resumed_epoch:
-        return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
-    return None

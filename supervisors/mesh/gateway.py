@@ -53,8 +53,8 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.stopping import make_safe
 
 from .command_rules import Limit, Shared
-from .commands import refuse_by_mode
 from .gateway_messages import Datable, Dated, Sync, Synced
+from .lease_rules import refuse_by_mode
 
 IDLE_S = 0.05
 BUSY_S = 0.004

@@ -85,7 +85,7 @@ class MeshPlace:
 
         cells = [
             node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
-            node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared, self._task)),
             node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
             node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
             node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),

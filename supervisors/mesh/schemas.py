@@ -126,6 +126,73 @@ class Move(Dated, frozen=True):
     latched: bool = False
 
 
+# -- the words of strands-robots for reading
+
+
+class Ping(Command, frozen=True):
+    """Is it there? Nothing is read of the robot, and nobody is refused."""
+
+
+class State(Command, frozen=True):
+    """What stands on ``state``, now."""
+
+
+class Features(Command, frozen=True):
+    """Which keys an action and an observation have."""
+
+
+class DescribeTool(Command, frozen=True, tag="describe_tool"):
+    """The tool's spec, as an agent has it."""
+
+
+class TeleopStatus(Command, frozen=True, tag="teleop_status"):
+    pass
+
+
+# -- and for moving: under a lease that the robot takes for the sender
+
+
+class Motion(Dated, frozen=True):
+    """What moves the robot for longer than the message lives."""
+
+    @property
+    def action(self) -> str:
+        return str(type(self).__struct_config__.tag)
+
+
+class Start(Motion, frozen=True):
+    """Run a policy that is installed on the robot's host. Answered when it has begun."""
+
+    instruction: Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
+    policy_provider: Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
+    policy_host: Text = "localhost"
+    policy_port: Annotated[int, msgspec.Meta(ge=1, le=65535)] | None = None
+    duration: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 30.0
+    n_steps: Annotated[int, msgspec.Meta(ge=0, le=10_000_000)] = 0
+    control_frequency: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
+
+
+class Execute(Start, frozen=True):
+    """As ``start``, and answered once more when it has ended."""
+
+
+class SetJoints(Motion, frozen=True, tag="set_joints"):
+    """Go to a pose, and stay there for ``duration`` seconds; then it is held."""
+
+    target_joints: Annotated[dict[Text, float], msgspec.Meta(min_length=1, max_length=64)]
+    duration: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 2.0
+
+
+class Step(Motion, frozen=True):
+    """Let time pass in a simulation."""
+
+    steps: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 1
+
+
+class Reset(Motion, frozen=True):
+    """Put a simulation back to where it began."""
+
+
 class Stop(Command, frozen=True):
     by: Text = ""
 
@@ -140,10 +207,14 @@ class Resume(Dated, frozen=True):
 
 Leased = Beat | Release | Move
 
-ACTIONS: dict[str, type[Command]] = {
-    kind.__name__.lower(): kind
-    for kind in (Sync, Status, Observe, Acquire, Beat, Release, Move, Stop, Estop, Resume)
-}
+READING: tuple[type[Command], ...] = (Status, Observe, Ping, State, Features, DescribeTool, TeleopStatus)
+"""Of these nobody needs a lease."""
+
+WRITING: tuple[type[Command], ...] = (Acquire, Beat, Release, Move, Start, Execute, SetJoints, Step, Reset)
+ORDERS: tuple[type[Command], ...] = (Stop, Estop, Resume)
+
+_KINDS: tuple[type[Command], ...] = (Sync,) + READING + WRITING + ORDERS  # noqa: RUF005  # typed so
+ACTIONS: dict[str, type[Command]] = {str(kind.__struct_config__.tag): kind for kind in _KINDS}
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):

@@ -18,11 +18,12 @@ from strands_actors.kernel.channels.pubsub import PubSub, Topic
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate.failsafe import LINKED, WRITABLE
+from strands_actors.supervisors.gate.failsafe import LINKED
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import GetStatus, Status, TaskStatus
 
 from . import schemas as mesh_json
+from .readings import mode_of, state_of
 
 TICK_S = 0.1
 ASK_S = 0.05
@@ -65,7 +66,6 @@ class Telemetry(Actor):
         self._robot = robot
         self._driver = driver
         self._rates = rates_of(driver)
-        self._published = frozenset(name for sensor in driver.SENSORS for name in sensor.fields.values())
         self._pubsub = pubsub
         self._task = task
         self._counts = counts
@@ -109,7 +109,7 @@ class Telemetry(Actor):
             return self._health(status)
         observation = None if status is None else status.observation
         if rate.topic == "state":
-            return self._state(status, observation)
+            return state_of(self._robot, self._driver, self._task(), status)
         if observation is None or rate.sensor is None:
             return None
         told = rate.sensor.read(observation.sensors)
@@ -125,37 +125,39 @@ class Telemetry(Actor):
             "tool_name": self._robot,
             "hw": self._driver.robot,
             "connected": status is not None and status.connected,
-            "state": _mode(status),
+            "state": mode_of(status),
             "epoch": 0 if status is None else status.epoch,
             "locked_by": "" if status is None else status.locked_by,
             "lease": "" if status is None else status.holder,
             "task_status": "running" if task.running else "idle",
             "instruction": task.instruction,
             "action_keys": list(self._driver.axes),
-            "topics": list(self._topics),
+            "topics": self._available(status),
             "pid": os.getpid(),
         }
 
-    def _state(self, status: Status | None, observation: Observation | None) -> dict[str, Any]:
-        driver, task = self._driver, self._task()
-        state: dict[str, Any] = {
-            "peer_id": self._robot,
-            "t": time.time(),
-            "degraded": status is None or status.mode not in WRITABLE,
-            "state": _mode(status),
-            "epoch": 0 if status is None else status.epoch,
-            "task": {"status": "running" if task.running else "idle", "steps": task.steps},
-            "unit": driver.unit,
-            "joints": {},
-        }
-        if status is not None and observation is not None:
-            state["joints"] = driver.as_json(observation.position)
-            state["age_s"] = status.age_s
-            if status.mode in WRITABLE and status.target:
-                state["targets"] = driver.as_json(status.target)
-            if observation.velocity:
-                state["velocities"] = driver.as_json(observation.velocity)
-        return state
+    def _available(self, status: Status | None) -> list[str]:
+        """Return the topics; of sensors that only the robot knows, those it has reported. All lidar
+        topics stand as ``lidar``, too, which is their word in strands-robots."""
+        sensors = {} if status is None or status.observation is None else status.observation.sensors
+        topics = [
+            rate.topic
+            for rate in self._rates
+            if rate.sensor is None or not rate.sensor.prefix or rate.sensor.read(sensors)
+        ]
+        return topics + ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
+
+    def _charge_and_heat(self, observation: Observation) -> dict[str, Any]:
+        """Return ``battery_pct`` and ``temps``, where the robot measures them: subscribers of
+        strands-robots look for them here."""
+        told: dict[str, Any] = {}
+        for sensor in self._driver.SENSORS:
+            if sensor.topic == "battery" and (charge := sensor.read(observation.sensors).get("pct")) is not None:
+                told["battery_pct"] = charge
+        heat = observation.sensors.get("temperature_c", ())
+        if len(heat) == len(self._driver.axes):
+            told["temps"] = dict(zip(self._driver.axes, heat, strict=True))
+        return told
 
     def _health(self, status: Status | None) -> dict[str, Any]:
         health: dict[str, Any] = {
@@ -176,14 +178,13 @@ class Telemetry(Actor):
                 "reads": status.reads,
             }
             if status.observation is not None:
+                health |= self._charge_and_heat(status.observation)
                 health["sensors"] = {
-                    name: row for name, row in status.observation.sensors.items() if name not in self._published
+                    name: row
+                    for name, row in status.observation.sensors.items()
+                    if not any(sensor.publishes(name) for sensor in self._driver.SENSORS)
                 }
         return health
-
-
-def _mode(status: Status | None) -> str:
-    return "unreachable" if status is None else status.mode
 
 
 def _faults(status: Status) -> dict[str, str]:

@@ -134,7 +134,7 @@ def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> No
     for given, text in (
         ({"action": "dance"}, "'dance' is not a verb of so101. use status, sensors, move_to, set_torque, stop"),
         ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
-        ({}, "no action is given"),
+        ({"targets": {"gripper": 5.0}}, "no action is given"),
         ([], "give an object"),
         ({"action": "move_to", "shoulder_pan": 5.0}, "it takes no 'shoulder_pan'. it takes targets"),
         ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. give it as object"),

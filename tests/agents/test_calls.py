@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy
 import pytest
 
 from strands_actors.contract.driver import Driver
@@ -90,12 +91,26 @@ def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
     assert called(ARM, given).kind == kind
 
 
+@pytest.mark.parametrize("given", [{}, {"action": None}, {"action": None, "targets": None}])
+def test_an_empty_input_asks_how_the_robot_is(given: dict[str, Any]) -> None:
+    for driver in (ARM, GRIPPER):
+        assert called(driver, given).verb.does == "status"
+    assert refused(ARM, {"targets": {"gripper": 1.0}}).code == "unknown_verb"  # a motion without a verb is none
+
+
+def test_a_truth_value_of_numpy_is_one() -> None:
+    assert called(ARM, {"action": "set_torque", "enabled": numpy.True_}).kind == "motion"
+    assert called(ARM, {"action": "set_torque", "enabled": numpy.False_}).kind == "stop"
+    assert called(GRIPPER, {"action": "close", "force": numpy.float32(0.5)}).inputs == {"force": 0.5}
+    assert refused(GRIPPER, {"action": "close", "force": numpy.True_}).code == "bad_input"
+
+
 @pytest.mark.parametrize("given", [None, "stop", 3, [], [("action", "stop")]])
 def test_what_is_no_object_is_refused(given: Any) -> None:
     assert refused(ARM, given).code == "bad_input"
 
 
-@pytest.mark.parametrize("action", [None, "", "fly", 3, True, ["stop"], {"a": 1}, "x" * 10_000])
+@pytest.mark.parametrize("action", ["", "fly", 3, True, ["stop"], {"a": 1}, "x" * 10_000])
 def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
     refusal = refused(ARM, {"action": action})
     assert refusal.code == "unknown_verb"

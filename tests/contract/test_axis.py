@@ -137,3 +137,45 @@ def test_the_gates_of_a_table_ask_for_freshness_first() -> None:
     gates = axis_gates(TABLE, 0.3, oneshot_s=0.008)
     first = next(refused for gate in gates if (refused := gate(Candidate((9.0,) * 4, (0,)), state(age_ns=10**9))))
     assert first.code == "stale"
+
+
+def beyond(measured: float, target: float) -> GateState:
+    now_ns = 10**9
+    seen = Observation(now_ns, (measured, 0.0, 0.0, 0.0), (now_ns,) * 4)
+    return GateState(now_ns, seen, (target, 0.2, 0.0, 0.0), now_ns, False)
+
+
+def test_saf_014_a_joint_that_is_past_its_end_may_be_held_there_or_brought_back() -> None:
+    """A policy that returns what it observed must not be refused for where the joint is."""
+    gate = past_range(TABLE)
+    for end in (1.0, -1.0):
+        stands = beyond(end * 2.05, 0.0)
+        for value in (2.05, 2.0501, 2.02, 2.0):
+            assert gate(Candidate((end * value, 0.2, 0.0, 0.0), (0,)), stands) is None, value
+        assert gate(Candidate((end * 2.06, 0.2, 0.0, 0.0), (0,)), stands) is not None
+        assert gate(Candidate((end * -2.01, 0.2, 0.0, 0.0), (0,)), stands) is not None  # the other end
+        # Coming back, what was observed a moment ago is a little further out than the joint is now.
+        comes_back = beyond(end * 2.01, end * 2.05)
+        assert gate(Candidate((end * 2.04, 0.2, 0.0, 0.0), (0,)), comes_back) is None
+        assert gate(Candidate((end * 2.051, 0.2, 0.0, 0.0), (0,)), comes_back) is not None
+
+
+def test_saf_014_a_velocity_that_is_measured_is_no_leave_to_drive_so_fast() -> None:
+    now_ns = 10**9
+    fast = GateState(
+        now_ns, Observation(now_ns, (0.0, 0.0, 0.9, 0.0), (now_ns,) * 4), (0.0, 0.0, 0.9, 0.0), 0, False
+    )
+    assert past_range(TABLE)(Candidate((0.0, 0.0, 0.9, 0.0), (2,)), fast) is not None
+
+
+def test_saf_014_a_position_that_is_not_known_allows_nothing_past_the_end() -> None:
+    unknown = beyond(math.nan, math.nan)
+    assert past_range(TABLE)(Candidate((2.01, 0.0, 0.0, 0.0), (0,)), unknown) is not None
+
+
+@given(st.floats(1e-8, 1.0))
+def test_a_refusal_shows_that_the_value_is_past_the_end(past: float) -> None:
+    refused = past_range(TABLE)(Candidate((2.0 + past, 0.2, 0.0, 0.0), (0,)), beyond(0.0, 0.0))
+    assert isinstance(refused, Refused) and float(refused.offered) > 2.0
+    refused = past_range(TABLE)(Candidate((-2.0 - past, 0.2, 0.0, 0.0), (0,)), beyond(0.0, 0.0))
+    assert isinstance(refused, Refused) and float(refused.offered) < -2.0

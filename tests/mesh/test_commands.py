@@ -30,7 +30,7 @@ def test_a_leased_move_reaches_the_wire_and_is_answered() -> None:
             await until(lambda: hardware.of("setpoint"), "a setpoint")
             assert hardware.of("setpoint")[0].values == (5.0, 0.0)
             observed = await arm.observe()
-            assert not isinstance(observed, Refused) and set(observed["joints"]) == {"a", "b"}
+            assert not isinstance(observed, Refused) and set(observed["joints"]) == {"a", "b", "a.pos", "b.pos"}
 
     run(test)
 

@@ -75,7 +75,7 @@ def waving(arm: RealRobot, pid: list[int]) -> object:
 
 def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
     here, there, twin, _, _ = hosts
-    assert "not connected" in why(there.send_action({"shoulder_pan": 0.0}))
+    assert "not connected" in why(there.send_action({"shoulder_pan": 0.0}))  # nor does it connect: it would resume
     assert there.connect_eagerly() is None
     seen = there.get_observation()
     assert set(seen) == set(there.driver.axes)

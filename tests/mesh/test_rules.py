@@ -57,7 +57,7 @@ def test_fields_of_other_meshes_around_a_command_are_ignored() -> None:
     [
         ({"action": "fly"}, "unknown_action"),
         ({"action": "MOVE"}, "unknown_action"),
-        ({}, "malformed"),
+        ({"action": ""}, "unknown_action"),
         ("stop", "malformed"),
         ({**MOVE, "targets": {}}, "malformed"),
         ({**MOVE, "targets": {"a": [1]}}, "malformed"),

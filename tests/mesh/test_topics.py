@@ -81,7 +81,8 @@ def test_state_comes_ten_times_a_second_with_its_schema_number_and_time(plain: l
         assert all(abs(stamp["time_ns"] - time.time_ns()) < 60e9 for stamp in stamps)
         state = told(seen[-1])
         assert state["peer_id"] == robot
-        assert (state["joints"], state["state"], state["degraded"]) == ({"a": 0.0, "b": 0.0}, "armed", False)
+        assert state["joints"] == {"a": 0.0, "b": 0.0, "a.pos": 0.0, "b.pos": 0.0}  # both spellings
+        assert (state["state"], state["degraded"]) == ("armed", False)
         assert state["task"]["status"] == "idle"
 
     run(test)

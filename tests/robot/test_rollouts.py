@@ -10,8 +10,13 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping
 
 import pytest
+import trio
 
 from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import AskTimeout
+from strands_actors.kernel.ref import Ref
+from strands_actors.supervisors.messages import GetStatus
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, task, task_ended, until, why
 
@@ -107,6 +112,29 @@ def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm
         return old() is None
 
     assert until(searched, "everything is searched again")
+
+
+def test_a_status_that_is_slow_is_not_a_robot_that_is_not_connected(
+    arm: RealRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask = Ref.ask
+    takes_s = [0.25]
+
+    async def slow(self: Ref, message: Message, deadline_s: float) -> Message | None:
+        if isinstance(message, GetStatus):
+            if takes_s[0] > deadline_s:
+                await trio.sleep(deadline_s)
+                raise AskTimeout(f"{self.address}: no answer")
+            await trio.sleep(takes_s[0])
+        return await ask(self, message, deadline_s)
+
+    monkeypatch.setattr(Ref, "ask", slow)
+    json_of(arm.run_policy(ahead, n_steps=2))
+    assert task_ended(arm)["exit_reason"] == "n_steps"
+    takes_s[0] = 5.0
+    answer = arm.run_policy(ahead, n_steps=2)
+    assert why(answer) == "run_policy: the wire has not answered for 500 ms. try again: the host may be busy"
+    assert answer["content"][1]["json"]["refused"]["code"] == "no_answer"
 
 
 def test_the_policy_keyword_of_the_reference_works_too(arm: RealRobot) -> None:

@@ -149,9 +149,9 @@ def test_before_connecting_every_verb_says_so(new_arm: NewArm, caplog: pytest.Lo
     arm = new_arm(port="/dev/nowhere")
     not_connected = "not connected; call connect_eagerly() first"
     verbs = (
-        lambda: arm.send_action({"shoulder_pan": 10.0}),
         arm.stop,
         arm.resume,
+        arm.state,
         arm.stop_task,
         lambda: arm.run_policy(lambda observation: observation),
         lambda: arm.start_task(policy_provider="mock"),

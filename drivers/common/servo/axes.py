@@ -52,6 +52,10 @@ class Axis(msgspec.Struct, frozen=True):
         return min(first, second), max(first, second)
 
     @property
+    def mode(self) -> contract.AxisMode:
+        return contract.AxisMode.POSITION
+
+    @property
     def label(self) -> str:
         return f"{self.key} (id {self.id})"
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -56,40 +58,6 @@ class Call:
         return command
 
 
-def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
-    """As strands-agents and MCP want it; ``action`` names the verb."""
-    verbs = driver.TOOL_VERBS
-    properties: dict[str, Any] = {
-        "action": {
-            "type": "string",
-            "enum": [verb.name for verb in verbs],
-            "description": " ".join(f"{verb.name}: {verb.says}" for verb in verbs),
-        }
-    }
-    for verb in verbs:
-        for name, schema in verb.inputs.items():
-            properties[name] = _with_axes(schema, driver)
-    return {
-        "name": tool_name,
-        "description": (
-            f"The robot {driver.robot}: {', '.join(driver.axes)}, in {driver.unit}. "
-            "What it must not do it refuses, and says what it would accept."
-        ),
-        "inputSchema": {"json": {"type": "object", "properties": properties, "required": ["action"]}},
-    }
-
-
-def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
-    """An object is keyed by axis."""
-    if schema["type"] != "object":
-        return dict(schema)
-    return {
-        **schema,
-        "properties": {axis: {"type": "number"} for axis in driver.axes},
-        "additionalProperties": False,
-    }
-
-
 def read(driver: Driver, given: object) -> Call | Refused:
     """What a model asks for. A null is an input that is not given; a stop minds no input."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
@@ -97,13 +65,15 @@ def read(driver: Driver, given: object) -> Call | Refused:
         return Refused("bad_input", f"tool: the input is {_shown(given)}", f"give an object with action: {names}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
+    if all(value is None for value in given.values()):
+        wanted = "status"  # an empty input asks how the robot is
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
     if verb is None:
         what = "no action is given" if said is None else f"{_shown(said)} is not a verb of {driver.robot}"
         return Refused("unknown_verb", f"tool: {what}", f"use {names}", _shown(said), names)
     if verb.does == "stop":
         return Call(verb)
-    inputs = {name: value for name, value in given.items() if name != "action" and value is not None}
+    inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
     return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and service.moves)
 
@@ -129,3 +99,6 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
 
 def _shown(value: object) -> str:
     return repr(value)[:_SHOWN]
+
+
+__all__ = ["Call", "Kind", "read", "tool_spec"]

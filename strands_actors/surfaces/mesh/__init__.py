@@ -4,6 +4,7 @@ MeshConfig    how a robot can be reached: by default by its own user, on this ho
 open_mesh     the other end: subscribe, ask, stop
 control       the lease of a robot elsewhere
 estop         every robot on the mesh, from a program without trio
+get_peers     who is there; tell: have one run a policy; broadcast: ask all, or stop all
 estop_button  the same, joined in advance: the order leaves in the thread that presses
 """
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from .config import TLS, Access, MeshConfig
     from .outcome import Outcome
     from .remote import RemoteRobot, control
-    from .sync import estop, estop_button, resume
+    from .sync import broadcast, estop, estop_button, get_peers, resume, tell
 
 _WHERE = {
     "TLS": "config",
@@ -25,11 +26,14 @@ _WHERE = {
     "MeshConfig": "config",
     "Outcome": "outcome",
     "RemoteRobot": "remote",
+    "broadcast": "sync",
     "control": "remote",
     "estop": "sync",
     "estop_button": "sync",
+    "get_peers": "sync",
     "open_mesh": "client",
     "resume": "sync",
+    "tell": "sync",
 }
 
 __all__ = [
@@ -39,11 +43,14 @@ __all__ = [
     "MeshConfig",
     "Outcome",
     "RemoteRobot",
+    "broadcast",
     "control",
     "estop",
     "estop_button",
+    "get_peers",
     "open_mesh",
     "resume",
+    "tell",
 ]
 
 

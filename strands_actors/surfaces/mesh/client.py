@@ -48,6 +48,10 @@ processor from it: a quarter of 2.8 ms, on two."""
 ANSWER_S = 0.5
 STOP_S = 3.0
 """Unless the robot says meanwhile that it has heard, and takes longer."""
+BEGIN_S = 2.0
+"""Within this time a policy has begun, or a pose was taken up, or nothing of it will be."""
+PRESENCE_S = 1.5
+"""Robots say twice a second that they are there; two times one may be missed."""
 CLOCK_AGE_S = 10.0
 """A clock is read again when the last reading is older."""
 
@@ -204,7 +208,9 @@ class MeshClient:
 
     # -- asking
 
-    async def request(self, robot: str, command: Command, within_s: float = ANSWER_S) -> dict[str, Any] | Refused:
+    async def request(
+        self, robot: str, command: Command | dict[str, Any], within_s: float = ANSWER_S
+    ) -> dict[str, Any] | Refused:
         """Send one command; its result."""
         return await self._ask(robot, mesh_json.key(robot, "cmd"), {"command": command}, within_s)
 
@@ -225,11 +231,32 @@ class MeshClient:
         body = {"by": by, "clock": clock.name, "deadline_ns": deadline_ns}
         return await self._ask(robot, mesh_json.RESUME_KEY, body, within_s)
 
-    async def tell(self, robot: str, command: Command) -> None:
+    async def post(self, robot: str, command: Command) -> None:
         """Send one command that is not answered."""
         via = self._via.get(robot)
         if via is not None:
             self._put(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
+
+    async def dated(
+        self,
+        robot: str,
+        make: Callable[[str, int], Command | dict[str, Any]],
+        ttl_s: float,
+        within_s: float = ANSWER_S,
+    ) -> dict[str, Any] | Refused:
+        """Send a command that must not be obeyed later than in ``ttl_s``; its result. ``make`` gets
+        the name of the robot's clock, and the deadline in its time."""
+        answer: dict[str, Any] | Refused = Refused("clock", "the robot's clock is not known")
+        for _ in range(2):
+            clock = await self.clock(robot)
+            if isinstance(clock, Refused):
+                return clock
+            deadline_ns = clock.deadline(self.now_ns() + round(ttl_s * NS))
+            answer = await self.request(robot, make(clock.name, deadline_ns), within_s)
+            if not isinstance(answer, Refused) or answer.code != "clock":
+                break
+            self.forget_clock(robot)  # it was started anew
+        return answer
 
     async def clock(self, robot: str) -> Reading | Refused:
         """The robot's clock. The answer leaves at once while the question may have waited, so it is

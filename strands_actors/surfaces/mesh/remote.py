@@ -107,19 +107,10 @@ class RemoteRobot:
                 if isinstance(clock, Reading):
                     deadline_ns = self._deadline(clock, COMMAND_S)
                     beat = mesh_json.Beat(clock=clock.name, deadline_ns=deadline_ns, lease=self._lease)
-                    await self._mesh.tell(self.robot, beat)
+                    await self._mesh.post(self.robot, beat)
 
     async def _dated(self, make: Callable[[str, int], Command], ttl_s: float) -> dict[str, Any] | Refused:
-        answer: dict[str, Any] | Refused = Refused("clock", "the robot's clock is not known")
-        for _ in range(2):
-            clock = await self._mesh.clock(self.robot)
-            if isinstance(clock, Refused):
-                return clock
-            answer = await self._mesh.request(self.robot, make(clock.name, self._deadline(clock, ttl_s)))
-            if not isinstance(answer, Refused) or answer.code != "clock":
-                break
-            self._mesh.forget_clock(self.robot)  # it was started anew
-        return answer
+        return await self._mesh.dated(self.robot, make, ttl_s)
 
     def _deadline(self, clock: Reading, ttl_s: float) -> int:
         return clock.deadline(self._mesh.now_ns() + round(ttl_s * NS))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
@@ -17,6 +17,7 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S
 from .client import AWAY_S, MeshClient, open_mesh
 from .config import MeshConfig
 from .outcome import Outcome
+from .words import peers, send, send_to_all
 
 
 def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
@@ -63,6 +64,51 @@ def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Ca
         yield press
     finally:
         staying.cancel()
+
+
+def get_peers(*, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
+    """Who is on the mesh, within a second and a half: ``peer_id``, ``type``, ``age``,
+    ``reachable``, and what each says of itself."""
+
+    async def run() -> list[dict[str, Any]]:
+        async with open_mesh(mesh) as client:
+            return await peers(client)
+
+    return portal().call(run)
+
+
+def tell(robot: str, instruction: str, *, mesh: MeshConfig | None = None, **options: Any) -> dict[str, Any]:
+    """Have a robot of the mesh run a policy that is installed on its host, and wait until that has
+    ended; its status then. ``policy_provider`` names it; ``duration``, ``n_steps``,
+    ``policy_port``, ``policy_host`` and ``control_frequency`` as ``start_task`` has them. Raise
+    ``PermissionError`` with the robot's refusal."""
+
+    async def run() -> dict[str, Any] | Refused:
+        async with open_mesh(mesh) as client:
+            return await send(client, robot, {"action": "execute", "instruction": instruction, **options})
+
+    answer = portal().call(run)
+    if isinstance(answer, Refused):
+        raise PermissionError(answer.text)
+    return answer
+
+
+def broadcast(command: Mapping[str, Any] | str, *, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
+    """Ask all robots of the mesh for a reading (``"status"``, ``"state"``, ``"ping"``), or stop them
+    all. One row a robot: ``responder_id``, and ``result`` or ``error``. Raise ``PermissionError``
+    for what is for one robot at a time."""
+
+    async def run() -> dict[str, dict[str, Any] | Refused] | Refused:
+        async with open_mesh(mesh) as client:
+            return await send_to_all(client, command)
+
+    answers = portal().call(run)
+    if isinstance(answers, Refused):
+        raise PermissionError(answers.text)
+    return [
+        {"responder_id": name, **({"error": told.text} if isinstance(told, Refused) else {"result": told})}
+        for name, told in answers.items()
+    ]
 
 
 def resume(robot: str, *, mesh: MeshConfig | None = None, by: str = "") -> None:

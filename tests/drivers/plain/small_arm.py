@@ -117,6 +117,24 @@ class SmallArmDriver:
             os.kill(os.getpid(), signal.SIGKILL)
 
 
+class SensingArmDriver(SmallArmDriver):
+    """Has sensors as members, as the drivers page names them; one of them fails."""
+
+    def get_observation(self) -> dict[str, Any]:
+        observation = super().get_observation()
+        self._imu = {"rpy": (0.1, 0.2, 0.3), "accel": [0.0, 0.0, 9.8], "label": "left", "when": None}
+        self._battery = 73
+        return observation
+
+    @property
+    def _pose(self) -> dict[str, Any]:
+        raise OSError("the camera is gone")
+
+    @property
+    def _odom(self) -> dict[str, float]:
+        return {"x": 1.0, "y": 2.0, "theta": 0.5}
+
+
 class DeclaredArmDriver(SmallArmDriver):
     """Says which axes it has, and how far they go."""
 

@@ -8,7 +8,15 @@ from typing import Any
 import numpy
 import pytest
 
-from strands_actors.drivers.plain.members import declared_by, failure_of, keys_of, number
+from strands_actors.drivers.plain.members import (
+    LONGEST_ROW,
+    MOST_FIELDS,
+    declared_by,
+    failure_of,
+    keys_of,
+    number,
+    rows_of,
+)
 
 
 class Says:
@@ -77,3 +85,19 @@ def test_numbers_of_any_library_are_numbers() -> None:
 )
 def test_an_answer_is_a_success_unless_it_says_otherwise(answer: Any, failure: str) -> None:
     assert failure_of(answer) == failure
+
+
+def test_a_sensors_record_becomes_rows_of_numbers() -> None:
+    record = {
+        "rpy": numpy.zeros(3),
+        "x": numpy.float32(0.5),
+        "frame": "map",
+        "on": True,
+        "grid": [[1.0]],
+        "none": None,
+    }
+    assert rows_of("pose", record) == {"pose.rpy": (0.0, 0.0, 0.0), "pose.x": (0.5,)}
+    assert rows_of("battery", 12) == {"battery.pct": (12.0,)}
+    for no_record in (None, 3, "x", [1.0], numpy.zeros((4, 4)), {"x": math.nan}, {"x": [0.0] * (LONGEST_ROW + 1)}):
+        assert rows_of("imu", no_record) == {}
+    assert len(rows_of("imu", {str(at): at for at in range(1000)})) == MOST_FIELDS

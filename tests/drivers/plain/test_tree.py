@@ -18,10 +18,11 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers import register_native_driver
 from strands_actors.surfaces.recording import read, replay
 from tests.answers import json_of, state, status, task_ended, until, why
+from tests.mesh.subscriber import Subscriber
 
 from .conftest import NewRobot
 from .rig import SmallArm, pid_of
-from .small_arm import DeclaredArmDriver, SilentArmDriver, SmallArmDriver
+from .small_arm import DeclaredArmDriver, SensingArmDriver, SilentArmDriver, SmallArmDriver
 
 
 def test_a_script_of_the_page_runs_and_its_object_is_in_the_wire_process(
@@ -39,6 +40,29 @@ def test_a_script_of_the_page_runs_and_its_object_is_in_the_wire_process(
     assert json_of(robot.stop())["safe_state"] == "stop"
     assert json_of(robot.cleanup())["safe_state"] == "off"
     assert [line.text for line in small_arm.log][-2:] == ["stop", "bye"]
+
+
+def test_sensors_that_are_members_of_the_class_reach_the_mesh(new_robot: NewRobot) -> None:
+    robot = new_robot(SensingArmDriver)
+    sensors = status(robot)["sensors"]
+    assert sensors == {
+        "imu.rpy": [0.1, 0.2, 0.3],
+        "imu.accel": [0.0, 0.0, 9.8],
+        "odom.x": [1.0],
+        "odom.y": [2.0],
+        "odom.theta": [0.5],
+        "battery.pct": [73.0],
+    }
+    subscriber = Subscriber()
+    try:
+        assert {"imu", "odom", "battery"} <= set(subscriber.record("presence")["topics"])
+        assert subscriber.record("imu")["rpy"] == [0.1, 0.2, 0.3]
+        assert subscriber.record("odom")["theta"] == 0.5
+        assert subscriber.known("health", "battery_pct") == 73.0
+        assert "pose" not in subscriber.record("presence")["topics"] and subscriber.silent("pose")
+        assert robot.get_observation() == {"pan": 1.5, "lift": -2.5}  # whatever the pose does
+    finally:
+        subscriber.close()
 
 
 @pytest.mark.parametrize(

@@ -142,11 +142,19 @@ def test_the_answer_of_send_action() -> None:
     assert GRIPPER.commanded(action, values(action)) == {
         "robot": "robotiq_2f85",
         "commanded_key": "aperture_mm",
-        "position": 0.8,
+        "gripper": 0.8,
+        "position": 204,
         "aperture_mm": 17.0,
-        "speed": 1.0,
-        "force": 0.25,
+        "speed": 255,
+        "force": 64,
     }
+
+
+@pytest.mark.parametrize(("contact", "held"), [(1.0, True), (-1.0, True), (0.0, False), (math.nan, None)])
+def test_the_answer_says_whether_something_is_held(contact: float, held: bool | None) -> None:
+    told = GRIPPER.accepted({"gripper": 0.5}, values({"gripper": 0.5}), {"contact": (contact,)})
+    assert told["holding"] is held
+    assert GRIPPER.accepted({"gripper": 0.5}, values({"gripper": 0.5}), {})["holding"] is None
 
 
 def test_no_reason_ever_opens_it() -> None:

@@ -78,7 +78,7 @@ def pid_of(robot: RealRobot, role: str) -> int:
 
 def move(robot: RealRobot, closed: float) -> None:
     """Fast, and wait until it is there."""
-    assert json_of(robot.send_action({"gripper": closed}))["position"] == closed
+    assert json_of(robot.send_action({"gripper": closed}))["gripper"] == closed
     wait_until(lambda: abs(robot.get_observation().get("gripper", 9.0) - closed) < 0.01, f"it is at {closed}")
 
 
@@ -115,12 +115,16 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
         assert json_of(robot.send_action({"aperture_mm": 34.0, "force": 0.2})) == {
             "robot": "robotiq_2f85",
             "commanded_key": "aperture_mm",
-            "position": 0.6,
+            "gripper": 0.6,
+            "position": 153,
             "aperture_mm": 34.0,
-            "speed": 1.0,
-            "force": 0.2,
+            "speed": 255,
+            "force": 51,
+            "holding": None,  # it was just armed: nothing was asked of it yet
         }
-        wait_until(lambda: robot.get_observation()["gripper"] == pytest.approx(0.6), "it is there")
+        wait_until(lambda: robot.get_observation()["gripper.pos"] == pytest.approx(0.6), "it is there")
+        wait_until(lambda: status(robot)["holding"] is False, "nothing is held")
+        assert (status(robot)["position"], status(robot)["aperture_mm"]) == (153, 34.0)
         asked = len(log.host("setpoint"))
         assert "is past 85" in why(robot.send_action({"aperture_mm": 86}))
         assert "are both given" in why(robot.send_action({"gripper": 0.5, "position": 42.5}))

@@ -391,8 +391,27 @@ def test_the_joints_of_every_robot_are_limited() -> None:
         driver = go2(robot)
         for joint in driver.table:
             for past in (joint.low - 0.01, joint.high + 0.01):
-                at = state(driver, tuple(past for _ in driver.axes))
+                at = state(driver)
                 assert refused(driver, {joint.key: past}, at).code == "past_travel", joint.key
+
+
+def test_a_policy_may_return_what_it_observed_of_a_joint_at_its_stop() -> None:
+    """In float32, and in the noise of its sensor: a joint that rests on its stop is measured past
+    it as often as not."""
+    driver = g1()
+    for joint in driver.table:
+        at_stop = state(driver)
+        where = driver.axes.index(joint.key)
+        for end, outwards in ((joint.low, -1.0), (joint.high, 1.0)):
+            for observed, measured in ((3e-6, 0.0), (2e-4, 2e-6), (0.01, 0.01), (0.02, 0.0199)):
+                row = list(at_stop.observation.position)
+                row[where] = end + outwards * measured
+                seen = msgspec.structs.replace(at_stop.observation, position=tuple(row))
+                now = msgspec.structs.replace(at_stop, observation=seen, target=tuple(row))
+                answer = verdict(driver, {joint.key: end + outwards * observed}, now)
+                assert isinstance(answer, Candidate), (joint.key, answer)
+                further = refused(driver, {joint.key: end + outwards * (measured + 0.03)}, now)
+                assert further.code == "past_travel", joint.key
 
 
 # -- the driver
@@ -411,7 +430,7 @@ def test_every_end_is_zero_torque_unless_the_user_chose_to_damp() -> None:
     ({"battery_floor_pct": True}, "battery_floor_pct is True"),
     ({"domain": 233}, "domain is 233. .* 0 to 232"),
     ({"domain": "x"}, "domain is 'x'"),
-    ({"interface": 3}, "interface is 3"),
+    ({"network_interface": 3}, "network_interface is 3"),
 ])  # fmt: skip
 def test_options_are_checked(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):

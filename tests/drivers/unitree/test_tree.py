@@ -21,6 +21,7 @@ from strands_actors.drivers.unitree.twin import safe_state_of
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import WireLog
 from strands_actors.testing.wirelog import Entry
+from tests.answers import json_of
 from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
 
 
@@ -120,7 +121,11 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
         ):
             assert g1.refused(action)[0] == expected
 
-        assert g1.robot.send_action(fine)["status"] == "success"
+        told = g1.robot.send_action(fine)["content"][0]["json"]
+        assert (told["fsm_id"], told["joints"]) == (801, ["left_elbow"])
+        assert told["mode_machine"] == g1.status()["mode_machine"] == json_of(g1.robot.state())["mode_machine"]
+        assert (g1.status()["battery_pct"], g1.status()["fsm_id"]) == (80.0, 801)
+        assert len(json_of(g1.robot.state())["imu"]["rpy"]) == 3
         wait_until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
         codec = CommandCodec(model_of("g1"))
         first = codec.decode(g1.log.host("setpoint")[0].data)
@@ -156,6 +161,26 @@ def test_start_task_is_refused_by_name(tmp_path: Path) -> None:
 
 
 # -- rollouts
+
+
+def test_saf_014_a_rollout_of_a_robot_that_may_not_move_is_refused_at_the_call(tmp_path: Path) -> None:
+    with legs(tmp_path) as g1:
+        for order, sensor, value, code in (
+            ("fsm 1", "fsm", 1, "fsm"),
+            ("fsm 801", "fsm", 801, ""),
+            ("battery 12", "battery_pct", 12, "battery_low"),
+            ("battery 80", "battery_pct", 80, ""),
+        ):
+            g1.order(order, lambda sensor=sensor, value=value: g1.sensor(sensor) == value)  # type: ignore[misc]
+            if code:
+                answer = g1.robot.run_policy(Stand(), duration=1.0)
+                assert answer["status"] == "error", answer
+                assert answer["content"][0]["text"].startswith("run_policy: ")
+                assert answer["content"][1]["json"]["refused"]["code"] == code
+                assert g1.status()["state"] == "armed"  # and not ended by the refusal
+        assert not g1.log.host("setpoint") and not g1.task()["running"]
+        assert g1.robot.run_policy(Stand(), duration=0.5)["status"] == "success"
+        assert g1.wait_for_the_end()["exit_reason"] == "duration"
 
 
 def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: Path) -> None:
@@ -290,7 +315,8 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         assert [entry.data for entry in robot.events("mode")] == [b""]
         joint, rad = next(iter(robot.robot.get_observation().items()))
         wait_until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
-        assert robot.robot.send_action({joint: rad})["status"] == "success"
+        told = json_of(robot.robot.send_action({joint: rad}))
+        assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
         wait_until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
         assert not robot.log.host("garbled")  # its own family's frames
 
@@ -316,6 +342,12 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
         answer = go2.robot.release_sport_mode()
         assert answer["status"] == "error" and "a task is running" in answer["content"][0]["text"]
         go2.robot.stop_task()
+
+
+def test_the_interface_may_be_named(tmp_path: Path) -> None:
+    """As ``network_interface="eth0"`` on a robot's network: here the loopback."""
+    with legs(tmp_path, "unitree_go2", network_interface="lo") as go2:
+        assert go2.status()["connected"] is True
 
 
 def test_what_connecting_says(tmp_path: Path) -> None:

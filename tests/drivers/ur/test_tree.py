@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import socket
+import struct
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -114,6 +115,11 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     assert math.isclose(answer["targets"][PAN], seen[PAN] + 0.02)
     assert answer["control_period"] == 0.008
     until(lambda: abs(arm.get_observation()[PAN] - seen[PAN] - 0.02) < 0.005, "it is there")
+    told = json_of(arm.state())
+    assert (told["robot_mode"], told["safety_mode"], told["model"]) == ("RUNNING (7)", "NORMAL (1)", "ur5e")
+    assert [len(told[name]) for name in ("tcp_pose", "tcp_speed", "wrench")] == [6, 6, 6]
+    assert list(told["joints"]) == list(told["joint_velocities"]) == list(JOINTS)
+    assert status(arm)["safety_mode"] == "NORMAL (1)"
 
     began_ns = time.monotonic_ns()
     stopped = json_of(arm.stop())
@@ -122,6 +128,14 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     assert first_safe(twin, began_ns) < SLACK_S
     assert "resume() first" in why(arm.send_action({PAN: 0.0}))
     comes_back(arm, twin)
+
+
+def test_a_slower_exchange_with_the_controller(twin: Twin, run_dir: Path) -> None:
+    with Robot("ur5e", mode="real", port=twin.port, rtde_frequency=50.0) as arm:
+        asked = [entry.data for entry in twin.log.entries() if b"actual_TCP_force" in entry.data]
+        assert asked and struct.pack(">d", 50.0) in asked[-1]
+        json_of(nudge(arm))
+        until(lambda: twin.log.host("setpoint"), "it moves all the same")
 
 
 def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:

@@ -1,0 +1,20 @@
+"""Numbers and truth values of any library as Python's own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def as_python(value: Any) -> Any:
+    """Return a scalar of numpy, torch or the like as Python's own bool, int or float; anything else
+    as it is."""
+    item = getattr(value, "item", None)
+    if not callable(item) or getattr(value, "ndim", 0) != 0:
+        return value
+    try:
+        return item()
+    except (TypeError, ValueError, RuntimeError):  # a tensor without data
+        return value
+
+
+__all__ = ["as_python"]

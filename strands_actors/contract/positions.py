@@ -1,0 +1,39 @@
+"""Positions by key, as an observation has them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+SUFFIX = ".pos"
+"""How lerobot, and a policy written for it, end the name of a joint."""
+
+
+class Positions(dict[str, float]):
+    """The positions of a robot, in the order of its axes. ``shoulder_pan`` and ``shoulder_pan.pos``
+    both answer; the keys that show, and travel, are the plain ones, which ``send_action`` takes."""
+
+    def __missing__(self, key: object) -> float:
+        plain = _plain(key)
+        if plain is None or not dict.__contains__(self, plain):
+            raise KeyError(key)
+        return dict.__getitem__(self, plain)
+
+    def __contains__(self, key: object) -> bool:
+        return dict.__contains__(self, key) or dict.__contains__(self, _plain(key))
+
+    def get(self, key: object, default: Any = None) -> Any:
+        try:
+            return self[key]  # type: ignore[index]  # any key may be asked for
+        except KeyError:
+            return default
+
+    def copy(self) -> Positions:
+        return Positions(self)
+
+
+def _plain(key: object) -> str | None:
+    """Return the key without its suffix; None when it has none."""
+    return key.removesuffix(SUFFIX) if isinstance(key, str) and key.endswith(SUFFIX) else None
+
+
+__all__ = ["SUFFIX", "Positions"]

@@ -1,0 +1,42 @@
+"""A robot as a tool, as strands-agents and MCP want it: from what its driver declares. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .driver import Driver
+
+
+def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
+    """As strands-agents and MCP want it; ``action`` names the verb."""
+    verbs = driver.TOOL_VERBS
+    properties: dict[str, Any] = {
+        "action": {
+            "type": "string",
+            "enum": [verb.name for verb in verbs],
+            "description": " ".join(f"{verb.name}: {verb.says}" for verb in verbs),
+        }
+    }
+    for verb in verbs:
+        for name, schema in verb.inputs.items():
+            properties[name] = _with_axes(schema, driver)
+    return {
+        "name": tool_name,
+        "description": (
+            f"The robot {driver.robot}: {', '.join(driver.axes)}, in {driver.unit}. "
+            "What it must not do it refuses, and says what it would accept."
+        ),
+        "inputSchema": {"json": {"type": "object", "properties": properties, "required": ["action"]}},
+    }
+
+
+def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
+    """An object is keyed by axis."""
+    if schema["type"] != "object":
+        return dict(schema)
+    return {
+        **schema,
+        "properties": {axis: {"type": "number"} for axis in driver.axes},
+        "additionalProperties": False,
+    }

@@ -1,0 +1,115 @@
+"""Commands as mappings, ``{"action": ...}``, in the words of strands-robots: to one robot, or to
+all."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
+
+from .client import ANSWER_S, BEGIN_S, PRESENCE_S, MeshClient
+from .outcome import Outcome
+
+LOOK_S = 0.02
+TO_ALL = (*mesh_json.READING, mesh_json.Stop)
+"""What all robots may be asked at once."""
+
+Command = Mapping[str, Any] | str
+"""Or its action alone."""
+
+
+async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any] | Refused:
+    """Send a command; its result. What moves the robot is dated here: it has begun within
+    ``BEGIN_S``, or nothing of it will."""
+    given, kind = _read(command)
+    if isinstance(kind, Refused):
+        return kind
+    if kind is mesh_json.Stop:
+        return _told_of([await mesh.stop(robot, _by(given))], robot)
+    if kind is mesh_json.Estop:
+        return _told_of(await mesh.estop(_by(given), robot=robot), robot)
+    if kind is mesh_json.Resume:
+        return await mesh.resume(robot, _by(given))
+    if not issubclass(kind, mesh_json.Dated):
+        return await mesh.request(robot, given)
+
+    def make(clock: str, deadline_ns: int) -> dict[str, Any]:
+        return {**given, "clock": clock, "deadline_ns": deadline_ns}
+
+    return await mesh.dated(robot, make, BEGIN_S, BEGIN_S + ANSWER_S)
+
+
+async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str, Any] | Refused] | Refused:
+    """Ask all robots for a reading, or stop all; their answers by robot. What moves a robot is for
+    one at a time."""
+    given, kind = _read(command)
+    if isinstance(kind, Refused):
+        return kind
+    if kind not in TO_ALL:
+        known = ", ".join(name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL)
+        why = f"broadcast: {given['action']} is for one robot at a time"
+        return Refused("one_robot", why, f"to all send {known}; what moves one, send to that one")
+    answers: dict[str, dict[str, Any] | Refused] = {}
+
+    async def ask(robot: str) -> None:
+        answers[robot] = await send(mesh, robot, given)
+
+    await mesh.settle()
+    async with trio.open_nursery() as nursery:
+        for robot in mesh.robots:
+            nursery.start_soon(ask, robot)
+    return dict(sorted(answers.items()))
+
+
+async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str, Any]]:
+    """Return who is on the mesh: ``peer_id``, ``type``, ``age`` (seconds), ``reachable``, and what
+    each says of itself."""
+    heard: dict[str, tuple[float, dict[str, Any]]] = {}
+
+    def hear(received: Received) -> None:
+        with contextlib.suppress(msgspec.DecodeError):  # it is there, and cannot be understood
+            told = msgspec.json.decode(received.payload, type=dict[str, Any])
+            heard[received.key.split("/")[1]] = trio.current_time(), told
+
+    mesh.subscribe(mesh_json.key("*", "presence"), hear)
+    await mesh.settle()
+    with trio.move_on_after(within_s):
+        while not set(mesh.robots) <= set(heard):  # noqa: ASYNC110  # they come one by one
+            await trio.sleep(LOOK_S)
+    now, rows = trio.current_time(), []
+    for robot in sorted({*mesh.robots, *heard}):
+        at, told = heard.get(robot, (now, {}))
+        kind = told.get("robot_type", "robot")
+        rows.append({**told, "peer_id": robot, "type": kind, "age": now - at, "reachable": robot in heard})
+    return rows
+
+
+def _read(command: Command) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
+    """Return the command with its action, and what kind that is."""
+    given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
+    action = str(given["action"])
+    kind = mesh_json.ACTIONS.get(action)
+    if kind is not None:
+        return given, kind
+    shown, known = action[:40], ", ".join(mesh_json.ACTIONS)
+    return given, Refused("unknown_action", f"{shown!r} is no action", f"send {known}", shown, known)
+
+
+def _by(given: Mapping[str, Any]) -> str:
+    return str(given.get("by", ""))
+
+
+def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
+    """Return what became of a robot; one that could not be reached has answered nothing."""
+    outcome = next((each for each in outcomes if each.robot == robot), None)
+    if outcome is None or outcome.outcome == "unreachable":
+        return Refused("unreachable", outcome.detail if outcome else f"{robot} is not on the mesh")
+    told: dict[str, Any] = msgspec.to_builtins(outcome)
+    return told

@@ -1,0 +1,20 @@
+"""Whether somebody on the mesh may have the lease. Pure."""
+
+from __future__ import annotations
+
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors import messages
+from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
+
+
+def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
+    """Who comes over the mesh to a robot that holds must resume it first, unless it holds because
+    somebody on the mesh wanted it to. ``resumed_epoch``: in which that was last so."""
+    if status.locked_by:
+        return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
+    if status.mode not in WRITABLE:
+        cause = f" ({status.cause})" if status.cause else ""
+        return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
+    if status.mode == Mode.HOLDING and status.epoch != resumed_epoch:
+        return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
+    return None

@@ -1,0 +1,353 @@
+"""What somebody on the mesh has the robot do by itself: a named policy, a pose, steps and a reset of
+a simulation.
+
+Each runs under a lease that this process takes for who asked, and keeps for as long as was asked
+for: whoever asked need not stay. It goes through the same gate as everything else, needs the
+operator's word where the robot is real, ends by itself, and is ended by every stop. A policy runs
+in a process of its own, like a task of the robot's own program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.actor import Context
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.supervisors import addresses, messages
+from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.gate.admission import about
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.lease import refuse_by_deadline
+from strands_actors.supervisors.messages import Rollout, StartTask, TaskStatus
+
+from . import schemas as mesh_json
+from .command_rules import Shared
+from .lease_rules import refuse_by_mode
+from .policy_choice import choose
+
+ASK_S = 0.1
+START_S = 2.0
+"""For a policy's process to be started."""
+BEAT_S = 0.1
+LOOK_S = 0.02
+"""How often it is looked whether a rollout has ended."""
+NOBODY_TO_ASK = "on the mesh there is nobody to ask"
+
+Answer = Callable[[dict[str, Any] | Refused, bool], None]
+"""Tells who asked; whether that is the last word."""
+
+
+class Motion:
+    """Of one robot. ``task``: what its policy process does."""
+
+    def __init__(
+        self,
+        robot: str,
+        driver: Driver,
+        context: Context,
+        task: Callable[[], TaskStatus],
+        shared: Shared,
+    ) -> None:
+        at = addresses.of(robot)
+        self._robot = robot
+        self._driver = driver
+        self._context = context
+        self._gate: Ref = context.ref(at.gate, Gate)
+        self._tasks: Ref = context.node.ref(at.tasks)
+        self._task = task
+        self._shared = shared
+        self._stop_s = StopDeadlines.of(driver.timing.safe_s).gate_s
+        self._turn = trio.Lock()
+        self._kept: messages.Lease | None = None
+        self._keeper = ""
+        """Who asked for what the lease is kept for."""
+        self._free = trio.Event()
+        """Nothing is kept any more."""
+        self._until_ns = 0
+        """Until when; 0: until the rollout ends."""
+
+    async def do(self, sender: str, own: messages.Lease | None, command: mesh_json.Motion, answer: Answer) -> None:
+        """Do what was asked, and answer. ``own``: the lease that the sender has by ``acquire``."""
+        try:
+            async with self._turn:
+                told = self._refuse(command) or await self._do(sender, own, command)
+        except (AskTimeout, Unreachable) as failure:
+            told = Refused("unreachable", f"the wire does not answer: {failure}", "resume when the robot is back")
+        if isinstance(told, Refused):
+            answer(_named(command.action, told), True)
+        elif isinstance(command, mesh_json.Execute):
+            answer({"within_s": command.duration + START_S + self._stop_s, **told}, False)
+            answer(await self._ended(), True)
+        else:
+            answer(told, True)
+
+    # -- may it
+
+    def _refuse(self, command: mesh_json.Motion) -> Refused | None:
+        driver, action = self._driver, command.action
+        # It may have waited for another's turn: what is late by now is not done.
+        late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns(), f"{action}: ")
+        if late is not None:
+            return late
+        keys: tuple[str, ...] = ()
+        match command:
+            case mesh_json.Start():
+                if why := driver.ROLLOUTS or driver.TASKS:
+                    return Refused("no_rollout", f"{action}: {driver.robot}: {why}", "")
+                keys = driver.axes
+            case mesh_json.SetJoints():
+                longest_s = driver.timing.oneshot_ttl_s
+                if longest_s is not None and command.duration > longest_s:
+                    why = f"{action}: {driver.robot} keeps no command on its own for {command.duration:g} s"
+                    remedy = f"give a duration of at most {longest_s:g} s, or run a policy"
+                    return Refused("too_long", why, remedy, f"{command.duration:g}", f"{longest_s:g}")
+                keys = driver.to_approve(command.target_joints)
+            case _ if action not in driver.SERVICES:
+                why = f"{action}: {driver.robot} is no simulation"
+                return Refused("no_simulation", why, "a robot is driven by start, set_joints and move")
+        if driver.SIMULATED:
+            return None
+        names = unapproved({action, *driver.GUARDED}, (action, *keys), driver.TOPICS)
+        return not_approved(action, names, NOBODY_TO_ASK) if names else None
+
+    async def _do(
+        self, sender: str, own: messages.Lease | None, command: mesh_json.Motion
+    ) -> dict[str, Any] | Refused:
+        if isinstance(command, mesh_json.Start):
+            return await self._start(sender, own, command)
+        lease = await self._lease(sender, own, command.action)
+        if isinstance(lease, Refused):
+            return lease
+        match command:
+            case mesh_json.SetJoints():
+                return await self._pose(lease, sender, own, command)
+            case mesh_json.Step():
+                return await self._simulate(lease, sender, own, "step", {"steps": command.steps})
+        return await self._reset(lease, sender, own)
+
+    # -- the lease
+
+    async def _lease(self, sender: str, own: messages.Lease | None, action: str) -> messages.Lease | Refused:
+        """Return the lease to do it under: the sender's, one that is kept for it already, or a new
+        one."""
+        status = await self._gate.ask(messages.GetStatus(), ASK_S)
+        if not isinstance(status, messages.Status):
+            return no_answer(status)
+        refused = refuse_by_mode(status, self._shared.resumed_epoch) or status.no_motion
+        if refused is not None:
+            return refused
+        if self._task().running:
+            return Refused("running", f"{action}: a task is already running", "stop it first")
+        if own is not None and status.holder == holder_of(sender) and own.epoch == status.epoch:
+            return own
+        if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
+            return self._kept
+        answer = await self._gate.ask(messages.Acquire(holder_of(sender)), ASK_S)
+        return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
+
+    def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
+        """Keep a lease of ours for so long; 0: until the rollout ends. A sender's own is the
+        sender's to keep."""
+        if lease == own:
+            return
+        until_ns = self._context.clock.now_ns() + round(for_s * NS) if for_s else 0
+        is_new = self._kept != lease
+        self._free = trio.Event()
+        self._kept, self._keeper, self._until_ns = lease, sender, until_ns
+        if is_new:
+            self._context.start_soon(self._beat, lease)
+
+    async def _beat(self, lease: messages.Lease) -> None:
+        while self._kept == lease and self._is_wanted():
+            self._gate.tell(messages.Beat(lease.id))
+            await trio.sleep(min(BEAT_S, self._left_s()))
+        if self._until_ns or self._task().exit_reason in ("duration", "n_steps"):
+            await self._hold(lease)
+        if self._kept == lease:
+            self._kept = None
+        await self._give_up(lease)
+        if self._kept is None:
+            self._free.set()
+
+    async def _hold(self, lease: messages.Lease) -> None:
+        """End what was asked for, when its time is over. Such a hold needs no resume before the
+        next command from the mesh."""
+        try:
+            report = await self._gate.ask(messages.Stop(Reason.EXPIRED, holder_of(self._keeper)), self._stop_s)
+        except (AskTimeout, Unreachable):
+            return  # it expires by itself, and the robot has to be resumed
+        if isinstance(report, messages.StopReport) and report.epoch == lease.epoch + 1:
+            self._shared.resumed_epoch = report.epoch
+
+    def _is_wanted(self) -> bool:
+        return self._task().running if not self._until_ns else self._left_s() > 0
+
+    def _left_s(self) -> float:
+        """Seconds until the end of what the lease is kept for, as far as that is known."""
+        return max(0.0, (self._until_ns - self._context.clock.now_ns()) / NS) if self._until_ns else LOOK_S
+
+    async def _give_up(self, lease: messages.Lease) -> None:
+        """What was commanded under it expires by itself; the lease, unless it is given up, a second
+        later."""
+        try:
+            await self._gate.ask(messages.Release(lease.id), self._stop_s)
+        except (AskTimeout, Unreachable):
+            return
+
+    # -- a rollout
+
+    async def _start(
+        self, sender: str, own: messages.Lease | None, command: mesh_json.Start
+    ) -> dict[str, Any] | Refused:
+        chosen = await choose(self._driver, command)
+        if isinstance(chosen, Refused):
+            return chosen
+        where, options = chosen
+        lease = await self._lease(sender, own, command.action)
+        if isinstance(lease, Refused):
+            return lease
+        timing = self._driver.timing
+        period_s = 1.0 / (command.control_frequency or timing.control_hz)
+        rollout = Rollout(
+            self._robot,
+            self._driver.axes,
+            command.instruction,
+            period_s,
+            max(timing.stream_ttl_s, 2 * period_s),
+            command.duration,
+            command.n_steps,
+            lease.id,
+        )
+        try:
+            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
+        except (AskTimeout, Unreachable) as failure:
+            self._tasks.tell(messages.StopTask())  # what was not answered in time must not begin late
+            status = Refused("timeout", f"{failure}; nothing of it will begin", "try again")
+        if not isinstance(status, TaskStatus):
+            if lease != own:
+                await self._give_up(lease)
+            return no_answer(status)
+        self._keep(lease, sender, own, 0.0)
+        return task_json(status)
+
+    async def _ended(self) -> dict[str, Any]:
+        while self._task().running:  # noqa: ASYNC110  # its process reports to another actor
+            await trio.sleep(LOOK_S)
+        if self._kept is not None:
+            await self._free.wait()  # so that whoever hears it may go on at once
+        return task_json(self._task())
+
+    # -- a pose
+
+    async def _pose(
+        self, lease: messages.Lease, sender: str, own: messages.Lease | None, command: mesh_json.SetJoints
+    ) -> dict[str, Any] | Refused:
+        deadline_ns = self._context.clock.now_ns() + round(command.duration * NS)
+        setpoint = messages.Setpoint(lease.id, lease.epoch, deadline_ns, command.target_joints)
+        answer = await self._gate.ask(setpoint, ASK_S)
+        if not isinstance(answer, messages.Accepted):
+            if lease not in (own, self._kept):
+                await self._give_up(lease)
+            return no_answer(answer)
+        self._keep(lease, sender, own, command.duration)
+        return self._driver.accepted(command.target_joints, answer.values, answer.sensors)
+
+    # -- a simulation
+
+    async def _simulate(
+        self,
+        lease: messages.Lease,
+        sender: str,
+        own: messages.Lease | None,
+        service: str,
+        arguments: dict[str, Any],
+    ) -> dict[str, Any] | Refused:
+        within_s = self._driver.SERVICES[service].within_s + ASK_S
+        async with self._beating(lease):
+            perform = messages.Perform(lease.id, lease.epoch, service, arguments)
+            answer = await self._gate.ask(perform, within_s)
+        if lease not in (own, self._kept):
+            await self._give_up(lease)
+        return answer.result if isinstance(answer, messages.Performed) else no_answer(answer)
+
+    async def _reset(
+        self, lease: messages.Lease, sender: str, own: messages.Lease | None
+    ) -> dict[str, Any] | Refused:
+        """Stop, put everything back, energise."""
+        by = holder_of(sender)
+        report = await self._gate.ask(messages.Stop(Reason.STOP, by), self._stop_s)
+        if not isinstance(report, messages.StopReport) or not report.confirmed:
+            return no_answer(report) if not isinstance(report, messages.StopReport) else _NOT_SAFE
+        anew = await self._gate.ask(messages.Acquire(by), ASK_S)
+        if not isinstance(anew, messages.Lease):
+            return no_answer(anew)
+        told = await self._simulate(anew, sender, None, "reset", {})
+        if isinstance(told, Refused):
+            return told
+        resumed = await self._gate.ask(messages.Resume(by, lift=False), self._driver.timing.arm_s + 2.0)
+        return told if isinstance(resumed, messages.Resumed) else no_answer(resumed)
+
+    def _beating(self, lease: messages.Lease) -> _Beating:
+        return _Beating(self._gate, lease)
+
+
+class _Beating:
+    """A lease that is kept while something waits."""
+
+    def __init__(self, gate: Ref, lease: messages.Lease) -> None:
+        self._gate = gate
+        self._lease = lease
+        self._nursery = trio.open_nursery()
+
+    async def __aenter__(self) -> None:
+        self._open = await self._nursery.__aenter__()
+        self._open.start_soon(self._beat)
+
+    async def __aexit__(self, *how: Any) -> bool | None:
+        self._open.cancel_scope.cancel()
+        return await self._nursery.__aexit__(*how)
+
+    async def _beat(self) -> None:
+        while True:
+            self._gate.tell(messages.Beat(self._lease.id))
+            await trio.sleep(BEAT_S)
+
+
+_NOT_SAFE = Refused("unconfirmed", "the simulation does not confirm that it stands", "try again")
+
+
+def holder_of(sender: str) -> str:
+    """Return what others read when they ask who has the robot."""
+    return f"{sender} on the mesh"
+
+
+def no_answer(answer: Message | None) -> Refused:
+    return answer if isinstance(answer, Refused) else Refused("no_answer", "the gate gave no answer", "try again")
+
+
+def task_json(status: TaskStatus) -> dict[str, Any]:
+    """Return a rollout's status as ``get_task_status`` has it."""
+    told: dict[str, Any] = msgspec.structs.asdict(status)
+    return {key: value if key in _COUNTED else value or None for key, value in told.items()}
+
+
+_COUNTED = ("running", "steps", "elapsed_s", "hz", "instruction")
+
+
+def _named(action: str, refused: Refused) -> Refused:
+    """Say what was asked for, where the gate speaks of a move."""
+    known = refused.reason.startswith((f"{action}: ", "start_task: "))
+    if known:
+        return refused
+    return about(action, msgspec.structs.replace(refused, reason=refused.reason.removeprefix("acquire: ")))
+
+
+__all__ = ["NOBODY_TO_ASK", "Motion", "holder_of", "no_answer", "task_json"]

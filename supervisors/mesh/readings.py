@@ -1,0 +1,74 @@
+"""What a robot tells of itself when it is asked, and on ``state``: no lease is needed for it. Pure,
+but for the time that it is stamped with."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.axis import AxisMode
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.tool_spec import tool_spec
+from strands_actors.supervisors.gate.failsafe import WRITABLE
+from strands_actors.supervisors.messages import Status, TaskStatus
+
+TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
+"""No leader arm writes to this robot over the mesh."""
+
+
+def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None) -> dict[str, Any]:
+    """What stands on ``state``."""
+    state: dict[str, Any] = {
+        "peer_id": robot,
+        "t": time.time(),
+        "degraded": status is None or status.mode not in WRITABLE,
+        "state": mode_of(status),
+        "epoch": 0 if status is None else status.epoch,
+        "task": {
+            "status": "running" if task.running else "idle",
+            "instruction": task.instruction,
+            "steps": task.steps,
+        },
+        "unit": driver.unit,
+        "joints": {},
+    }
+    observation = None if status is None else status.observation
+    if status is not None and observation is not None:
+        state["joints"] = driver.as_telemetry(observation.position)
+        state["age_s"] = status.age_s
+        if status.mode in WRITABLE and status.target:
+            state["targets"] = driver.as_json(status.target)
+        if observation.velocity:
+            state["velocities"] = driver.as_json(observation.velocity)
+        if "sim_time_s" in observation.sensors:
+            state["sim_time"] = observation.sensors["sim_time_s"][0]
+    return state
+
+
+def mode_of(status: Status | None) -> str:
+    return "unreachable" if status is None else status.mode
+
+
+def features(driver: Driver) -> dict[str, Any]:
+    """Which keys an action and an observation have, in which unit and range."""
+    limits = {axis.key: [axis.low, axis.high] for axis in driver.table}
+    return {
+        "action_features": dict.fromkeys(driver.axes, "float"),
+        "observation_features": dict.fromkeys(driver.axes, "float"),
+        "velocities": [axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY],
+        "limits": limits,
+        "unit": driver.unit,
+        "control_hz": driver.timing.control_hz,
+        "services": sorted(driver.SERVICES),
+    }
+
+
+def tool_of(robot: str, driver: Driver) -> dict[str, Any]:
+    """The tool's spec, and a hash by which a reader sees that it has changed."""
+    spec = tool_spec(robot, driver)
+    encoded = msgspec.json.encode(spec, order="sorted")
+    return {"tool_name": robot, "tool_spec_hash": hashlib.sha256(encoded).hexdigest(), "spec": spec}
