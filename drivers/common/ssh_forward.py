@@ -7,6 +7,7 @@ says. No connection is shared with other sessions of the user's: those would out
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import shutil
@@ -52,11 +53,11 @@ class SshForward:
             child = self._start(within_s)
         local = self._local(remote)
         with trio.move_on_after(within_s):
-            while not _is_there(local):
-                if not child.alive:
-                    raise WireDown(f"ssh {self._host}: {self._said()}. Try `ssh {self._host}` by hand")
+            while child.alive:
+                with contextlib.suppress(WireDown):  # it is not there yet, or ssh does not listen yet
+                    return await open_unix(local)
                 await trio.sleep(LOOK_S)
-            return await open_unix(local)
+            raise WireDown(f"ssh {self._host}: {self._said()}. Try `ssh {self._host}` by hand")
         raise WireDown(f"ssh {self._host}: no connection within {within_s:g} s. Check the host and its network")
 
     def close(self) -> None:
@@ -100,10 +101,6 @@ class SshForward:
         except OSError:
             lines = []
         return next((line.strip() for line in reversed(lines) if line.strip()), "it has ended, without a word")
-
-
-def _is_there(path: str) -> bool:
-    return os.path.exists(path)
 
 
 def command(program: str, host: str, port: int, within_s: float, forwards: Sequence[tuple[str, str]]) -> list[str]:

@@ -24,6 +24,6 @@ def checks() -> Iterator[object]:
                 yield pytest.param(check, id=f"{robot}-{check}")
 
 
-@pytest.mark.parametrize("check", checks())
+@pytest.mark.parametrize("check", list(checks()))
 def test_a_driver_conforms(check: Check) -> None:
     check()

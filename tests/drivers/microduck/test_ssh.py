@@ -72,7 +72,7 @@ def test_what_ssh_says_is_told(log: Path) -> None:
     async def main() -> None:
         forward = SshForward("refused.example", 0, ["/run/robotd.sock"])
         try:
-            await forward.open("/run/robotd.sock", 5.0)
+            await forward.open("/run/robotd.sock", 20.0)
         finally:
             forward.close()
 
@@ -84,7 +84,7 @@ def test_a_missing_ssh_is_named() -> None:
     async def main() -> None:
         forward = SshForward("duck", 0, ["/run/robotd.sock"], program="no-such-ssh")
         try:
-            await forward.open("/run/robotd.sock", 5.0)
+            await forward.open("/run/robotd.sock", 20.0)
         finally:
             forward.close()
 
