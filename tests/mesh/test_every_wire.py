@@ -1,0 +1,59 @@
+"""One e-stop, one robot of every driver: read from what each twin heard. As many at a time as two
+cores carry, an SO-101 among them each time."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from strands_actors import Robot, estop
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
+from strands_actors.drivers import get_native_driver_class
+from strands_actors.surfaces.cli.matrix import one_of_each
+from strands_actors.surfaces.mesh import resume
+from strands_actors.testing import Twin
+from tests.answers import state, status
+
+AT_ONCE = 4
+BESIDE = "so101"
+BOUND_S = 3.0
+"""From the call to the safe frame of each; far above what is measured, for a busy machine."""
+
+
+@contextlib.contextmanager
+def fleet(kinds: list[str], directory: Path) -> Iterator[dict[str, tuple[Twin, RealRobot]]]:
+    with contextlib.ExitStack() as stack, ThreadPoolExecutor() as pool:
+        for kind in kinds:
+            (directory / kind).mkdir()
+        twins = [Twin(kind, directory / kind) for kind in kinds]
+        for twin, _ in zip(twins, pool.map(Twin.__enter__, twins), strict=True):
+            stack.push(twin.__exit__)
+        robots = [Robot(twin.robot, mode="real", port=twin.port) for twin in twins]
+        for robot in robots:
+            stack.callback(robot.cleanup)
+        for robot in robots:
+            problem = robot.connect_eagerly() and robot.connect_eagerly()  # a busy machine has two goes
+            assert problem is None, f"{robot.name}: {problem}"
+        yield {twin.robot: (twin, robot) for twin, robot in zip(twins, robots, strict=True)}
+
+
+def test_saf_007_one_estop_stops_a_robot_of_every_wire(tmp_path: Path, run_dir: Path) -> None:
+    kinds = [kind for kind in one_of_each() if get_native_driver_class(kind) is not get_native_driver_class(BESIDE)]
+    for first in range(0, len(kinds), AT_ONCE):
+        directory = tmp_path / str(first)
+        directory.mkdir()
+        with fleet([BESIDE, *kinds[first : first + AT_ONCE]], directory) as robots:
+            assert {kind: state(robot) for kind, (_, robot) in robots.items()} == dict.fromkeys(robots, "armed")
+            began_ns = time.monotonic_ns()
+            outcomes = {outcome.robot: outcome for outcome in estop(by="the button", within_s=12.0)}
+            assert {kind: outcome.outcome for kind, outcome in outcomes.items()} == dict.fromkeys(robots, "safe")
+            for kind, (twin, robot) in robots.items():
+                assert outcomes[kind].safe_state == robot.driver.fallbacks[Reason.ESTOP]
+                twin.log.safe_within(began_ns, BOUND_S)
+                assert twin.log.setpoints_after_safe(began_ns) == 0
+                assert status(robot)["locked_by"] == "the button"
+            resume(BESIDE)  # its lock would outlive this tree
