@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import trio
 
 from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.process import ChildProcess, start
 
@@ -62,6 +63,8 @@ class World:
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
             raise SimulationError("view: there is no display (DISPLAY is not set). use render()")
+        if why := missing("pictures", "a window"):
+            raise SimulationError(f"view: {why}")
         await self._start("view")
         window = start(_VIEWER, {"control": self._twin_process.control})
         self._windows.append(window)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import trio
 
+from strands_actors.contract.extras import missing
 from strands_actors.drivers.common.lean_mujoco import mujoco
 
 from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
@@ -130,6 +131,8 @@ class _Room:
 def open_gl(width: int, height: int) -> Any:
     """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise
     ``CannotRender``."""
+    if why := missing("pictures", "a picture"):
+        raise CannotRender(why)
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     if sys.platform == "darwin":
         platform = "cgl"

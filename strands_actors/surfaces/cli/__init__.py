@@ -11,6 +11,8 @@ from typing import Annotated
 
 import typer
 
+from strands_actors.contract.extras import MissingExtra
+
 from .errors import Problem
 
 USAGE = 2
@@ -299,7 +301,7 @@ def run(arguments: Sequence[str]) -> int:
         return INTERRUPTED
     except BaseExceptionGroup as group:
         return _ended(group)
-    except (Problem, OSError) as problem:
+    except (Problem, MissingExtra, OSError) as problem:
         return _complain(str(problem))
     except Exception as error:
         usage = getattr(error, "format_message", None)  # typer's own, whichever version
