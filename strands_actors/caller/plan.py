@@ -180,14 +180,16 @@ def _driver_class(name: str, robot: str, driver: str) -> type[Any]:
     if driver == "auto" and "lerobot" not in known[robot]:
         raise ValueError(f"Robot: {name} has no native driver. these have one: {native}")
     raise ValueError(
-        f"Robot: {name} would be driven by lerobot (extra strands-actors[lerobot]), which is not in this version. "
+        f"Robot: {name} would be driven by lerobot's own robot classes, which this version does not run. "
         f"these have a native driver: {native}"
     )
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
     if name.endswith("_leader"):
-        return f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and attach it to a follower"
+        follower = canonical_name(name.removesuffix("_leader"))
+        its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
+        return f"Robot: {name} is a teleoperator, and this version drives none.{its}"
     close = difflib.get_close_matches(name, known, n=3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
     return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"
@@ -363,7 +365,7 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
             f"{name} offers {', '.join(offered) or 'none'}"
         )
     if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
-        raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
+        raise ValueError(f"Robot: {name} opens no cameras. leave out cameras=, and read them beside the robot")
     if transport == TWIN and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
