@@ -98,7 +98,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     from rich.text import Text
 
     console = Console()
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # 80 columns for the longest of everything
     for title in ("step", "state", "safe", "bound", "confirmed", "after", "verdict"):
         left = title in ("step", "state", "verdict")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
@@ -115,8 +115,8 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     console.print(table)
     for figure in outcome.figures:  # below it: in a column of their own they would be cut off
         if figure.detail:
-            mark = "" if figure.passed else " FAILED"
-            console.print(Text(f"{figure.step}{mark}: {figure.detail}"), style=None if figure.passed else "bold red")
+            text = f"{figure.step}: {figure.detail}" if figure.passed else f"{figure.step} FAILED: {figure.detail}"
+            console.print(Text(text, "" if figure.passed else "bold red"))
     if outcome.certificate is not None:
         print(f"passed. certificate: {outcome.path}")
     else:
