@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         register_native_driver,
         register_robot,
     )
+    from .policies import MockPolicy, Policy, create_policy, register_policy
     from .surfaces.mesh import TLS, Access, MeshConfig, control, estop, estop_button, open_mesh, resume
     from .surfaces.recording import RecordingError, read, record, replay
 
@@ -38,6 +39,7 @@ _WHERE = {
         "register_robot",
     ),
     "caller.robot": ("Robot", "open_robot"),
+    "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.mesh": ("TLS", "Access", "MeshConfig", "control", "estop", "estop_button", "open_mesh", "resume"),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
@@ -47,10 +49,13 @@ __all__ = [
     "Access",
     "HardwareDriver",
     "MeshConfig",
+    "MockPolicy",
+    "Policy",
     "RecordingError",
     "Robot",
     "__version__",
     "control",
+    "create_policy",
     "estop",
     "estop_button",
     "list_driver_coverage",
@@ -61,6 +66,7 @@ __all__ = [
     "read",
     "record",
     "register_native_driver",
+    "register_policy",
     "register_robot",
     "replay",
     "resume",

@@ -4,6 +4,8 @@ accepted."""
 from __future__ import annotations
 
 import difflib
+import logging
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,6 +35,9 @@ from .twin_process import SIM, TwinProcess
 MODES = ("sim", "real", "auto")
 TWIN = "twin"
 """The transport that starts a process; others are ways of a driver's own to its robot."""
+MODE_VARIABLE = "STRANDS_ROBOT_MODE"
+"""What ``mode="auto"`` means on this machine: ``sim`` or ``real``. No other mode reads it."""
+_log = logging.getLogger("strands_actors")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
@@ -118,7 +123,7 @@ def _read(
     lifetime: float | None = None,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
-    chosen_mode = str(mode).lower()
+    chosen_mode = str(mode).strip().lower()
     if chosen_mode not in MODES:
         raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
     robot = canonical_name(name)
@@ -226,10 +231,16 @@ def _is_serial(driver_class: type[Any]) -> bool:
 
 
 def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
-    """Port and mode of ``mode="auto"``."""
+    """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
+    plugged in."""
     if port is not None or transport is not None:
         return port, "real"
+    wanted = _mode_of_environment()
+    if wanted == "sim":
+        return None, "sim"
     found = _adapters(driver_class)
+    if wanted == "real":
+        return found[0] if len(found) == 1 else None, "real"
     return (found[0], "real") if len(found) == 1 else (None, "sim")
 
 
@@ -393,6 +404,17 @@ def _missing_port(robot: str, driver_class: type[Any]) -> str:
         f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
         f"serial devices here: {found}{doubt} (a path is not an identity: check which robot is behind it)"
     )
+
+
+def _mode_of_environment() -> str:
+    """``sim`` or ``real``, as ``STRANDS_ROBOT_MODE`` says; empty: it says nothing."""
+    word = os.environ.get(MODE_VARIABLE, "").strip().lower()
+    if word in ("", "auto"):
+        return ""
+    if word not in MODES:
+        _log.warning("%s is %r, and is ignored. use %s", MODE_VARIABLE, word, ", ".join(map(repr, MODES)))
+        return ""
+    return word
 
 
 def _adapters(driver_class: type[Any]) -> list[str]:

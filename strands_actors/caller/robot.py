@@ -72,8 +72,9 @@ def Robot(  # a factory named as on the drivers page
     """A handle on one robot; nothing is started yet.
 
     ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected
-    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly
-    one serial adapter of the robot's kind is plugged in, else a simulation. ``port`` says where a
+    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given, what
+    ``STRANDS_ROBOT_MODE`` says, or real when exactly one serial adapter of the robot's kind is
+    plugged in, else a simulation. ``port`` says where a
     real robot is; ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=``
     makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
     there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,

@@ -329,3 +329,28 @@ def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> N
         assert arm.driver.config.name == "Lamp"
         with pytest.raises(ValueError, match="Lamp has no simulation of"):
             Robot(name)
+
+
+@pytest.mark.parametrize("word", ["real", "REAL", " real "])
+def test_the_environment_says_what_auto_means(
+    monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], word: str
+) -> None:
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", word)
+    with pytest.raises(ValueError, match="so101 needs 'port'"):
+        Robot("so101", "auto")
+    plugged.append(bus_adapter("/dev/ttyACM0"))
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, /dev/ttyACM0)>"
+    assert repr(Robot("so101")) == "<Robot so101 (so101, sim)>", "a bare Robot() never goes to hardware"
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "sim")
+    assert repr(Robot("so101", " Auto ")) == "<Robot so101 (so101, sim)>"
+
+
+def test_a_word_of_the_environment_that_is_none_is_ignored_and_told(
+    monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "auto")
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, sim)>"
+    assert caplog.text == ""
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "rael")
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, sim)>"
+    assert "STRANDS_ROBOT_MODE is 'rael', and is ignored" in caplog.text
