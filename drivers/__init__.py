@@ -77,6 +77,9 @@ LEROBOT_ROBOTS = (
 )  # fmt: skip
 """Robots that lerobot has a type for."""
 
+LEROBOT_ADDRESSED = ("reachy2",)
+"""Of these, the ones that are reached over a network; the others are servo buses."""
+
 OTHER_ROBOTS = ("ability_hand",)
 """Known by name, with no hardware driver anywhere."""
 
@@ -250,10 +253,16 @@ def get_native_driver_class(name: str) -> type[Any] | None:
 
 
 def port_kind(name: str) -> Literal["serial", "address"] | None:
-    """What the ``port`` of a robot is; None for a robot without a native driver, or whose driver
-    does not say."""
-    kind: Literal["serial", "address"] | None = getattr(get_native_driver_class(name), "PORT_KIND", None)
-    return kind
+    """What the ``port`` of a robot is: a serial device, or an address on a network, which is also
+    what a driver has that does not say. Robots of lerobot alone are servo buses. None for a robot
+    that nobody drives."""
+    driver_class = get_native_driver_class(name)
+    if driver_class is not None:
+        return "serial" if getattr(driver_class, "PORT_KIND", None) == "serial" else "address"
+    robot = canonical_name(name)
+    if "lerobot" not in list_driver_coverage().get(robot, ()):
+        return None
+    return "address" if robot in LEROBOT_ADDRESSED else "serial"
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:

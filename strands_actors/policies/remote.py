@@ -23,8 +23,8 @@ holds.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
@@ -32,6 +32,8 @@ from websockets.sync.client import connect
 from .base import Action, Policy
 from .registry import ENDPOINT_PORT, parse_endpoint
 from .remote_protocols import CODECS, Chunks, Facts, JsonV1, Misunderstood, Talk, greeting
+
+Read = TypeVar("Read")
 
 MAX_BYTES = 1 << 20
 
@@ -164,7 +166,7 @@ class Remote(Policy):
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
 
-    def _understand(self, read: Any, answer: bytes | str) -> Any:
+    def _understand(self, read: Callable[[bytes | str], Read], answer: bytes | str) -> Read:
         try:
             return read(answer)
         except Misunderstood as problem:
