@@ -36,7 +36,6 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ),
     ("ability_hand", PORT, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
     ("ability_hand", {}, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
-    ("unitree_g1", {}, ("no simulation of unitree_g1", "mode='real', transport='twin'")),
     ("omx", PORT, ("omx", "lerobot's own robot classes", "this version does not run", "so100, so101")),
     ("omx", {**PORT, "driver": "strands"}, ("omx has no native driver", "hope_jr", "so100, so101")),
     ("so101", {**PORT, "driver": "lerobot"}, ("so101", "lerobot's own robot classes", "this version does not run")),

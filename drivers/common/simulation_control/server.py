@@ -160,7 +160,8 @@ class SimulationControl:
             steps -= now
 
     def _fits(self, values: Sequence[float]) -> bool:
-        return len(values) == len(self._body.axes) and all(map(math.isfinite, values))
+        rows: int = getattr(self._body, "target_rows", 1)
+        return len(values) == rows * len(self._body.axes) and all(map(math.isfinite, values))
 
     async def _render(self, request: p.Render) -> p.Reply:
         try:
