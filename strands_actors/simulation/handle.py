@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     import numpy
     from numpy.typing import NDArray
 
-_RENDER = "strands_actors.drivers.sim.world:render"
-_RESET = "strands_actors.drivers.sim.world:reset"
+_WORLD = "strands_actors.drivers.sim.world"
+_RENDER = f"{_WORLD}:render"
+_RESET = f"{_WORLD}:reset"
 _VIEWER = "strands_actors.drivers.sim.viewer:main"
 
 WINDOW_S = 20.0
@@ -56,6 +57,10 @@ class World:
     async def reset(self) -> None:
         """Every joint back to where it began, limp."""
         await self._ask("reset", _RESET)
+
+    async def change(self, verb: str, *args: Any) -> None:
+        """``add_object``, ``remove_object``, ``add_camera``, ``save_state``, ``load_state``."""
+        await self._ask(verb, f"{_WORLD}:{verb}", *args)
 
     async def view(self) -> None:
         """Open MuJoCo's viewer in a process of its own; return when its window is there."""

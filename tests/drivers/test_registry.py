@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -111,11 +112,12 @@ def test_who_drives_is_asked_for_else_registered_else_native_else_lerobot() -> N
             resolve_driver(robot, driver)
 
 
-def test_a_robot_that_is_registered_is_known_by_all_its_names() -> None:
+def test_a_robot_that_is_registered_is_known_by_all_its_names(tmp_path: Path) -> None:
     class Own(Feetech):
         pass
 
-    register_robot("my_arm", hardware={"driver": "strands"}, aliases=["mine"], model_xml="arm.xml")
+    (model := tmp_path / "arm.xml").write_text("<mujoco/>")
+    register_robot("my_arm", hardware={"driver": "strands"}, aliases=["mine"], model_xml=model)
     assert list_driver_coverage()["my_arm"] == ()
     with pytest.raises(ValueError, match="mine has no native driver"):
         Robot("mine", mode="real", port="/dev/ttyACM0")

@@ -71,7 +71,7 @@ def callables() -> set[str]:
 
 def keywords() -> set[str]:
     taken: list[Callable[..., object]] = [Robot, check_driver, register_robot, register_native_driver, MeshConfig]
-    taken += [RealRobot.run_policy, RealRobot.start_task]
+    taken += [RealRobot.run_policy, RealRobot.start_task, SimRobot.add_object]
     found = {keyword for each in taken for keyword in inspect.signature(each).parameters}
     for provider in list_providers().values():
         module, _, name = provider.where.partition(":")

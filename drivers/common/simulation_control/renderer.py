@@ -40,6 +40,7 @@ class Renderer:
         self._limiter = trio.CapacityLimiter(1)
         self._view: View | None = None
         self._room: _Room | None = None
+        self._stale = False
 
     async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
         """Rows from the top, three bytes a pixel. Raise ``CannotRender``."""
@@ -47,8 +48,9 @@ class Renderer:
             raise CannotRender(
                 f"a picture of {width} x {height} pixels. ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
             )
-        if camera not in CAMERAS:
-            known = ", ".join(name for name in CAMERAS if name)
+        own = [one.name for one in self._spec.cameras if one.name]
+        if camera not in CAMERAS and camera not in own:
+            known = ", ".join([*(name for name in CAMERAS if name), *own])
             raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
@@ -56,11 +58,20 @@ class Renderer:
         """The scene as MuJoCo's own file."""
         return await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
 
+    def exchange(self, spec: Any) -> None:
+        """Take the next picture of this model. It is used in a thread: nobody else may have it."""
+        self._spec = spec
+        self._stale = True
+
     def close(self) -> None:
         if self._room is not None:
             self._room.close()
 
     def _render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
+        if self._stale:
+            self._stale, self._view = False, None
+            self.close()
+            self._room = None
         if self._room is not None and not self._room.holds(width, height):
             self._room.close()
             self._room = None
@@ -113,7 +124,11 @@ class _Room:
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        look(eye, model, self._view, width, height, camera)
+        if camera in CAMERAS:
+            look(eye, model, self._view, width, height, camera)
+        else:  # one of the scene's own
+            eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            eye.fixedcamid = model.camera(camera).id
         mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         rectangle = mujoco.MjrRect(0, 0, width, height)
         rows = np.empty((height, width, 3), np.uint8)

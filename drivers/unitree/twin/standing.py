@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.scenery import Scenery
 from strands_actors.drivers.unitree.gates import ROWS
 
 from .onboard import Onboard
@@ -27,6 +28,7 @@ class StandingBody:
         self._led = False
         self.axes = onboard.model.axes
         self.spec = onboard.body.spec
+        self.scenery = Scenery(onboard.body)
 
     @property
     def hands(self) -> Sequence[Hand]:
