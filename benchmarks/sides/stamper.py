@@ -46,7 +46,7 @@ class Stamper(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = (ROBOT,)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     TWIN: ClassVar[str] = ""
-    OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate", "fifo": "ask for SCHED_FIFO"}
+    OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate"}
 
     unit = "radians"
     fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
@@ -62,7 +62,6 @@ class Stamper(Driver):
             control_hz=hz,
             keepalive_s=0.9 / hz if quick else 0.05,  # as the legs' driver: who is on time is not doubled
             tick_s=0.002 if quick else 0.01,
-            realtime=bool(options.get("fifo", False)),
         )
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

@@ -13,7 +13,7 @@ import trio
 
 from strands_actors.contract.driver import WireDown
 
-from .velocity_base import Outcome
+from .outcome import Outcome
 
 TIMES = 3
 """Zeros at least: a service may drop one when its own queue is full."""

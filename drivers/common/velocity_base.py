@@ -14,7 +14,8 @@ from typing import NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, parse_action
-from strands_actors.contract.driver import Candidate, GateState, MotorReport, WireDown
+from strands_actors.contract.driver import Candidate, GateState, WireDown
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.messages import Refused
 
 from .http_port import HttpPort
@@ -79,22 +80,6 @@ class Zero(Protocol):
     def standing(self, body: bytes) -> Standing:
         """Raise ``MalformedFrame``."""
         ...
-
-
-class Outcome(NamedTuple):
-    """Of a stop. ``detail``: why the base is not known to stand; empty when it is."""
-
-    written: bool
-    acknowledged: bool
-    detail: str
-
-    def reports(self, axes: Sequence[Axis], targets: Sequence[float | None] = ()) -> tuple[MotorReport, ...]:
-        """Return one report an axis. ``targets``: where each was told to stay."""
-        told = tuple(targets) or (None,) * len(axes)
-        return tuple(
-            MotorReport(axis.key, axis.id, self.written, self.acknowledged, not self.detail, self.detail, target)
-            for axis, target in zip(axes, told, strict=True)
-        )
 
 
 def nothing_pending() -> bool:

@@ -1,31 +1,52 @@
 """The root's way to a Crazyflie: a peer of its own, that speaks only when it has to.
 
 On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A radio's
-dongle is the wire process's; when that is gone, a process of its own opens it (``stop_process``),
-so that no USB library is loaded in the root.
+dongle is the wire process's; when that is gone, a process of its own opens it, so that no USB
+library is loaded in the root.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
-import msgspec
 import trio
 
 from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.stop_process import OwnProcess
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
-from .config import CrazyflieConfig, Place
+from .config import CrazyflieConfig
 from .links import Link, open_link
+from .robots import AXES
 from .session import Session
-from .stopping import STOP_S, Outcome, bring_down
-
-PROCESS = f"{__package__}.stop_process"
+from .stopping import STOP_S, bring_down
 
 
 class CrazyflieStopChannel(StopChannel):
+    """Of both kinds: which one, the port says."""
+
+    def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        kind = _UsbProcess if config.place().is_usb else _OwnLink
+        self._channel: StopChannel = kind(config, descriptors, clock)
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        await self._channel.serve(task_status)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        return await self._channel.make_safe(_within(safe_state))
+
+    def close(self) -> None:
+        self._channel.close()
+
+
+def _within(safe_state: str) -> str:
+    """Nobody is left to hover: it lands."""
+    return SafeState.LAND if safe_state == SafeState.HOLD else safe_state
+
+
+class _OwnLink(StopChannel):
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
         self._descriptors = tuple(descriptors)
@@ -38,34 +59,26 @@ class CrazyflieStopChannel(StopChannel):
         task_status.started()
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         try:
-            place = self._config.place()
-            outcome = await (self._by_process(within) if place.is_usb else self._by_link(place, within))
+            descriptors, self._descriptors = self._descriptors, ()  # they may be dead the next time
+            link, self._link = self._link, None
+            link = link or await open_link(self._config.place(), descriptors)
+            try:
+                return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
+            finally:
+                link.close()
         except WireDown as down:
-            outcome = Outcome(False, False, str(down))
-        return outcome.reports()
+            return Outcome(False, False, str(down)).reports(AXES)
 
     def close(self) -> None:
         if self._link is not None:
             self._link.close()
         self._link = None
 
-    async def _by_link(self, place: Place, safe_state: str) -> Outcome:
-        descriptors, self._descriptors = self._descriptors, ()  # what was handed over may be dead the next time
-        link, self._link = self._link, None
-        link = link or await open_link(place, descriptors)
-        try:
-            return await bring_down(Session(link, self._clock), safe_state)
-        finally:
-            link.close()
 
-    async def _by_process(self, safe_state: str) -> Outcome:
-        command = [sys.executable, "-m", PROCESS, self._config.port, safe_state]
-        with trio.move_on_after(STOP_S):
-            done = await trio.run_process(command, capture_stdout=True, check=False)
-            try:
-                return msgspec.json.decode(done.stdout, type=Outcome)
-            except msgspec.DecodeError:
-                return Outcome(False, False, f"the process that lands it ended with code {done.returncode}")
-        return Outcome(False, False, "the process that lands it did not end")
+class _UsbProcess(OwnProcess[CrazyflieConfig]):
+    CHANNEL = f"{__package__}.usb_stop:UsbStop"
+    ANSWER_S = STOP_S
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, why).reports(AXES)

@@ -8,19 +8,16 @@ root's stop channel.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import trio
 
-from strands_actors.contract.driver import MotorReport, ProcessSpent, WireDown
+from strands_actors.contract.driver import ProcessSpent, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 
 from . import protocol as p
 from .config import LAND_S
 from .protocol import Bit
-from .robots import AXES
 from .session import Session
 
 ANSWER_S = 1.0
@@ -31,22 +28,6 @@ STOP_S = 5.5
 """Longest that bringing it down may take: landing, the two seconds for which it may count as flying
 afterwards, and packets that are lost. Less than ``Timing.safe_s``, and than what is left of it when
 a link is reached."""
-
-
-class Outcome(NamedTuple):
-    """``detail``: why it is not known to be safe; empty when it is."""
-
-    written: bool
-    acknowledged: bool
-    detail: str
-
-    def reports(self, targets: Sequence[float | None] = (None,) * len(AXES)) -> tuple[MotorReport, ...]:
-        """Return all axes alike: they are one machine."""
-        written, acknowledged, detail = self
-        return tuple(
-            MotorReport(axis, number, written, acknowledged, not detail, detail, target)
-            for number, (axis, target) in enumerate(zip(AXES, targets, strict=True), 1)
-        )
 
 
 async def bring_down(

@@ -25,6 +25,7 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -34,9 +35,9 @@ from .gates import sensors_of, why_no_takeoff
 from .hovering import Hover
 from .links import Link, open_link
 from .protocol import Bit
-from .robots import VX, VY, VZ, WZ, Z
+from .robots import AXES, VX, VY, VZ, WZ, Z
 from .session import AGAIN_S, Session, handshake
-from .stopping import Outcome, bring_down, first_frames
+from .stopping import bring_down, first_frames
 
 ARM_S = 1.0
 RISE_S = 3.0
@@ -146,14 +147,14 @@ class CrazyflieWire(Wire):
         session, self._hover = self._session_or_none, None
         if session is None:
             self._is_armed = False
-            return Outcome(False, False, "not connected").reports()
+            return Outcome(False, False, "not connected").reports(AXES)
         if safe_state == SafeState.HOLD:
             held = await self._hold(session)
             if held is not None:
                 return held
         self._is_armed = safe_state == SafeState.HOLD  # on the floor: commands go on, motors are off
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
-        return (await bring_down(session, within)).reports()
+        return (await bring_down(session, within)).reports(AXES)
 
     async def _hold(self, session: Session) -> tuple[MotorReport, ...] | None:
         """Hover where it is. None: it is not known to be in the air, and no hover starts its
@@ -168,9 +169,9 @@ class CrazyflieWire(Wire):
         try:
             await session.link.write(hover.packet(hover.began_ns))
         except (WireDown, ProcessSpent) as failure:
-            return Outcome(False, False, str(failure)).reports()
+            return Outcome(False, False, str(failure)).reports(AXES)
         self._hover = hover
-        return Outcome(True, True, "").reports((0.0, 0.0, 0.0, 0.0, height_m))
+        return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,
@@ -178,7 +179,7 @@ class CrazyflieWire(Wire):
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self._session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:
-            return (await bring_down(session, within)).reports()
+            return (await bring_down(session, within)).reports(AXES)
         if session is not None:
             with contextlib.suppress(WireDown, ProcessSpent):
                 await session.say(*first_frames(within))
@@ -186,9 +187,9 @@ class CrazyflieWire(Wire):
         try:
             link = await self._open_link()
         except (WireDown, ProcessSpent) as failure:
-            return Outcome(False, False, str(failure)).reports()
+            return Outcome(False, False, str(failure)).reports(AXES)
         try:
-            return (await bring_down(Session(link, self._clock), within)).reports()
+            return (await bring_down(Session(link, self._clock), within)).reports(AXES)
         finally:
             link.close()
 

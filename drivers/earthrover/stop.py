@@ -10,7 +10,8 @@ from __future__ import annotations
 from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
+from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.drivers.common.velocity_base import Standing, stop_base
 
 from . import protocol as p
 from .config import EarthRoverConfig
@@ -49,4 +50,4 @@ class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):
             outcome = await stop_base(self.session, RoverZero(), STOP_S)
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
-        return outcome.reports(self.config.axes)
+        return outcome.reports(*names_of(self.config.axes))

@@ -21,7 +21,8 @@ from strands_actors.contract.driver import MotorReport, Observation, Permit, Per
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.velocity_base import Outcome, stop_base
+from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.drivers.common.velocity_base import stop_base
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -137,7 +138,7 @@ class EarthRoverWire(Wire):
             )
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
-        return outcome.reports(self._config.axes, self._told)
+        return outcome.reports(*names_of(self._config.axes), self._told)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;

@@ -70,7 +70,6 @@ class Kuka(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.2,
             arm_s=5.0,
-            realtime=True,
             open_s=chosen.connect_timeout + 3.5,
         )
         self.config = KukaConfig(self.arm, port, chosen.fri_port, chosen.connect_timeout, self.timing.stream_ttl_s)

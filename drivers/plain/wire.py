@@ -23,6 +23,7 @@ from strands_actors.contract.driver import (
     WireDown,
 )
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.sdk import SdkCalls
 from strands_actors.kernel.clock import NS, Clock
 
@@ -184,6 +185,4 @@ def channel_of(config: PlainConfig) -> str:
 
 def reports(config: PlainConfig, failure: str, written: bool = True) -> tuple[MotorReport, ...]:
     """Return all axes alike: the class answers for its robot."""
-    return tuple(
-        MotorReport(axis, at, written, not failure, not failure, failure) for at, axis in enumerate(config.axes)
-    )
+    return Outcome(written, not failure, failure).reports(config.axes, range(len(config.axes)))

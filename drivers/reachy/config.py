@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.drivers.common.tcp_port import parse_address
 
 
@@ -26,14 +25,6 @@ class ReachyConfig(msgspec.Struct, frozen=True):
         """Return where the daemon may be. Raise ``ValueError`` for a ``port`` that is no address of
         a service."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
-
-    def reports(self, written: bool, acknowledged: bool, detail: str) -> tuple[MotorReport, ...]:
-        """Return one report an axis: they share what becomes of the daemon. ``detail`` empty: all
-        are safe."""
-        return tuple(
-            MotorReport(axis, number, written, acknowledged, not detail, detail)
-            for axis, number in zip(self.axes, self.ids, strict=True)
-        )
 
     def _address(self, place: str) -> tuple[str, int]:
         scheme, found, rest = place.partition("://")

@@ -15,6 +15,7 @@ from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import Clock
@@ -127,7 +128,7 @@ async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorR
     try:
         stoppers = [Stopper(host, number) for host, number in config.addresses()]
     except ValueError as error:
-        return config.reports(False, False, str(error))
+        return Outcome(False, False, str(error)).reports(config.axes, config.ids)
     found: dict[Stopper, str] = {}
 
     async def stop(stopper: Stopper, scope: trio.CancelScope) -> None:
@@ -144,5 +145,6 @@ async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorR
             stopper.close()
     reached = [stopper for stopper in stoppers if stopper.written]
     open_ = [found.get(stopper, "not confirmed: silent") for stopper in reached or stoppers]
-    written, acknowledged = bool(reached), any(stopper.acknowledged for stopper in reached)
-    return config.reports(written, acknowledged, next((detail for detail in open_ if detail), ""))
+    acknowledged = any(stopper.acknowledged for stopper in reached)
+    outcome = Outcome(bool(reached), acknowledged, next((detail for detail in open_ if detail), ""))
+    return outcome.reports(config.axes, config.ids)

@@ -20,6 +20,7 @@ from strands_actors.contract.driver import MotorReport, Observation, Permit, Per
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import NS, Clock
@@ -283,7 +284,8 @@ class ReachyWire(Wire):
             detail = await stopper.run(safe_state, STOP_S, pending)
         finally:
             stopper.close()
-        return self._config.reports(stopper.written, stopper.acknowledged, detail)
+        outcome = Outcome(stopper.written, stopper.acknowledged, detail)
+        return outcome.reports(self._config.axes, self._config.ids)
 
     # -- the daemon
 

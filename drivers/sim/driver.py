@@ -24,8 +24,8 @@ from .gates import held
 OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
 
-LEISURE = {"tick_s": 0.01, "heartbeat_ttl_s": 0.1, "state_ttl_s": 0.3}
-"""The clocks of a simulation whose wire would run first: those of the others."""
+TICK_S = 0.01
+"""A robot whose tree looks more often than that is simulated by the clocks of the others."""
 
 KEEPALIVE_S = 1.0
 """A simulation control loses nothing: the re-send is of no use here, and costs nothing."""
@@ -64,8 +64,10 @@ class SimDriver(Driver):
         self.robot = real.robot
         self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        if self.timing.realtime:  # 500 Hz of a wire: here nothing falls for a late tick
-            self.timing = msgspec.structs.replace(self.timing, realtime=False, oneshot_ttl_s=None, **LEISURE)
+        if self.timing.tick_s < TICK_S:  # 500 Hz of a wire: here nothing falls for a late tick
+            self.timing = msgspec.structs.replace(
+                self.timing, oneshot_ttl_s=None, tick_s=TICK_S, heartbeat_ttl_s=0.1, state_ttl_s=0.3
+            )
         self.fallbacks = {
             reason: SafeState.HOLD if reason in HOLDING_REASONS and not self.energised(state) else state
             for reason, state in real.fallbacks.items()

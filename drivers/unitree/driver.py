@@ -79,7 +79,6 @@ class _Legs(Driver):
         state_ttl_s=0.1,
         tick_s=CONTROL_S,
         heartbeat_ttl_s=0.02,
-        realtime=True,
     )
     firmware_watchdog = (
         "none that can be armed or read back: left alone a robot keeps its last low-level command, "

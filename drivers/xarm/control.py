@@ -4,17 +4,17 @@ and by the root's stop channel."""
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Permit, WireDown
+from strands_actors.contract.driver import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import ByteStream
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
-from .arms import AXES
 from .config import XArmConfig
 from .protocol import Register, State
 
@@ -137,23 +137,6 @@ async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream
     except ValueError as error:
         raise WireDown(str(error)) from None
     return Control(await open_stream(host, port), f"{config.robot} at {host}:{port}", clock)
-
-
-class Outcome(NamedTuple):
-    """What became of making the arm safe. ``detail``: why it is not known to be safe; empty when it
-    is."""
-
-    written: bool
-    acknowledged: bool
-    detail: str
-
-    def reports(self) -> tuple[MotorReport, ...]:
-        """Return all joints alike: the controller answers for its arm."""
-        written, acknowledged, detail = self
-        return tuple(
-            MotorReport(axis, number, written, acknowledged, not detail, detail)
-            for number, axis in enumerate(AXES, 1)
-        )
 
 
 async def stop(control: Control) -> Outcome:

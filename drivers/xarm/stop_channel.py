@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
+from .arms import AXES
 from .config import XArmConfig
-from .control import Control, OpenStream, Outcome, open_control, stop
+from .control import Control, OpenStream, open_control, stop
 
 
 class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
@@ -24,10 +26,10 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
         return await open_control(self.config, self.clock, self._open_stream)
 
     async def make_safe_by(self, port: Control, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await stop(port)).reports()
+        return (await stop(port)).reports(AXES)
 
     def failed(self, why: str, port: Control | None = None) -> tuple[MotorReport, ...]:
-        return Outcome(False, False, why).reports()
+        return Outcome(False, False, why).reports(AXES)
 
     def release(self, port: Control) -> None:
         port.close_in_order()  # a frozen controller finds the stop when it goes on

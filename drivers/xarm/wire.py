@@ -19,12 +19,14 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
+from .arms import AXES
 from .config import XArmConfig
-from .control import CONFIRM_S, OpenStream, Outcome, stop
+from .control import CONFIRM_S, OpenStream, stop
 from .protocol import Mode, Register, State
 from .session import Session, open_session
 from .stop_channel import XArmStopChannel
@@ -115,16 +117,16 @@ class XArmWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         session = self._session_or_none
         if session is None:
-            return Outcome(False, False, "not connected").reports()
+            return Outcome(False, False, "not connected").reports(AXES)
         if safe_state == "hold" and session.target:
             outcome = await self._hold(session)
             if not outcome.detail:
-                return outcome.reports()
+                return outcome.reports(AXES)
         session.target = ()
         outcome = await stop(session.control)
         if not outcome.written:  # its connection is gone: the arm need not be
             return await self.reach(safe_state)
-        return outcome.reports()
+        return outcome.reports(AXES)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         return await XArmStopChannel(self._config, (), self._clock, self._open_stream).make_safe(safe_state)

@@ -13,8 +13,8 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import stop_until_it_stands
-from strands_actors.drivers.common.velocity_base import Outcome
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import ROS2, YahboomConfig

@@ -15,6 +15,7 @@ from typing import Any
 from strands_actors.contract.axis import SHOWN
 from strands_actors.contract.driver import Driver, Observation, Reason
 from strands_actors.drivers import canonical_name
+from strands_actors.kernel.health.processor import pressure
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
@@ -201,9 +202,12 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or "the wire does not answer"
-    return answers.status(
+    told = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
+    if (busy := pressure()) is not None:
+        told["machine_busy_pct"] = round(100 * busy)  # whoever looks for a loose cable may find it here
+    return told
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:

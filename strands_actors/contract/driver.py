@@ -68,7 +68,6 @@ class Timing(msgspec.Struct, frozen=True):
     silent_s: float = 0.0
     tick_s: float = 0.01  # how often the tree looks at deadlines, and wire and root beat
     heartbeat_ttl_s: float = 0.1  # without a heartbeat for so long, the other process counts as frozen
-    realtime: bool = False  # ask the system to run wire and root before everything else; it may say no
     # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a
     # heartbeat: it is announced to the watchdog, and who takes longer counts as frozen. 0: they
     # wait less than a heartbeat.

@@ -11,7 +11,6 @@ import json
 import os
 import select
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from typing import Any
 
 from strands_actors.caller.plan import plan
 from strands_actors.contract.driver import Driver
+from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.supervisors.introspection import ALLOW_FAULTS
 
 from .queueing import Queue
@@ -181,14 +181,12 @@ class Bench:
         return "" if self._driver_class is None else where_is(self._driver_class)
 
     def _make_template(self) -> Template:
-        environment = {
-            **os.environ,
-            "STRANDS_ACTORS_RUN": str(self._directory / "run"),
-            "STRANDS_ACTORS_DATA": str(self._directory / "data"),
-            ALLOW_FAULTS: "1",
-            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        }
-        return Template(environment, self.robot, self._where, self._directory / "template.err")
+        theirs = environment(
+            STRANDS_ACTORS_RUN=str(self._directory / "run"),
+            STRANDS_ACTORS_DATA=str(self._directory / "data"),
+            **{ALLOW_FAULTS: "1"},
+        )
+        return Template(theirs, self.robot, self._where, self._directory / "template.err")
 
     def _wanted(self, motion: str) -> dict[str, str]:
         return {

@@ -18,9 +18,7 @@ from __future__ import annotations
 import atexit
 import json
 import math
-import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
@@ -34,6 +32,7 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Observa
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from strands_actors.supervisors.loading import describe_driver, load_driver
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 
@@ -335,23 +334,18 @@ class _Subject:
         ):
             wanted = {"robot": self.robot, "port": twin.port, "driver": where_is(self.cls)}
             done = subprocess.run(
-                [sys.executable, "-m", "strands_actors.testing.life", json.dumps(wanted)],
+                [*PYTHON, "-m", "strands_actors.testing.life", json.dumps(wanted)],
                 capture_output=True,
                 text=True,
                 timeout=60.0,
                 check=False,
-                env=_environment(Path(directory)),
+                env=environment(STRANDS_ACTORS_RUN=f"{directory}/run"),
             )
             assert done.returncode == 0, (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
             entries = list(twin.log.entries())
         assert any(entry.kind == "safe" for entry in entries), "the twin's log has no frame of kind safe"
         assert any(entry.kind == "setpoint" for entry in entries), "the twin's log has no frame of kind setpoint"
         return done.stdout.strip()
-
-
-def _environment(directory: Path) -> dict[str, str]:
-    path = os.pathsep.join(path for path in sys.path if path)
-    return {**os.environ, "STRANDS_ACTORS_RUN": str(directory / "run"), "PYTHONPATH": path}
 
 
 def report(results: Sequence[Result]) -> Iterator[str]:

@@ -1,14 +1,12 @@
 """Several benches side by side, each a ``worker`` process, until every cell has its trials.
 
 Orders are a few trials of one cell. A worker keeps its robot as long as there are orders for it; a
-robot that runs before everything else (``Timing.realtime``) has one bench only, and the first.
+robot whose bound is shorter than ``SHORT_S`` has one bench only, and the first.
 """
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
@@ -16,6 +14,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .bench import driver_of
 from .faults import Cell, cells_of
@@ -28,6 +27,8 @@ AT_ONCE = 10
 """Trials of an order: few enough that the workers end together."""
 END_S = 15.0
 """For a worker whose trial is not over."""
+SHORT_S = 0.05
+"""What is promised within less takes most of a processor, and is measured by one bench at a time."""
 ATTEMPTS = 3
 """An order that fails so often is given up; the others are not."""
 
@@ -48,7 +49,7 @@ class Plan:
         for robot, driver_class in drivers.items():
             driver = driver_of(robot, driver_class)
             where = "" if driver_class is None else where_is(driver_class)
-            if driver.timing.realtime:
+            if driver.bound_s < SHORT_S:
                 self._alone.add(robot)
             wanted = [cell for cell in cells(driver) if not cell.why_not]
             self._left[robot] = deque(
@@ -168,10 +169,10 @@ class _Worker:
     async def _begin(self) -> trio.Process:
         self._said = b""
         self._process = await trio.lowlevel.open_process(
-            [sys.executable, "-m", "strands_actors.testing.worker"],
+            [*PYTHON, "-m", "strands_actors.testing.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            env=environment(),
         )
         return self._process
 

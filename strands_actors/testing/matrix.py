@@ -3,8 +3,7 @@ written down.
 
 A *bench* is a twin, a template and a caller. Callers are forked from the template, which has
 imported everything and has one thread; each ends as a script does. *Jobs* are worker processes with
-a bench each, given ten trials of one cell at a time; a robot that runs first (``Timing.realtime``)
-has one bench.
+a bench each, given ten trials of one cell at a time; a robot of legs has one bench.
 
 Benches disturb each other, which must neither be hidden nor taken for the robot's. A trial that is
 safe but past its bound is *disturbed* when, between fault and safe frame, the processes of tree,

@@ -22,6 +22,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+from strands_actors.kernel.processes.interpreter import PYTHON
+
 READY_S = 60.0
 """For its imports, on a busy machine."""
 _MAX_REQUEST = 65536
@@ -59,7 +61,7 @@ class Template:
         self._socket, theirs = socket.socketpair()
         with theirs, errors.open("w") as stderr:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "strands_actors.testing.template", str(theirs.fileno()), robot, where],
+                [*PYTHON, "-m", "strands_actors.testing.template", str(theirs.fileno()), robot, where],
                 env=environment,
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,

@@ -20,6 +20,7 @@ from pathlib import Path
 from types import TracebackType
 
 from strands_actors.contract.driver import Driver
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .registering import where_is
 from .wirelog import WireLog
@@ -55,13 +56,13 @@ class Twin:
         theirs, self._ours = os.pipe()  # ends with this process, however that ends
         with self._errors.open("w") as errors, open(theirs, "rb") as parent:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", self._program, *arguments, "--parent-fd", str(parent.fileno())],
+                [*PYTHON, "-c", self._program, *arguments, "--parent-fd", str(parent.fileno())],
                 pass_fds=(parent.fileno(),),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
                 text=True,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+                env=environment(),
             )
         try:
             self._wait(self._port_file.exists)

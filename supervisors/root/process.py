@@ -23,6 +23,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
+from strands_actors.kernel.health.kernel_workers import keep_them_early
 from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
@@ -145,8 +146,7 @@ class Tree:
         self.args = args
         self.at = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
-        if self.driver.timing.realtime:
-            run_first(ROOT_PRIORITY)
+        run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
@@ -245,6 +245,8 @@ class Tree:
             )
             self._keep("the link to the caller", link.run)
             self._keep("the supervisor of the wire", self._supervise)
+            if self.driver.PORT_KIND == "serial":
+                self._keep("the kernel's workers", keep_them_early)
             self._keep("the mesh of the actors", self._join_mesh)
             place: dict[str, Any] = self.args["mesh"]
             self._keep("the place on the mesh", self.mesh.run, place["listen"], place["connect"], place["settings"])

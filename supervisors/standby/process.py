@@ -288,8 +288,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     report = Path(args["report"])
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
-    if driver.timing.realtime:
-        run_first(STANDBY_PRIORITY)
+    run_first(STANDBY_PRIORITY)
     node = Node(f"{robot}.standby.{os.getpid()}", MonotonicClock())
     root_channel = channels.of_root(robot)
     node.linked = root_channel.hosts or frozenset()

@@ -231,8 +231,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
     driver.preload_wire()
-    if driver.timing.realtime:
-        run_first(WIRE_PRIORITY)
+    run_first(WIRE_PRIORITY)
     node = Node(f"{robot}.wire.{os.getpid()}", clock)
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     root_channel = channels.of_root(robot)

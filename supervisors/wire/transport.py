@@ -33,7 +33,7 @@ from strands_actors.contract.driver import (
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health.realtime import scheduling
+from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors.messages import (
@@ -395,8 +395,7 @@ class Transport(Actor):
                 self._lost.close()
             self._wire, self._lost = wire, None
             self._attempts = 0
-            if self._driver.timing.realtime:
-                facts = {**facts, "scheduling": scheduling()}
+            facts = {**facts, "scheduling": scheduling(), "memory": memory()}
             self._gate.tell(LinkUp(facts, observation))
 
     def descriptors(self) -> tuple[int, ...]:

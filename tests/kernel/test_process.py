@@ -6,10 +6,14 @@ import fcntl
 import os
 import re
 import signal
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trio
@@ -18,6 +22,7 @@ from strands_actors.kernel.channels.link import BACKLOG_BYTES, Link
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes import process as process_module
+from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.kernel.processes.process import ChildProcess, start, wait_for_end_of
 
 from . import children
@@ -298,3 +303,25 @@ def state_of(pid: int) -> str:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
     except (FileNotFoundError, ProcessLookupError):
         return ""
+
+
+def test_a_child_imports_nothing_that_lies_in_the_current_directory(tmp_path: Path) -> None:
+    """Whoever can write there would run code in the processes of a robot."""
+    (tmp_path / "msgspec.py").write_text("open('ran', 'w')\nraise SystemExit(3)\n")
+    (tmp_path / "elsewhere").mkdir()
+    script = tmp_path / "elsewhere" / "script.py"
+    script.write_text(
+        "from strands_actors.kernel.processes.process import start\n"
+        "import trio\n"
+        "child = start('tests.kernel.test_process:do_nothing', {})\n"
+        "print(trio.run(child.wait))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "0\n", done.stderr
+    assert not (tmp_path / "ran").exists()
+
+
+def do_nothing(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of a child."""

@@ -14,6 +14,7 @@ from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 import trio
 
 from strands_actors.drivers.common.simulation_control.body import body_of
+from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .line import Line
 from .server import Robot, Server
@@ -96,7 +97,12 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
 
 def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
     """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control``
-    on a robot that shows no body."""
+    on a robot that shows no body.
+
+    A twin on a wire runs before others, as a robot has a computer of its own. A simulation does not:
+    a program that steps it without a pause would take the processor from everybody."""
+    if "control" not in start or start["control"] is None:
+        run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
 
 

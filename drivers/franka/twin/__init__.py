@@ -13,7 +13,6 @@ from typing import Any, Unpack
 from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.drivers.franka.protocol import DIALECTS
-from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .server import FrankaServer
 
@@ -32,7 +31,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     if fci not in DIALECTS:
         raise ValueError(f"fci is {fci}. There are {', '.join(map(str, DIALECTS))}")
     tick_wait_s = float(given.get("tick_wait_ms", 10.0)) / 1e3
-    run_first(TWIN_PRIORITY)
     gc.collect()
     gc.freeze()  # a full collection would be a pause of many cycles
 

@@ -41,7 +41,6 @@ from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, decode_command, encode_monitoring
 from strands_actors.drivers.kuka.robots import Arm, arm_of
 from strands_actors.kernel.clock import NS, MonotonicClock
-from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .body import KukaBody
 from .controller import Controller
@@ -245,7 +244,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     given = known_options(options, OPTIONS)
     arm = arm_of(robot)
-    run_first(TWIN_PRIORITY)
 
     def build(wire_log: WireLog) -> KukaServer:
         return KukaServer(arm, wire_log, given)

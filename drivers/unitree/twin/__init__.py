@@ -39,7 +39,6 @@ from strands_actors.drivers.unitree.link import CDR
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
 from strands_actors.kernel.clock import NS, MonotonicClock
-from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .onboard import Onboard
 from .standing import StandingBody
@@ -246,7 +245,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     given = known_options(options, OPTIONS)
     model = model_of(robot)
-    run_first(TWIN_PRIORITY)
 
     def build(wire_log: WireLog) -> UnitreeServer:
         return UnitreeServer(model, wire_log, given)

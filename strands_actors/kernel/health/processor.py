@@ -15,6 +15,9 @@ import msgspec
 CAN_TELL = os.path.exists("/proc/self/stat")
 """Whether this system tells of other processes."""
 _STOPPED = (b"T", b"t")
+_FLUSHES = ("__flush_work", "flush_work")
+"""The kernel's functions that wait until its workers have handed on what was received; the name
+differs by version."""
 _STEAL = 8  # the column, behind the processor's name
 _FLAGS, _SIGNALS = 6, 28  # columns of /proc/pid/stat, behind the name
 _EXITING = 0x4  # PF_EXITING of the kernel's sched.h
@@ -26,7 +29,7 @@ class Standing(msgspec.Struct, frozen=True, gc=False):
 
     computed_ns: int
     waited_ns: int  # ready to run, and no processor free; counted when the wait is over
-    ready: bool  # it runs, or would if there were a processor
+    ready: bool  # it, or a worker of the kernel that it waits for, runs, or would if there were a processor
     stopped: bool = False  # by a signal or a debugger
     stolen_ns: tuple[int, ...] = ()  # per processor, by the machine beneath this virtual one: see ``suspected``
 
@@ -69,7 +72,15 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
             state = _state(stat.read())
     except (OSError, ValueError):
         return None
-    return Standing(int(computed), int(waited), state == b"R", state in _STOPPED)
+    ready = state == b"R" or (state == b"D" and _awaits_worker(task))
+    return Standing(int(computed), int(waited), ready, state in _STOPPED)
+
+
+def _awaits_worker(task: str) -> bool:
+    """Whether a thread that cannot be interrupted waits for the kernel's workers (see
+    ``kernel_workers``), rather than for a device."""
+    with open(f"{task}/wchan") as wchan:
+        return wchan.read() in _FLUSHES
 
 
 def suspected(pid: int) -> Standing | None:
@@ -90,3 +101,13 @@ def _stolen_ns() -> tuple[int, ...]:
 def _state(stat: bytes) -> bytes:
     """The letter behind the name, which may hold anything."""
     return stat.rpartition(b")")[2].split(None, 1)[0]
+
+
+def pressure() -> float | None:
+    """For how much of the last 10 s something of this machine stood in line for a processor: 0 to 1.
+    None where the system does not tell. Source: psi.rst of the kernel's documentation."""
+    try:
+        with open("/proc/pressure/cpu") as lines:
+            return float(lines.readline().split("avg10=")[1].split()[0]) / 100
+    except (OSError, IndexError, ValueError):
+        return None

@@ -14,6 +14,9 @@ ended, and the lines of source that Python prints take 3 ms to be read.
 from __future__ import annotations
 
 import contextlib
+
+# The first use of a host name would import it, in a process that is not to wait for the disk.
+import encodings.idna  # noqa: F401
 import gc
 import importlib
 import io

@@ -12,7 +12,6 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +24,8 @@ from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.health.realtime import run_like_others, runs_first
 from strands_actors.kernel.router import Router
+
+from .interpreter import PYTHON, environment
 
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
@@ -126,10 +127,11 @@ class Started(Protocol):
 class OwnChild(ChildProcess):
     """A child of this very process.
 
-    A process that runs before everything else (``realtime``) looks at its child's end, and leaves the burial to a
-    thread of ordinary priority, later: to bury a process the kernel walks over what is known of it in /proc, and
-    goes on walking while one of the child's own threads is not done with that. Who runs first keeps that thread
-    from its processor: two such roots on two processors walked for minutes, and wrote no safe frame."""
+    A process that runs before others (``health/realtime.py``) looks at its child's end, and leaves
+    the waitpid to a thread of ordinary priority, later: in it the kernel walks over what is known of
+    the child in /proc, and goes on walking while one of the child's own threads is not done with
+    that. Who runs first keeps that thread from its processor: two such roots on two processors
+    walked for minutes, and wrote no safe frame."""
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
         # Nobody else buries it: until we do, the number is its own.
@@ -191,14 +193,12 @@ def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subp
     """Exec a child that reads its specification from ``link_fd``. Stops this process until the
     child has begun: a few milliseconds, more on a busy machine. ``label``: what a list of processes
     shows. Raise ``OSError``."""
-    # The child imports what its parent could: a user's own modules included.
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     return subprocess.Popen(
-        [sys.executable, "-c", _BOOT, str(link_fd), *([label] if label else [])],
+        [*PYTHON, "-c", _BOOT, str(link_fd), *([label] if label else [])],
         pass_fds=(link_fd, *pass_fds),
         stdin=subprocess.DEVNULL,
         process_group=0,
-        env=environment,
+        env=environment(),
     )
 
 

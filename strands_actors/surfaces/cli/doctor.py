@@ -101,25 +101,27 @@ def check_kernel() -> Iterator[Check]:
 
 
 def check_scheduling() -> Iterator[Check]:
+    from strands_actors.kernel.health.realtime import may_lock_memory, may_run_first
+
     if not hasattr(os, "sched_setscheduler"):
         yield Check("scheduling", WEAK, "no SCHED_FIFO on this system", "keep other load away from the robot")
         return
-    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    except PermissionError:
-        user = os.environ.get("USER") or str(os.getuid())
-        yield Check(
-            "scheduling",
-            WEAK,
-            "SCHED_FIFO is not permitted: on a busy machine ticks come late",
-            f"echo '{user} - rtprio 20' | sudo tee /etc/security/limits.d/robots.conf, then log in again",
-        )
-        return
-    os.sched_setscheduler(0, before, parameters)
-    yield Check(
-        "scheduling", OK, "SCHED_FIFO is permitted: `chrt -f 5 python script.py` gives it to a robot's tree"
+    user = os.environ.get("USER") or str(os.getuid())
+    grant = (
+        rf"printf '{user} - rtprio 20\n{user} - memlock unlimited\n' | "
+        "sudo tee /etc/security/limits.d/robots.conf, then log in again "
+        "(systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; docker: --ulimit rtprio=20 --ulimit memlock=-1)"
     )
+    if len(os.sched_getaffinity(0)) < 2:
+        yield Check("scheduling", WEAK, "one core: a robot's tree does not run before other programs", "use two")
+    elif may_run_first():
+        yield Check("scheduling", OK, "a robot's tree runs before other programs (SCHED_FIFO)")
+    else:
+        yield Check("scheduling", WEAK, "SCHED_FIFO is not permitted: on a busy machine ticks come late", grant)
+    if may_lock_memory():
+        yield Check("memory lock", OK, "a robot's tree stays in memory (mlockall)")
+    else:
+        yield Check("memory lock", WEAK, "mlockall is not permitted: a tree may wait for the disk", grant)
 
 
 def check_memory() -> Iterator[Check]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Protocol
 
 import trio
+
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import RecordingError
 from .recorder import record_until_told
@@ -31,12 +32,12 @@ def record(robot: str | Named, path: str | Path) -> Iterator[None]:
     Raise ``RecordingError`` when it cannot be recorded; the robot does not notice."""
     name = robot if isinstance(robot, str) else robot.name
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__, name, str(path)],
+        [*PYTHON, "-m", __name__, name, str(path)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        env=environment(),
     )
     try:
         assert process.stdout is not None

@@ -1,0 +1,35 @@
+"""Bring a Crazyflie down by its radio or USB, in a process of its own: it opens the device once the
+wire process is gone, and with that its hold on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from strands_actors.contract.driver import MotorReport, ProcessSpent, StopChannel, WireDown
+from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.kernel.clock import Clock
+
+from .config import CrazyflieConfig
+from .robots import AXES
+from .session import Session
+from .stopping import bring_down
+from .usb_links import open_usb_link
+
+
+class UsbStop(StopChannel):
+    def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        try:
+            link = await open_usb_link(self._config.place())
+            try:
+                return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
+            finally:
+                link.close()
+        except (WireDown, ProcessSpent) as failure:
+            return Outcome(False, False, str(failure)).reports(AXES)
+
+    def close(self) -> None:
+        """Do nothing: the device is open only while it is used."""
