@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
@@ -27,6 +28,7 @@ __all__ = [
     "DEFAULT_DRIVER",
     "DRIVER_CHOICES",
     "DRIVER_SURFACE",
+    "MODEL",
     "NATIVE_DRIVER",
     "PLAIN",
     "SIMULATION",
@@ -41,6 +43,7 @@ __all__ = [
     "list_native_drivers",
     "list_robots",
     "missing_driver_members",
+    "model_of",
     "port_kind",
     "register_native_driver",
     "register_robot",
@@ -72,6 +75,9 @@ WIRES = {
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 """Drives any of them in simulation."""
 
+MODEL = "strands_actors.drivers.model.driver:ModelDriver"
+"""Simulates a model of a user's own."""
+
 PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
 """Runs a driver class of the drivers page, which is no ``Driver``, as a tree."""
 
@@ -80,6 +86,9 @@ LEROBOT_ROBOTS = (
     "unitree_g1", "earthrover",
 )  # fmt: skip
 """Robots that lerobot has a type for."""
+
+LEROBOT_ADDRESSED = ("reachy2",)
+"""Of these, the ones that are reached over a network; the others are servo buses."""
 
 OTHER_ROBOTS = ("ability_hand",)
 """Known by name, with no hardware driver anywhere."""
@@ -187,16 +196,16 @@ def _both(name: str, robot: str) -> str:
 def register_robot(
     name: str,
     *,
-    model_xml: str | None = None,
+    model_xml: str | os.PathLike[str] | None = None,
     hardware: Mapping[str, str] | None = None,
     aliases: Iterable[str] = (),
     overwrite: bool = False,
 ) -> None:
     """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives
     it, ``strands`` or ``lerobot``; its class is ``register_native_driver``'s business.
-    ``model_xml`` is kept, for a simulation of a robot without a twin, which is not in this version.
-    Raise ``ValueError`` for a name that is known (unless ``overwrite``), and for other keys and
-    drivers."""
+    ``model_xml``: an MJCF or URDF file; ``Robot(name)`` simulates it. Raise ``ValueError`` for a
+    name that is known (unless ``overwrite``), for other keys and drivers, and for a file that is
+    not there."""
     _load()
     given = dict(hardware or {})
     driver = given.pop("driver", None)
@@ -208,7 +217,11 @@ def register_robot(
     known = [one for one in names if one in {*_found, *_aliases, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}]
     if known and not overwrite:
         raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
-    _robots[name] = Registered(driver, model_xml)
+    if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
+        raise ValueError(f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF")
+    _robots[name] = Registered(
+        driver, None if model_xml is None else os.path.abspath(os.path.expanduser(model_xml))
+    )
     _aliases.update(dict.fromkeys(names[1:], name))
 
 
@@ -254,10 +267,16 @@ def get_native_driver_class(name: str) -> type[Any] | None:
 
 
 def port_kind(name: str) -> Literal["serial", "address"] | None:
-    """What the ``port`` of a robot is; None for a robot without a native driver, or whose driver
-    does not say."""
-    kind: Literal["serial", "address"] | None = getattr(get_native_driver_class(name), "PORT_KIND", None)
-    return kind
+    """What the ``port`` of a robot is: a serial device, or an address on a network, which is also
+    what a driver has that does not say. Robots of lerobot alone are servo buses. None for a robot
+    that nobody drives."""
+    driver_class = get_native_driver_class(name)
+    if driver_class is not None:
+        return "serial" if getattr(driver_class, "PORT_KIND", None) == "serial" else "address"
+    robot = canonical_name(name)
+    if "lerobot" not in list_driver_coverage().get(robot, ()):
+        return None
+    return "address" if robot in LEROBOT_ADDRESSED else "serial"
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
@@ -277,6 +296,12 @@ def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerob
             f"Robot: {name} has no native driver. these have one: {', '.join(sorted(list_native_drivers()))}"
         )
     return "strands"
+
+
+def model_of(name: str) -> str | None:
+    """Return the model file that a robot was registered with."""
+    record = _robots.get(canonical_name(name))
+    return None if record is None else record.model_xml
 
 
 def list_native_drivers() -> dict[str, str]:

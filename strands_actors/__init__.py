@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         register_native_driver,
         register_robot,
     )
+    from .policies import MockPolicy, Policy, create_policy, register_policy
     from .surfaces.mesh import (
         TLS,
         Access,
@@ -50,6 +51,7 @@ _WHERE = {
         "register_robot",
     ),
     "caller.robot": ("Robot", "open_robot"),
+    "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.mesh": (
         "TLS",
         "Access",
@@ -71,11 +73,14 @@ __all__ = [
     "Access",
     "HardwareDriver",
     "MeshConfig",
+    "MockPolicy",
+    "Policy",
     "RecordingError",
     "Robot",
     "__version__",
     "broadcast",
     "control",
+    "create_policy",
     "estop",
     "estop_button",
     "get_peers",
@@ -87,6 +92,7 @@ __all__ = [
     "read",
     "record",
     "register_native_driver",
+    "register_policy",
     "register_robot",
     "replay",
     "resume",

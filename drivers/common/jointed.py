@@ -93,6 +93,26 @@ class Jointed:
         if self._origin_s is not None:
             self._origin_s -= steps * self._step_s
 
+    def recompile(self) -> None:
+        """Take what was added to ``spec`` into the model. What moves goes on, and so do the servos:
+        their gains are not the spec's. Raise ``ValueError``, with the model as it was."""
+        before = self.model
+        self.model, self.data = self.spec.recompile(before, self.data)
+        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data"):
+            kept = getattr(before, name)
+            getattr(self.model, name)[: len(kept)] = kept
+        self._bind()
+        mujoco.mj_forward(self.model, self.data)
+
+    def set_clock_back(self, seconds: float) -> None:
+        """The simulation's time was set back by so much: nothing of that is to be caught up."""
+        if self._origin_s is not None:
+            self._origin_s += seconds
+
+    def begin_anew(self) -> None:
+        """Everything as at first."""
+        self._rewind()
+
     def _rewind(self) -> None:
         """Everything as the model has it; time begins anew."""
         mujoco.mj_resetData(self.model, self.data)

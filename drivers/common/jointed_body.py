@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 from .physics import Plant
 from .simulation_control.body import Felt, Hand
+from .simulation_control.scenery import Scenery
 
 
 class JointedBody:
@@ -17,6 +18,7 @@ class JointedBody:
         self.pass_time = pass_time
         self.axes = plant.joints
         self.spec = plant.spec
+        self.scenery = Scenery(plant)
 
     @property
     def hands(self) -> Sequence[Hand]:

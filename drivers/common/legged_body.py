@@ -35,6 +35,9 @@ class LeggedBody(Jointed):
         self._off = np.zeros(len(joints), dtype=bool)
         self.stand_up()
 
+    def begin_anew(self) -> None:
+        self.stand_up()
+
     def stand_up(self) -> None:
         """Back on its feet, as somebody would put it there."""
         data = self.data

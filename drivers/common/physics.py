@@ -28,10 +28,16 @@ class Plant(Jointed):
         joints: Sequence[str],
         bandwidth_rad_s: float = 30.0,
         home_rad: Sequence[float] = (),
+        gains: Sequence[tuple[float, float]] = (),
     ) -> None:
+        """``gains``: stiffness and damping of each servo; stiffness 0: as the bandwidth has it."""
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
+        if gains:
+            own = np.array([kp > 0 for kp, _ in gains])
+            self._kp = np.where(own, [kp for kp, _ in gains], self._kp)
+            self._kv = np.where(own, [kv for _, kv in gains], self._kv)
         self._hand = [Hand.NONE] * len(self.joints)
         self._home_rad = tuple(home_rad)
         self.go_home()
@@ -48,6 +54,9 @@ class Plant(Jointed):
         self._control = [int(model.actuator_ctrladr[servo]) for servo in self._actuator]
         self._state = [int(model.actuator_actadr[servo]) for servo in self._actuator]  # -1: not rate-limited
         self._effort_nm = [float(model.actuator_forcerange[servo, 1]) for servo in self._actuator]
+
+    def begin_anew(self) -> None:
+        self.go_home()
 
     def go_home(self) -> None:
         """Everything as at first; time begins anew."""

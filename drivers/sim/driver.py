@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Service
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Observation, Service
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
 from strands_actors.kernel.messages import Refused
@@ -23,6 +23,9 @@ from .gates import held
 
 OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
+
+TICK_S = 0.01
+"""A robot whose tree looks more often than that is simulated by the clocks of the others."""
 
 KEEPALIVE_S = 1.0
 """A simulation control loses nothing: the re-send is of no use here, and costs nothing."""
@@ -71,20 +74,28 @@ class SimDriver(Driver):
         self.robot = real.robot
         self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        self.fallbacks = real.fallbacks
+        if self.timing.tick_s < TICK_S:  # 500 Hz of a wire: here nothing falls for a late tick
+            self.timing = msgspec.structs.replace(
+                self.timing, oneshot_ttl_s=None, tick_s=TICK_S, heartbeat_ttl_s=0.1, state_ttl_s=0.3
+            )
+        self.fallbacks = {
+            reason: SafeState.HOLD if reason in HOLDING_REASONS and not self.energised(state) else state
+            for reason, state in real.fallbacks.items()
+        }
         self.config = SimConfig(
             control=port,
             axes=self.axes,
             ids=self.ids,
             units=real.model_units(),
-            energised=frozenset(str(state) for state in SafeState if real.energised(state)),
+            energised=frozenset(str(state) for state in SafeState if self.energised(state)),
+            rows=real.SIMULATED_ROWS,
         )
         self.gates = (held(self.axes),)
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
         vars(self)["SERVICES"] = self.services(options)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return self.real.parse(action, state)
+        return self.real.parse_simulated(action, state)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return self.real.as_json(values)
@@ -101,7 +112,7 @@ class SimDriver(Driver):
         return self.real.readings(observation)
 
     def energised(self, safe_state: str) -> bool:
-        return self.real.energised(safe_state)
+        return safe_state == SafeState.HOLD or self.real.energised(safe_state)
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return self.config.units

@@ -20,8 +20,9 @@ HANDSHAKE_S = 2.0
 READ_S = 0.03
 """How long one reading waits; the next one asks again. The watchdog wants to hear of us."""
 
-SILENT_S = 1.0
-"""A simulation that says nothing for so long is gone."""
+SILENT_S = 5.0
+"""A simulation that says nothing for so long is gone. The first picture takes its process two seconds
+on a busy machine; one that ends is noticed at once."""
 
 
 class SimWire(Wire):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeVar
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.simulation_control import protocol as p
@@ -14,6 +15,8 @@ PICTURE_S = 30.0
 """The first one compiles shaders; software that draws on a busy machine is slow."""
 
 RESET_S = 2.0
+CHANGE_S = 10.0
+"""The model is compiled anew, with all its meshes."""
 
 
 class Picture(NamedTuple):
@@ -34,6 +37,29 @@ async def reset(control: str) -> None:
     """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is
     energised."""
     await _ask(control, p.Reset(0), p.Sample, RESET_S)
+
+
+async def add_object(control: str, fields: Mapping[str, Any]) -> None:
+    """Put an object into the scene. Raise ``RuntimeError``, as all of these."""
+    await _ask(control, p.AddObject(0, **fields), p.Done, CHANGE_S)
+
+
+async def remove_object(control: str, name: str) -> None:
+    await _ask(control, p.RemoveObject(0, name), p.Done, CHANGE_S)
+
+
+async def add_camera(control: str, fields: Mapping[str, Any]) -> None:
+    await _ask(control, p.AddCamera(0, **fields), p.Done, CHANGE_S)
+
+
+async def save_state(control: str, name: str) -> None:
+    await _ask(control, p.Save(0, name), p.Done, CHANGE_S)
+
+
+async def load_state(control: str, name: str) -> None:
+    """Everything back to where it was saved. Raise ``RuntimeError`` also while the robot on the
+    wire is energised."""
+    await _ask(control, p.Load(0, name), p.Sample, RESET_S)
 
 
 async def _ask(control: str, request: p.Request, kind: type[T], within_s: float) -> T:

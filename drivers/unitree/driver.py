@@ -18,6 +18,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+import msgspec
+
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
@@ -25,7 +27,7 @@ from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
-from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
+from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, ROWS, Parser, conditions, gates
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .rpc import ATTEMPTS, RELEASE_S
@@ -67,16 +69,13 @@ class _Legs(Driver):
     TASKS: ClassVar[str] = (
         "legs run no named policy: balance needs the caller's own, at 500 Hz, with the caller beside the robot"
     )
-    SIMULATION: ClassVar[str] = (
-        "a robot on legs falls unless its onboard services or a policy balance it. "
-        "use mode='real', transport='twin': its twin has them"
-    )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         imu(**IMU),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
     SPELLINGS: ClassVar[Mapping[str, str]] = {"interface": "network_interface"}
+    SIMULATED_ROWS: ClassVar[int] = len(ROWS) + 1
 
     unit = "radians"
     timing = Timing(
@@ -113,6 +112,19 @@ class _Legs(Driver):
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)
+
+    def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """With a last row of ones and zeros: joints that were never named stay with the onboard
+        controller, which keeps the robot on its feet."""
+        count, told = len(self.axes), len(self.axes) * len(ROWS)
+        before = state.target[told:] or (0.0,) * count
+        parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:told]))
+        if isinstance(parsed, Refused):
+            return parsed
+        which = [*before]
+        for at in parsed.named:
+            which[at] = 1.0
+        return msgspec.structs.replace(parsed, values=(*parsed.values, *which))
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Positions: a target's other rows stand behind them."""

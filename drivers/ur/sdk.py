@@ -13,6 +13,8 @@ What it does that nobody would expect, seen with 1.6.5:
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -60,7 +62,19 @@ _GETTERS = {
 _ERRORS = (RuntimeError, ValueError, IndexError)
 """What exceptions of the SDK become in Python."""
 
-_INSTALL = "pip install ur-rtde: Python 3.12 at most"
+_NEWEST = (3, 12)
+"""Of Python, and x86-64 of the processors: the wheels of ur-rtde 1.6.5 on the package index."""
+
+
+def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:2]) -> str:
+    """Return what installs ur-rtde on this machine, or where it can be had."""
+    machine = machine or os.uname().machine
+    if python <= _NEWEST and machine == "x86_64":
+        return "pip install 'strands-actors[ur]'"
+    return (
+        f"ur-rtde has no wheel for {machine} with Python {python[0]}.{python[1]}. pip install ur-rtde compiles it "
+        "(needs CMake and Boost); or run the robot on x86-64 with Python 3.11 or 3.12"
+    )
 
 
 class Sample(NamedTuple):
@@ -96,7 +110,7 @@ class Sdk(SdkCalls):
 
     async def open_receive(self) -> None:
         """Raise ``WireDown`` where it is not installed, and when no sample comes."""
-        interface = load_sdk("rtde_receive", _INSTALL).RTDEReceiveInterface
+        interface = load_sdk("rtde_receive", install_line()).RTDEReceiveInterface
         self._receive = await self.construct(
             "receive", OPEN_S, interface, self._host, self._sample_hz, list(_GETTERS)
         )
@@ -109,7 +123,7 @@ class Sdk(SdkCalls):
     async def open_control(self) -> None:
         """Connect to the registers; no program is started."""
         if self._control is None:
-            interface = load_sdk("rtde_control", _INSTALL).RTDEControlInterface
+            interface = load_sdk("rtde_control", install_line()).RTDEControlInterface
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock
             # held
             flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT

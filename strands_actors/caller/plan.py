@@ -4,8 +4,10 @@ accepted."""
 from __future__ import annotations
 
 import difflib
+import logging
+import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +16,7 @@ import msgspec
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
 from strands_actors.drivers import (
+    MODEL,
     PLAIN,
     SIMULATION,
     canonical_name,
@@ -28,11 +31,15 @@ from strands_actors.supervisors.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig
 
+from .simulated import Scene, check_backend, check_keyframe, read_own_model
 from .twin_process import SIM, TwinProcess
 
 MODES = ("sim", "real", "auto")
 TWIN = "twin"
 """The transport that starts a process; others are ways of a driver's own to its robot."""
+MODE_VARIABLE = "STRANDS_ROBOT_MODE"
+"""What ``mode="auto"`` means on this machine: ``sim`` or ``real``. No other mode reads it."""
+_log = logging.getLogger("strands_actors")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 
 
@@ -75,6 +82,7 @@ class Wanted:
     drill_age_s: float | None
     at: str | None
     lifetime_s: float | None
+    scene: Scene
     options: dict[str, Any] = field(repr=False)
 
     def given(self) -> dict[str, Any]:
@@ -88,11 +96,25 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
     """Raise ``ValueError`` for names, values and unknown keywords, ``TypeError`` for what a
     simulation would ignore."""
     wanted, driver_class = _read(name, mode, **keywords)
+    if wanted.mode == "sim" and (issubclass(driver_class, Driver) or wanted.scene.model(wanted.robot) is not None):
+        return _simulated(wanted, driver_class)
+    if driver_class is load(MODEL):
+        raise ValueError(
+            f"Robot: {wanted.name} is a model without a driver for hardware. leave out port= and mode="
+        )
     if not issubclass(driver_class, Driver):
         return _plain(wanted, driver_class)
-    if wanted.mode == "sim":
-        return _simulated(wanted, driver_class)
+    _check_scene(wanted)
     return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
+
+
+def _check_scene(wanted: Wanted) -> None:
+    """Raise ``TypeError`` when something is said of a simulation that is none."""
+    if ignored := wanted.scene.given():
+        raise TypeError(
+            f"Robot: {', '.join(f'{key}=' for key in ignored)} are of a simulation, and mode is {wanted.mode!r}. "
+            "leave that out"
+        )
 
 
 async def completed(wanted: Plan) -> Plan:
@@ -119,13 +141,20 @@ def _read(
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
+    backend: str = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
-    chosen_mode = str(mode).lower()
+    chosen_mode = str(mode).strip().lower()
     if chosen_mode not in MODES:
         raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
     robot = canonical_name(name)
-    driver_class = _driver_class(name, robot, driver)
+    scene = Scene(backend, urdf_path, position, orientation, keyframe)
+    check_backend(backend)
+    driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
     chosen = robot if tool_name is None else tool_name
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
@@ -165,14 +194,19 @@ def _read(
             drill_age_s,
             at,
             lifetime,
+            scene,
             options,
         ),
         driver_class,
     )
 
 
-def _driver_class(name: str, robot: str, driver: str) -> type[Any]:
+def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
     known = list_driver_coverage()
+    if has_model and "strands" not in known.get(robot, ()):
+        if driver != "strands":
+            resolve_driver(name, driver)  # refuses another word
+        return load(MODEL)  # type: ignore[no-any-return]  # by its name
     if robot not in known:
         raise ValueError(_unknown(name, known))
     if resolve_driver(name, driver) == "strands":
@@ -183,14 +217,16 @@ def _driver_class(name: str, robot: str, driver: str) -> type[Any]:
     if driver == "auto" and "lerobot" not in known[robot]:
         raise ValueError(f"Robot: {name} has no native driver. these have one: {native}")
     raise ValueError(
-        f"Robot: {name} would be driven by lerobot (extra strands-actors[lerobot]), which is not in this version. "
+        f"Robot: {name} would be driven by lerobot's own robot classes, which this version does not run. "
         f"these have a native driver: {native}"
     )
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
     if name.endswith("_leader"):
-        return f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and attach it to a follower"
+        follower = canonical_name(name.removesuffix("_leader"))
+        its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
+        return f"Robot: {name} is a teleoperator, and this version drives none.{its}"
     close = difflib.get_close_matches(name, known, n=3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
     return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"
@@ -227,10 +263,16 @@ def _is_serial(driver_class: type[Any]) -> bool:
 
 
 def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
-    """Port and mode of ``mode="auto"``."""
+    """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
+    plugged in."""
     if port is not None or transport is not None:
         return port, "real"
+    wanted = _mode_of_environment()
+    if wanted == "sim":
+        return None, "sim"
     found = _adapters(driver_class)
+    if wanted == "real":
+        return found[0] if len(found) == 1 else None, "real"
     return (found[0], "real") if len(found) == 1 else (None, "sim")
 
 
@@ -238,14 +280,27 @@ def _look_around(driver_class: type[Any], port: str | None, transport: str | Non
 
 
 def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
+    scene = wanted.scene
+    file = scene.model(wanted.robot)
+    if file is not None:
+        driver_class, resolved, twin = read_own_model(wanted.robot, file, scene)
+        return _simulation(wanted, driver_class, resolved, twin)
+    check_keyframe(wanted.robot, scene)
     if why := driver_class.SIMULATION:
         raise ValueError(f"Robot: there is no simulation of {wanted.name}: {why}")
+    return _simulation(wanted, driver_class, driver_class.resolve(wanted.robot, {}), None)
+
+
+def _simulation(
+    wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any], twin: dict[str, Any] | None
+) -> Plan:
     if ignored := wanted.given():
         raise TypeError(
             f"Robot: a simulation of {wanted.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
             "add mode='real', or leave it out"
         )
-    options = {"class": place_of(driver_class), "options": driver_class.resolve(wanted.robot, {})}
+    options = {"class": place_of(driver_class), "options": resolved}
+    place = wanted.scene.place
     return Plan(
         wanted.robot,
         wanted.tool_name,
@@ -253,7 +308,7 @@ def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         "",
         SIM,
         options,
-        TwinProcess(driver_class.TWIN, wanted.robot, has_control=True),
+        TwinProcess(driver_class.TWIN, wanted.robot, has_control=True, place=place, options=twin),
         data_config=wanted.data_config,
         mesh=wanted.mesh,
     )
@@ -366,7 +421,7 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
             f"{name} offers {', '.join(offered) or 'none'}"
         )
     if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
-        raise ValueError(f"Robot: {name} opens no cameras. use driver='lerobot', which does, or leave out cameras=")
+        raise ValueError(f"Robot: {name} opens no cameras. leave out cameras=, and read them beside the robot")
     if transport == TWIN and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
@@ -394,6 +449,17 @@ def _missing_port(robot: str, driver_class: type[Any]) -> str:
         f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
         f"serial devices here: {found}{doubt} (a path is not an identity: check which robot is behind it)"
     )
+
+
+def _mode_of_environment() -> str:
+    """``sim`` or ``real``, as ``STRANDS_ROBOT_MODE`` says; empty: it says nothing."""
+    word = os.environ.get(MODE_VARIABLE, "").strip().lower()
+    if word in ("", "auto"):
+        return ""
+    if word not in MODES:
+        _log.warning("%s is %r, and is ignored. use %s", MODE_VARIABLE, word, ", ".join(map(repr, MODES)))
+        return ""
+    return word
 
 
 def _adapters(driver_class: type[Any]) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import threading
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
 
@@ -18,6 +18,7 @@ import trio
 from strands_actors.contract.driver import Driver, Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.simulation import evaluation, scene
 from strands_actors.simulation.handle import SimulationError, World
 from strands_actors.supervisors.loading import build_driver
 from strands_actors.supervisors.messages import Status, TaskStatus
@@ -66,6 +67,11 @@ def Robot(  # a factory named as on the drivers page
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
+    backend: str = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
     approve_within_s: float = APPROVE_S,
@@ -74,8 +80,9 @@ def Robot(  # a factory named as on the drivers page
     """A handle on one robot; nothing is started yet.
 
     ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected
-    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given or when exactly
-    one serial adapter of the robot's kind is plugged in, else a simulation. ``port`` says where a
+    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given, what
+    ``STRANDS_ROBOT_MODE`` says, or real when exactly one serial adapter of the robot's kind is
+    plugged in, else a simulation. ``port`` says where a
     real robot is; ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=``
     makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
     there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,
@@ -84,7 +91,10 @@ def Robot(  # a factory named as on the drivers page
     policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
     not this program) uses a verb or an action key that is guarded: by the driver, or by
     ``guarded``. ``require_drill``: no motion without a stop drill that is younger (``"30d"``).
-    ``mesh``: where other hosts reach it; False: nowhere. ``options`` are the driver's own. Raise
+    ``mesh``: where other hosts reach it; False: nowhere. Of a simulation: ``urdf_path``, an MJCF or
+    URDF file that is simulated under this name; ``position`` (metres) and ``orientation``
+    (quaternion w, x, y, z) of its base, and the ``keyframe`` of its model in which it begins;
+    ``backend``, ``"mujoco"``. ``options`` are the driver's own. Raise
     ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     wanted = plan(
@@ -101,6 +111,11 @@ def Robot(  # a factory named as on the drivers page
         require_drill=require_drill,
         at=at,
         lifetime=lifetime,
+        backend=backend,
+        urdf_path=urdf_path,
+        position=position,
+        orientation=orientation,
+        keyframe=keyframe,
         **options,
     )
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
@@ -461,7 +476,7 @@ class SimRobot(RealRobot):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset(
-        {"move", "observe", "state", "resume", "run_policy", "start_task", "reset", "step"}
+        {"move", "observe", "state", "resume", "run_policy", "start_task", "reset", "load_state", "step"}
     )
     OTHERS_CONNECT: ClassVar[bool] = True
 
@@ -472,7 +487,7 @@ class SimRobot(RealRobot):
 
     def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
         """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None
-        for the whole robot, ``front``, ``side`` or ``top``. Raise ``SimulationError`` (a
+        for the whole robot, ``front``, ``side``, ``top``, or one of the scene's own. Raise ``SimulationError`` (a
         ``RuntimeError``) that names the system package when neither is there."""
         return self._call(self._world.render, width, height, camera)
 
@@ -491,22 +506,118 @@ class SimRobot(RealRobot):
         return self.service("step", steps=steps, action=action)
 
     def reset(self) -> Answer:
-        """Stop, put every joint back to where it began, energise."""
+        """Stop, put every joint and every object back to where it began, energise."""
+        return self._verb(functools.partial(self._back, self._world.reset), "reset")
 
-        async def run(tree: RobotTree) -> Answer:
-            report = await tree.stop()
-            if isinstance(report, Refused):
-                return answers.refused(report)
-            try:
-                await self._world.reset()
-            except SimulationError as failure:
-                return answers.error(str(failure))
-            answer = await tree.resume()
-            if isinstance(answer, Refused):
-                return answers.refused(answer)
-            return answers.success({"position": tree.driver.as_json(answer.observation.position)})
+    def save_state(self, name: str = "default") -> Answer:
+        """Keep all that moves, robot and objects, under a name."""
+        return self._change("save_state", lambda: (scene.state_name("save_state", name),), {"saved": name})
 
-        return self._verb(run, "reset")
+    def load_state(self, name: str = "default") -> Answer:
+        """Stop, put everything back to where it was saved, energise."""
+        return self._verb(functools.partial(self._back, self._world.change, "load_state", name), "load_state")
+
+    def add_object(
+        self,
+        name: str,
+        shape: str = "box",
+        position: Sequence[float] | None = None,
+        orientation: Sequence[float] | None = None,
+        size: Sequence[float] | None = None,
+        color: Sequence[float] | None = None,
+        mass: float = 0.1,
+        is_static: bool | None = None,
+        mesh_path: str | os.PathLike[str] | None = None,
+    ) -> Answer:
+        """Put an object into the scene: ``box``, ``sphere``, ``cylinder``, ``capsule`` or ``mesh``.
+        ``size``: full extents in metres (of a mesh: its scale); ``mass`` in kilograms;
+        ``is_static``: it does not move."""
+        told = (name, shape, position, orientation, size, color, mass, is_static, mesh_path)
+        return self._change("add_object", lambda: (scene.object_fields(*told),), {"added": name})
+
+    def remove_object(self, name: str) -> Answer:
+        """Take an object that was added out of the scene."""
+        return self._change("remove_object", lambda: (scene.state_name("remove_object", name),), {"removed": name})
+
+    def add_camera(
+        self,
+        name: str,
+        position: Sequence[float] | None = None,
+        target: Sequence[float] | None = None,
+        fov: float = 60.0,
+        parent_body: str | None = None,
+    ) -> Answer:
+        """Put a camera into the scene, for ``render(camera=name)``. ``position`` and ``target`` in
+        metres, of the world, or of ``parent_body``, which carries it then; ``fov``: its vertical
+        angle in degrees."""
+        told = (name, position, target, fov, parent_body)
+        return self._change("add_camera", lambda: (scene.camera_fields(*told),), {"added": name})
+
+    def eval_policy(
+        self,
+        policy_provider: str = "mock",
+        policy_config: Mapping[str, Any] | None = None,
+        instruction: str = "",
+        n_episodes: int = 1,
+        max_steps: int = 300,
+        success_fn: Callable[[Mapping[str, float]], object] | None = None,
+        policy_object: Any = None,
+        control_frequency: float | None = None,
+        seed: int | None = None,
+        robot_name: str | None = None,
+    ) -> Answer:
+        """Try a policy, episode by episode, each from ``reset()`` on and as fast as the physics is
+        computed. An episode ends after ``max_steps`` actions, or when ``success_fn`` says so of an
+        observation; without that there is no ``success_rate``. ``policy_object``: the policy; else
+        ``create_policy(policy_provider, **policy_config)``."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
+        hz = self._driver.timing.control_hz if control_frequency is None else control_frequency
+        try:
+            found = evaluation.evaluate_checked(
+                self,
+                policy_object,
+                policy_provider,
+                policy_config,
+                self._driver.axes,
+                hz,
+                instruction,
+                n_episodes,
+                max_steps,
+                success_fn,
+                seed,
+            )
+        except (TypeError, ValueError, evaluation.Failed) as failure:
+            return answers.error(f"eval_policy: {failure}")
+        return answers.success(found)
+
+    def _change(self, verb: str, read: Callable[[], tuple[Any, ...]], done: dict[str, Any]) -> Answer:
+        """Change the scene. ``read`` gives what goes to the simulation, or refuses it."""
+        try:
+            self._call(self._world.change, verb, *read())
+        except (ValueError, SimulationError) as failure:
+            text = str(failure)
+            return answers.error(text if text.startswith(f"{verb}: ") else f"{verb}: {text}")
+        return answers.success(done)
+
+    async def _back(self, *where: Any) -> Answer:
+        """Stop, do what the simulation is told, energise. The last argument is the tree."""
+        *told, tree = where
+        report = await tree.stop()
+        if isinstance(report, Refused):
+            return answers.refused(report)
+        try:
+            await told[0](*told[1:])
+        except SimulationError as failure:
+            problem = str(failure)
+        else:
+            problem = ""
+        answer = await tree.resume()
+        if problem:
+            return answers.error(problem)
+        if isinstance(answer, Refused):
+            return answers.refused(answer)
+        return answers.success({"position": tree.driver.as_json(answer.observation.position)})
 
     def cleanup(self) -> Answer:
         answer = super().cleanup()

@@ -10,7 +10,5 @@ from strands_actors.contract.loading import load
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     serve = load(args["twin"])
-    control = {} if args["control"] is None else {"control": args["control"]}
-    serve(
-        args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **control
-    )
+    given = {name: args[name] for name in ("control", "place", "options") if args[name] is not None}
+    serve(args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **given)

@@ -6,7 +6,9 @@ import contextlib
 import itertools
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import trio
 
@@ -29,11 +31,21 @@ class TwinProcessDown(Exception):
 
 class TwinProcess:
     """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
-    ``has_control``: whether it can be simulated, too."""
+    ``has_control``: whether it can be simulated, too; ``place``: where its base stands in that
+    simulation; ``options``: the twin's own."""
 
-    def __init__(self, twin: str, robot: str, has_control: bool = False) -> None:
+    def __init__(
+        self,
+        twin: str,
+        robot: str,
+        has_control: bool = False,
+        place: Mapping[str, Any] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
         self.robot = robot
         self._twin = twin
+        self._place = place
+        self._options = options
         self._has_control = has_control
         self._process: ChildProcess | None = None
         self._starting = trio.Lock()
@@ -66,6 +78,8 @@ class TwinProcess:
                 "port_file": str(port_file),
                 "log": os.environ.get("STRANDS_ACTORS_TWIN_LOG"),
                 "control": self.control or None,
+                "place": self._place,
+                "options": self._options,
             }
             self._process = start("strands_actors.caller.twin_entry:main", args)
             with trio.move_on_after(START_S):

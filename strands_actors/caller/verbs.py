@@ -296,13 +296,13 @@ def start_task(
         if why := driver.ROLLOUTS or driver.TASKS:
             raise ValueError(f"{driver.robot}: {why}")
         _check_length(duration, None, hz)
-        where, chosen = choose_provider(provider, host, port, options)
+        policy, chosen = choose_provider(provider, host, port, options)
     except ValueError as failure:
         return answers.error(f"start_task: {failure}")
 
     async def run(tree: RobotTree) -> Answer:
-        given = {**robot_facts(where, tree.driver), **chosen}
-        return _begun(await tree.rollouts.start_task(where, given, instruction, duration, hz))
+        given = {**robot_facts(policy, tree.driver), **chosen}
+        return _begun(await tree.rollouts.start_task(policy.where, given, instruction, duration, hz))
 
     return run
 

@@ -327,6 +327,8 @@ class Driver(ABC):
     """Why there is no simulation of this robot; empty: there is."""
     SIMULATED: ClassVar[bool] = False
     """Whether it drives a simulation: nobody's approval is needed for it."""
+    SIMULATED_ROWS: ClassVar[int] = 1
+    """How many numbers per axis a target of ``parse_simulated`` has, row by row."""
     WHOLE_ACTIONS: ClassVar[bool] = False
     """Whether its gates want every axis named: an arm that is only moved as a whole."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
@@ -402,6 +404,11 @@ class Driver(ABC):
         axes rest."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
+
+    def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """As ``parse``, for the twin's body at its simulation control, which may take more than the
+        wire does (``aim`` of that body). Default: the same."""
+        return self.parse(action, state)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the keys of an action that may need approval: all but velocities at rest, which

@@ -1,7 +1,8 @@
 """Policies by name. Each is built in a process of its own, from ``module:factory`` and plain
 options.
 
-Another package adds one by the entry point group ``strands_actors.policies``.
+Another package adds one by the entry point group ``strands_actors.policies``, a script by
+``register_policy``.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 import importlib.util
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import place_of
 
 
 class Provider(NamedTuple):
@@ -22,10 +25,11 @@ class Provider(NamedTuple):
     needs: str = ""  # a package that must be there; the extra that brings it has the same name
     takes_address: bool = True  # options host and port, from policy_host and policy_port
     takes_units: bool = False  # options unit and travel, as the driver has them
+    takes_axes: bool = True  # option axes; else they are told by set_robot_state_keys alone
 
 
 PROVIDERS = {
-    "mock": Provider("strands_actors.policies.registry:Mock", takes_address=False),
+    "mock": Provider("strands_actors.policies.mock:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies.registry:Sine", takes_address=False),
     "remote": Provider("strands_actors.policies.remote:Remote"),
     "lerobot_local": Provider(
@@ -33,91 +37,120 @@ PROVIDERS = {
     ),
 }
 
+ENDPOINT_PORT = 8765
+"""Of an endpoint without one, as the servers of strands-robots have it."""
+
 DEFAULT_PROVIDER = "lerobot_local"
 """As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a
 moving arm."""
 
 
+Loader = Callable[[], type[Any]]
+
+_registered: dict[str, Loader] = {}
+_aliases: dict[str, str] = {}
+
+
+def register_policy(name: str, loader: Loader, aliases: Iterable[str] = (), *, overwrite: bool = False) -> None:
+    """Make a policy known by name, for this process. ``loader`` returns its class, when it is
+    needed; ``aliases`` are other names of it. Raise ``ValueError`` for a name that is taken (unless
+    ``overwrite``), ``TypeError`` for what is no name or no function."""
+    names = (name, *aliases)
+    if wrong := [one for one in names if not isinstance(one, str) or not one.strip() or ":" in one or "/" in one]:
+        raise TypeError(f"register_policy: the name is {wrong[0]!r}. give text without : and /")
+    if isinstance(loader, type) or not callable(loader):
+        raise TypeError(f"register_policy: the loader is {loader!r}. give a function that returns the class")
+    taken = [one for one in names if one in list_providers() or one in _aliases]
+    if taken and not overwrite:
+        raise ValueError(f"register_policy: {', '.join(taken)} is known already. pass overwrite=True to replace it")
+    _aliases.pop(name, None)
+    _registered[name] = loader
+    _aliases.update(dict.fromkeys(aliases, name))
+
+
+def registered_class(name: str) -> type[Any] | None:
+    """Return the class that ``register_policy`` was told under this name. Raise ``ValueError`` when
+    its loader returns none."""
+    loader = _registered.get(_aliases.get(name, name))
+    if loader is None:
+        return None
+    found = loader()
+    if not isinstance(found, type):
+        raise ValueError(f"policy {name!r}: its loader returned {found!r}. it has to return the class")
+    return found
+
+
 def list_providers() -> dict[str, Provider]:
-    """By name; those of other packages too."""
+    """By name; those of other packages and of this script too."""
     from importlib.metadata import entry_points  # 9 ms, for who names a policy
 
     points = entry_points(group="strands_actors.policies")
-    return {point.name: Provider(point.value) for point in points} | PROVIDERS
+    known = {point.name: Provider(point.value) for point in points} | PROVIDERS
+    return known | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
 
 
-def choose_provider(name: str, host: str, port: int | None, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """``module:factory`` of a provider, and its options. A name in that form is taken as it is.
-    Raise ``ValueError`` with what would be accepted."""
+def find_provider(name: str) -> Provider:
+    """Raise ``ValueError`` with those there are, for a name that is none."""
     known = list_providers()
+    chosen = _aliases.get(name, name) if isinstance(name, str) else name
+    if chosen in _registered:
+        found = registered_class(chosen)
+        assert found is not None
+        return known[chosen]._replace(where=place_of(found))
     provider = Provider(name) if ":" in str(name) else known.get(name)
     if provider is None:
-        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted(known))}")
+        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*known, *_aliases}))}")
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
         others = ", ".join(sorted(name for name, other in known.items() if not other.needs))
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
             f"without it there are {others}"
         )
+    return provider
+
+
+def choose_provider(
+    name: str, host: str, port: int | None, options: dict[str, Any]
+) -> tuple[Provider, dict[str, Any]]:
+    """A provider that another process can build, and its options. A name in the form
+    ``module:factory`` is taken as it is. Raise ``ValueError`` with what would be accepted."""
+    if isinstance(name, str) and name.lower().startswith("ws://"):
+        host, at, path = parse_endpoint(name)
+        return PROVIDERS["remote"], {**options, "host": host, "port": at, "path": path}
+    provider = find_provider(name)
+    module, _, place = provider.where.partition(":")
+    if module == "__main__" or "<locals>" in place:
+        raise ValueError(
+            f"policy_provider {name!r} is {place}, which stands in the script itself, and start_task runs a policy "
+            "in a process of its own. move it to a module, or use run_policy(create_policy(...))"
+        )
     if port is None:
-        return provider.where, options
+        return provider, options
     if isinstance(port, bool) or not isinstance(port, int) or not 0 < port < 65536:
         raise ValueError(f"policy_port is {port!r}. give a whole number from 1 to 65535")
     if not provider.takes_address:
         raise ValueError(f"policy_provider {name!r} takes no policy_port. policy_provider='remote' does")
-    return provider.where, {**options, "host": host, "port": port}
+    return provider, {**options, "host": host, "port": port}
 
 
-def robot_facts(where: str, driver: Driver) -> dict[str, Any]:
-    """What the policy at ``where`` is told of the robot, as options."""
-    facts: dict[str, Any] = {"axes": list(driver.axes)}
-    if any(provider.where == where and provider.takes_units for provider in PROVIDERS.values()):
+def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
+    """Return host, port and path of ``ws://host:port/path``. Raise ``ValueError``."""
+    try:
+        parts = urlsplit(endpoint)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if host is None or parts.scheme != "ws":
+        raise ValueError(f"remote: the endpoint is {endpoint!r}. give ws://host:port")
+    return host, port or ENDPOINT_PORT, parts.path or "/"
+
+
+def robot_facts(provider: Provider, driver: Driver) -> dict[str, Any]:
+    """What a policy is told of the robot, as options."""
+    facts: dict[str, Any] = {"axes": list(driver.axes)} if provider.takes_axes else {}
+    if provider.takes_units:
         facts |= {"unit": driver.unit, "travel": driver.travel()}
     return facts
-
-
-class Mock:
-    """The drivers page's mock: chunks of 8 actions 0.02 s apart, amplitude 0.5 in the driver's
-    units around where each axis was first seen, f_j = 0.3 + 0.15 j Hz, phase j pi/3."""
-
-    CHUNK = 8
-    DT_S = 0.02
-
-    provider_name = "mock"
-    requires_images = False
-    reads_instruction = False
-    execution_horizon = CHUNK
-
-    def __init__(self, axes: Sequence[str], amplitude: float = 0.5) -> None:
-        self._axes = axes
-        self._amplitude = amplitude
-        self._step = 0
-        self._center: dict[str, float] = {}
-
-    def set_robot_state_keys(self, keys: Sequence[str]) -> None:
-        self._axes = keys
-
-    def reset(self, seed: int | None = None) -> None:
-        """Begin anew, around where the axes are then. There is nothing random in it."""
-        self._step = 0
-        self._center = {}
-
-    def get_actions_sync(
-        self, observation: Mapping[str, float], instruction: str, **more: Any
-    ) -> list[dict[str, float]]:
-        if not self._center:
-            self._center = {axis: observation[axis] for axis in self._axes}
-        actions = []
-        for _ in range(self.CHUNK):
-            t_s = self._step * self.DT_S
-            self._step += 1
-            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._axes)})
-        return actions
-
-    def _at(self, j: int, axis: str, t_s: float) -> float:
-        phase = j * math.pi / 3
-        wave = math.sin(2 * math.pi * (0.3 + 0.15 * j) * t_s + phase) - math.sin(phase)
-        return self._center[axis] + self._amplitude * wave
 
 
 class Sine:

@@ -1,11 +1,19 @@
-"""The provider ``remote``: a policy served over WebSocket, by anything that speaks what follows.
+"""The provider ``remote``: a policy served over WebSocket, by anything that speaks one of two
+protocols. Which one it is turns out by itself.
 
-One request a chunk, one answer a request, each one WebSocket message: msgpack in a binary message,
-or JSON in a text message (``encoding="json"``). A server answers in kind.
+Ours: one request a chunk, one answer a request, each one WebSocket message: msgpack in a binary
+message, or JSON in a text message (``encoding="json"``). A server answers in kind.
 
     request   {"observation": {joint: number}, "instruction": text, "axes": [joint], "hz": control rate}
     answer    {"actions": [{joint: number}, ...]}      a chunk, in the driver's units, executed at the control rate
            or {"error": text}                          which ends the rollout
+
+That of strands-robots (``PolicyServer``, JSON, version 1): the server speaks first,
+``{"type": "ready", "protocol_version": 1, "metadata": {...}}``, and is then sent ``set_state_keys``,
+``set_control_frequency``, ``reset`` and ``get_actions``.
+
+A server that has said nothing for ``GREETING_S`` is spoken to in our protocol. A greeting that
+comes later is still heeded: it comes before any answer.
 
 Every wait is bounded: ``timeout_s`` for connecting and for each answer. A server that is slower
 than the buffered chunk lasts ends the rollout before that: the last setpoint expires and the robot
@@ -15,29 +23,28 @@ holds.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
-import msgspec
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
+from .base import Action, Policy
+from .registry import ENDPOINT_PORT, parse_endpoint
+from .remote_protocols import CODECS, Chunks, Facts, JsonV1, Misunderstood, Talk, greeting
+
+Read = TypeVar("Read")
+
 MAX_BYTES = 1 << 20
-CODECS: dict[str, Any] = {"msgpack": msgspec.msgpack, "json": msgspec.json}
+
+GREETING_S = 0.2
+"""A server that speaks first has answered the handshake from the same thread: its greeting follows
+within the time of a network's detour [assumed]."""
 
 
-class Chunk(msgspec.Struct):
-    """An answer."""
-
-    actions: list[dict[str, float]] = []
-    error: str = ""
-
-
-class Remote:
+class Remote(Policy):
     """The client. Raise ``ConnectionError`` when the server is not there, goes away or answers
     anything else, and ``TimeoutError`` when it does not answer in time."""
-
-    provider_name = "remote"
 
     def __init__(
         self,
@@ -50,9 +57,8 @@ class Remote:
     ) -> None:
         if encoding not in CODECS:
             raise ValueError(f"remote: encoding is {encoding!r}. use one of {', '.join(CODECS)}")
-        self._codec = CODECS[encoding]
-        self._is_text = encoding == "json"
-        self._axes = list(axes)
+        self.robot_state_keys = list(axes)
+        self._encoding = encoding
         self._hz = 0.0
         self._timeout_s = timeout_s
         self._where = f"ws://{host}:{port}/{path.removeprefix('/')}"
@@ -66,34 +72,175 @@ class Remote:
             raise TimeoutError(f"{self._where} did not answer within {timeout_s:g} s") from error
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
+        self._talk: Talk = self._greeted() or Chunks(encoding)
+        self._may_greet = not isinstance(self._talk, JsonV1)
+        self._tell("keys", self.robot_state_keys)
 
     def close(self) -> None:
         """Hang up."""
         self._opened.close()
 
+    @property
+    def provider_name(self) -> str:
+        return "remote"
+
+    @property
+    def requires_images(self) -> bool:
+        return self._facts.requires_images
+
+    @property
+    def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
+        return self._facts.supports_rtc
+
+    @property
+    def execution_horizon(self) -> int:
+        return self._facts.execution_horizon
+
+    @property
+    def _facts(self) -> Facts:
+        return self._talk.facts if isinstance(self._talk, JsonV1) else Facts()
+
+    def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
+        super().set_robot_state_keys(robot_state_keys)
+        self._tell("keys", self.robot_state_keys)
+
     def set_control_frequency(self, hz: float) -> None:
         self._hz = hz
+        self._tell("hz", hz)
 
-    def get_actions_sync(
-        self, observation: Mapping[str, float], instruction: str, **_: Any
-    ) -> list[dict[str, float]]:
-        request = {
-            "observation": dict(observation),
-            "instruction": instruction,
-            "axes": self._axes,
-            "hz": self._hz,
-        }
+    def reset(self, seed: int | None = None) -> None:
+        self._tell("reset", seed)
+
+    async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        return self.get_actions_sync(observation_dict, instruction)
+
+    def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        answer = self._ask(self._talk.request(observation_dict, instruction))
+        if self._may_greet:
+            self._may_greet = False
+            if (late := self._understand(greeting, answer)) is not None:
+                self._receive()  # what it answers to a request that it did not understand
+                self._change_to(late)
+                return self.get_actions_sync(observation_dict, instruction)
+        return self._understand(self._talk.chunk, answer)
+
+    # -- one message each way
+
+    def _greeted(self) -> JsonV1 | None:
+        """How to talk to a server that spoke first; None: it says nothing."""
         try:
-            self._socket.send(self._codec.encode(request), text=self._is_text)
-            answer = self._socket.recv(timeout=self._timeout_s)
+            message = self._socket.recv(timeout=GREETING_S)
+        except TimeoutError:
+            return None
+        except (OSError, WebSocketException) as error:
+            raise ConnectionError(f"{self._where}: {error}") from error
+        found = self._understand(greeting, message)
+        if found is None:
+            raise ConnectionError(f"{self._where} began with what is no greeting: {message[:80]!r}")
+        return found
+
+    def _change_to(self, talk: JsonV1) -> None:
+        self._talk = talk
+        self._tell("keys", self.robot_state_keys)
+        if self._hz:
+            self._tell("hz", self._hz)
+        self._tell("reset", None)
+
+    def _tell(self, what: str, value: Any) -> None:
+        message = self._talk.tell(what, value)
+        if message is not None and isinstance(self._talk, JsonV1):
+            self._understand(self._talk.done, self._ask(message))
+
+    def _ask(self, message: bytes) -> bytes | str:
+        try:
+            self._socket.send(message, text=self._talk.is_text)
+        except (OSError, WebSocketException) as error:
+            raise ConnectionError(f"{self._where}: {error}") from error
+        return self._receive()
+
+    def _receive(self) -> bytes | str:
+        try:
+            return self._socket.recv(timeout=self._timeout_s)
         except TimeoutError as error:
             raise TimeoutError(f"{self._where} did not answer within {self._timeout_s:g} s") from error
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
+
+    def _understand(self, read: Callable[[bytes | str], Read], answer: bytes | str) -> Read:
         try:
-            chunk = self._codec.decode(answer, type=Chunk)
-        except msgspec.DecodeError as error:
-            raise ConnectionError(f"{self._where} answered what is no chunk: {error}") from error
-        if chunk.error:
-            raise ConnectionError(f"{self._where} says: {chunk.error}")
-        return list(chunk.actions)
+            return read(answer)
+        except Misunderstood as problem:
+            raise ConnectionError(f"{self._where} {problem}") from problem
+
+
+class RemotePolicy(Policy):
+    """The same for a script: connects at its first use. ``endpoint``: ``ws://host:port/path``,
+    instead of host and port."""
+
+    def __init__(
+        self,
+        endpoint: str | None = None,
+        *,
+        host: str = "localhost",
+        port: int = ENDPOINT_PORT,
+        path: str = "/",
+        encoding: str = "msgpack",
+        timeout_s: float = 5.0,
+    ) -> None:
+        if endpoint is not None:
+            host, port, path = parse_endpoint(endpoint)
+        self._place: dict[str, Any] = {"host": host, "port": port, "path": path}
+        self._place |= {"encoding": encoding, "timeout_s": timeout_s}
+        self._hz = 0.0
+        self._connected: Remote | None = None
+
+    @property
+    def _remote(self) -> Remote:
+        if self._connected is None:
+            self._connected = Remote(self.robot_state_keys, **self._place)
+            if self._hz:
+                self._connected.set_control_frequency(self._hz)
+        return self._connected
+
+    def close(self) -> None:
+        """Hang up; the next use connects anew."""
+        if self._connected is not None:
+            self._connected.close()
+        self._connected = None
+
+    @property
+    def provider_name(self) -> str:
+        return "remote"
+
+    @property
+    def requires_images(self) -> bool:
+        return self._remote.requires_images
+
+    @property
+    def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
+        return self._remote.supports_rtc
+
+    @property
+    def execution_horizon(self) -> int:
+        return self._remote.execution_horizon
+
+    def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
+        super().set_robot_state_keys(robot_state_keys)
+        if self._connected is not None:
+            self._connected.set_robot_state_keys(robot_state_keys)
+
+    def set_control_frequency(self, hz: float) -> None:
+        self._hz = hz
+        if self._connected is not None:
+            self._connected.set_control_frequency(hz)
+
+    def reset(self, seed: int | None = None) -> None:
+        self._remote.reset(seed)
+
+    async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        import asyncio
+
+        return await asyncio.to_thread(self.get_actions_sync, observation_dict, instruction)
+
+    def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
+        return self._remote.get_actions_sync(observation_dict, instruction)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import trio
 
 from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.process import ChildProcess, start
 
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
     import numpy
     from numpy.typing import NDArray
 
-_RENDER = "strands_actors.drivers.sim.world:render"
-_RESET = "strands_actors.drivers.sim.world:reset"
+_WORLD = "strands_actors.drivers.sim.world"
+_RENDER = f"{_WORLD}:render"
+_RESET = f"{_WORLD}:reset"
 _VIEWER = "strands_actors.drivers.sim.viewer:main"
 
 WINDOW_S = 20.0
@@ -56,12 +58,18 @@ class World:
         """Every joint back to where it began, limp."""
         await self._ask("reset", _RESET)
 
+    async def change(self, verb: str, *args: Any) -> None:
+        """``add_object``, ``remove_object``, ``add_camera``, ``save_state``, ``load_state``."""
+        await self._ask(verb, f"{_WORLD}:{verb}", *args)
+
     async def view(self) -> None:
         """Open MuJoCo's viewer in a process of its own; return when its window is there."""
         if sys.platform.startswith("linux") and not (
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
             raise SimulationError("view: there is no display (DISPLAY is not set). use render()")
+        if why := missing("pictures", "a window"):
+            raise SimulationError(f"view: {why}")
         await self._start("view")
         window = start(_VIEWER, {"control": self._twin_process.control})
         self._windows.append(window)

@@ -234,7 +234,7 @@ def test_a_calibrated_arm_tells_its_travel_and_only_to_who_takes_it() -> None:
     arm = driver_of("so101", calibration=calibration)
     where, _ = choose_provider("mock", "localhost", None, {})
     assert robot_facts(where, arm) == {"axes": AXES}
-    facts = robot_facts(policies.PROVIDERS["lerobot_local"].where, arm)
+    facts = robot_facts(policies.PROVIDERS["lerobot_local"], arm)
     half = (3071 - 1024) / 2 * 360 / 4095  # lerobot's degrees of the same file
     assert facts["unit"] == UNIT
     assert facts["travel"] == {axis: pytest.approx((-half, half)) for axis in AXES[:-1]} | {

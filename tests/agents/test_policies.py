@@ -21,7 +21,8 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 
 from strands_actors.caller.robot import RealRobot
-from strands_actors.policies.registry import Mock, choose_provider
+from strands_actors.policies.mock import Mock
+from strands_actors.policies.registry import choose_provider
 from strands_actors.policies.remote import Remote
 from strands_actors.supervisors.policy import as_infer, prepare
 from strands_actors.testing import Twin
@@ -89,7 +90,7 @@ def test_only_who_is_elsewhere_takes_an_address() -> None:
         choose_provider("mock", "localhost", 8000, {})
     assert choose_provider("mock", "localhost", None, {"amplitude": 1.0})[1] == {"amplitude": 1.0}
     assert choose_provider("remote", "10.0.0.7", 8000, {})[1] == {"host": "10.0.0.7", "port": 8000}
-    assert choose_provider("mine.policies:Fast", "there", 1, {})[0] == "mine.policies:Fast"
+    assert choose_provider("mine.policies:Fast", "there", 1, {})[0].where == "mine.policies:Fast"
 
 
 @pytest.mark.parametrize("name", ["smooth_talk", "", None, 3])
@@ -104,8 +105,9 @@ def test_another_package_adds_a_provider_and_replaces_none(monkeypatch: pytest.M
         EntryPoint("mock", "other.bad:Mock", "strands_actors.policies"),
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
-    assert choose_provider("wbc", "localhost", 8000, {}) == ("other.wbc:Wbc", {"host": "localhost", "port": 8000})
-    assert choose_provider("mock", "localhost", None, {})[0] == "strands_actors.policies.registry:Mock"
+    provider, options = choose_provider("wbc", "localhost", 8000, {})
+    assert (provider.where, options) == ("other.wbc:Wbc", {"host": "localhost", "port": 8000})
+    assert choose_provider("mock", "localhost", None, {})[0].where == "strands_actors.policies.mock:Mock"
 
 
 # -- what a policy is told, and what it may answer

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+
+from strands_actors.version import __version__
 
 from .command import Command
 
@@ -47,3 +50,50 @@ def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": []}
     drawn = cli.run("list").stdout
     assert all(robot in drawn for robot in rows)
+
+
+def test_version(cli: Command) -> None:
+    done = cli.run("--version")
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"strands-actors {__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["stop", "nobody"],
+        ["estop", "--all"],
+        ["resume"],
+        ["tree", "--frobnicate"],
+        ["echo", "nobody"],
+        ["hz", "nobody", "--seconds", "1"],
+        ["trace", "nobody"],
+        ["send", "nobody", "joint"],
+        ["record", "nobody", "-o", "run.mcap"],
+        ["replay", "no-such.mcap"],
+        ["drill", "so101"],
+        ["matrix", "--drivers", "so999"],
+        ["mesh", "status", "--mesh", "no-such.toml"],
+        ["demo", "--out", "no/such/folder/demo.png"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_with_json_a_problem_is_an_object_too(cli: Command, tmp_path: Path, arguments: list[str]) -> None:
+    done = cli.run(*arguments, "--json", cwd=tmp_path)
+    assert done.returncode == 2
+    told = json.loads(done.stdout)
+    assert list(told) == ["error"]
+    assert done.stderr == f"strands-actors: {told['error']}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keys"),
+    [
+        (["list"], {"robots"}),
+        (["tree"], {"robots"}),
+        (["mesh", "status"], {"robots"}),
+        (["doctor"], {"ok", "checks"}),
+    ],
+    ids=lambda each: each[0] if isinstance(each, list) else "",
+)
+def test_json_is_one_object(cli: Command, arguments: list[str], keys: set[str]) -> None:
+    assert set(cli.json(*arguments)) == keys

@@ -16,6 +16,7 @@ from .test_imports import MODULES, PACKAGE, ROOT
 PUBLIC = (
     PACKAGE,  # users
     f"{PACKAGE}.contract",  # authors of drivers
+    f"{PACKAGE}.policies",  # authors of policies
     f"{PACKAGE}.testing",
     f"{PACKAGE}.drivers.earthrover.cameras",  # what one robot has beside its tree
 )

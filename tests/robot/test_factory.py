@@ -32,20 +32,19 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     (
         "so101_leader",
         PORT,
-        ("so101_leader is a teleoperator", "Teleoperator('so101_leader', port=...)", "follower"),
+        ("so101_leader is a teleoperator", "its follower is Robot('so101', mode='real', port=...)"),
     ),
     ("ability_hand", PORT, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
     ("ability_hand", {}, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
-    ("unitree_g1", {}, ("no simulation of unitree_g1", "mode='real', transport='twin'")),
-    ("omx", PORT, ("omx", "lerobot", "strands-actors[lerobot]", "not in this version", "so100, so101")),
+    ("omx", PORT, ("omx", "lerobot's own robot classes", "this version does not run", "so100, so101")),
     ("omx", {**PORT, "driver": "strands"}, ("omx has no native driver", "hope_jr", "so100, so101")),
-    ("so101", {**PORT, "driver": "lerobot"}, ("so101", "strands-actors[lerobot]", "not in this version")),
+    ("so101", {**PORT, "driver": "lerobot"}, ("so101", "lerobot's own robot classes", "this version does not run")),
     ("so101", {**PORT, "driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
     ("so101", {"driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
     ("so101", {"mode": "real", "prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
     ("so101", {"prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
     ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", KEYWORDS)),
-    ("so101", {**PORT, "cameras": {"top": 0}}, ("FeetechDriver opens no cameras", "driver='lerobot'")),
+    ("so101", {**PORT, "cameras": {"top": 0}}, ("FeetechDriver opens no cameras", "leave out cameras=")),
     ("so101", {"mode": "real", "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
     ("so101", {**PORT, "sim": 1}, ("sim=", "add transport='twin'", "FeetechDriver offers twin")),
     ("so101", {**TWIN, "sim": "so101"}, ("sim is 'so101'", "Robot('so101')")),
@@ -329,3 +328,28 @@ def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> N
         assert arm.driver.config.name == "Lamp"
         with pytest.raises(ValueError, match="Lamp has no simulation of"):
             Robot(name)
+
+
+@pytest.mark.parametrize("word", ["real", "REAL", " real "])
+def test_the_environment_says_what_auto_means(
+    monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], word: str
+) -> None:
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", word)
+    with pytest.raises(ValueError, match="so101 needs 'port'"):
+        Robot("so101", "auto")
+    plugged.append(bus_adapter("/dev/ttyACM0"))
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, /dev/ttyACM0)>"
+    assert repr(Robot("so101")) == "<Robot so101 (so101, sim)>", "a bare Robot() never goes to hardware"
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "sim")
+    assert repr(Robot("so101", " Auto ")) == "<Robot so101 (so101, sim)>"
+
+
+def test_a_word_of_the_environment_that_is_none_is_ignored_and_told(
+    monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "auto")
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, sim)>"
+    assert caplog.text == ""
+    monkeypatch.setenv("STRANDS_ROBOT_MODE", "rael")
+    assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, sim)>"
+    assert "STRANDS_ROBOT_MODE is 'rael', and is ignored" in caplog.text

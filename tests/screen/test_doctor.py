@@ -101,6 +101,8 @@ def test_extras_are_told_from_what_everybody_needs() -> None:
         "no-such-package-3; python_version < '3.0'",
         "no-such-package-4; python_version < '3.0' and extra == 'agent'",
         "no-such-package-5; extra == 'test'",
+        f"no-such-package-6; platform_machine != '{os.uname().machine}' and extra == 'agent'",
+        "strands-actors[agent]; extra == 'all'",
     ]
     assert missing_requirements(requirements) == {
         "": ["no-such-package-1"],

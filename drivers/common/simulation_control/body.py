@@ -58,7 +58,8 @@ class Body(Protocol):
         ...
 
     def aim(self, values: Sequence[float]) -> None:
-        """Targets for what was taken."""
+        """Targets for what was taken: one per axis, or ``target_rows`` rows of them, where a body
+        has that attribute."""
         ...
 
     def hold(self) -> None:

@@ -78,6 +78,48 @@ class Render(Frame, frozen=True):
     camera: str  # "": the whole robot
 
 
+class AddObject(Frame, frozen=True):
+    """``Done``, or ``No``. The fields are those of ``scenery.Object``."""
+
+    name: str
+    shape: str
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+    size: tuple[float, ...]
+    color: tuple[float, ...]
+    mass_kg: float
+    fixed: bool
+    mesh: str
+
+
+class AddCamera(Frame, frozen=True):
+    """``Done``, or ``No``. The fields are those of ``scenery.Camera``."""
+
+    name: str
+    position: tuple[float, ...]
+    target: tuple[float, ...]
+    fov_deg: float
+    body: str
+
+
+class RemoveObject(Frame, frozen=True):
+    """``Done``, or ``No``."""
+
+    name: str
+
+
+class Save(Frame, frozen=True):
+    """Keep the state under this name. ``Done``, or ``No``."""
+
+    name: str
+
+
+class Load(Frame, frozen=True):
+    """Go back to a saved state. ``Sample``, or ``No``, also while the wire holds a joint."""
+
+    name: str
+
+
 class GetModel(Frame, frozen=True):
     """The scene as a compiled MuJoCo model. ``Model``, or ``No``."""
 
@@ -116,12 +158,17 @@ class Pose(Frame, frozen=True):
     qpos: tuple[float, ...]
 
 
+class Done(Frame, frozen=True):
+    """It is done."""
+
+
 class No(Frame, frozen=True):
     why: str
 
 
-Request = Handshake | Take | Aim | Safe | Read | Reset | Step | Render | GetModel | GetPose
-Reply = Axes | Sample | Picture | Model | Pose | No
+Change = AddObject | AddCamera | RemoveObject | Save
+Request = Handshake | Take | Aim | Safe | Read | Reset | Step | Render | Load | Change | GetModel | GetPose
+Reply = Axes | Sample | Picture | Model | Pose | Done | No
 
 FrameT = TypeVar("FrameT")
 

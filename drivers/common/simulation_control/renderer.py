@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import trio
 
+from strands_actors.contract.extras import missing
 from strands_actors.drivers.common.lean_mujoco import mujoco
 
 from .scene import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View, decorate, look, view_of, widened
@@ -39,6 +40,7 @@ class Renderer:
         self._limiter = trio.CapacityLimiter(1)
         self._view: View | None = None
         self._room: _Room | None = None
+        self._stale = False
 
     async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
         """Rows from the top, three bytes a pixel. Raise ``CannotRender``."""
@@ -46,8 +48,9 @@ class Renderer:
             raise CannotRender(
                 f"a picture of {width} x {height} pixels. ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
             )
-        if camera not in CAMERAS:
-            known = ", ".join(name for name in CAMERAS if name)
+        own = [one.name for one in self._spec.cameras if one.name]
+        if camera not in CAMERAS and camera not in own:
+            known = ", ".join([*(name for name in CAMERAS if name), *own])
             raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
@@ -55,11 +58,20 @@ class Renderer:
         """The scene as MuJoCo's own file."""
         return await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
 
+    def exchange(self, spec: Any) -> None:
+        """Take the next picture of this model. It is used in a thread: nobody else may have it."""
+        self._spec = spec
+        self._stale = True
+
     def close(self) -> None:
         if self._room is not None:
             self._room.close()
 
     def _render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
+        if self._stale:
+            self._stale, self._view = False, None
+            self.close()
+            self._room = None
         if self._room is not None and not self._room.holds(width, height):
             self._room.close()
             self._room = None
@@ -112,7 +124,11 @@ class _Room:
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        look(eye, model, self._view, width, height, camera)
+        if camera in CAMERAS:
+            look(eye, model, self._view, width, height, camera)
+        else:  # one of the scene's own
+            eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            eye.fixedcamid = model.camera(camera).id
         mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         rectangle = mujoco.MjrRect(0, 0, width, height)
         rows = np.empty((height, width, 3), np.uint8)
@@ -130,6 +146,8 @@ class _Room:
 def open_gl(width: int, height: int) -> Any:
     """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise
     ``CannotRender``."""
+    if why := missing("pictures", "a picture"):
+        raise CannotRender(why)
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     if sys.platform == "darwin":
         platform = "cgl"

@@ -16,6 +16,9 @@ GRAPHITE = (0.17, 0.19, 0.22, 1.0)
 SHELL = (0.90, 0.90, 0.88, 1.0)
 ACCENT = (0.96, 0.47, 0.13, 1.0)
 
+UNPAINTED = [0.5, 0.5, 0.5, 1.0]
+"""MuJoCo's own default, in single precision too."""
+
 CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "top": (180.0, -89.0)}
 """Azimuth and elevation in degrees: the eye looks along them at the middle of the robot."""
 
@@ -139,15 +142,24 @@ def _add_lights(scene: Any, view: View) -> None:
         )
 
 
+def _is_bare(geom: Any) -> bool:
+    """Whether nobody has said how it looks."""
+    return not geom.material and not geom.meshname and list(geom.rgba) == UNPAINTED
+
+
 def _colour(body: Any) -> None:
-    """Base and motors dark, links light, what has nothing behind it in the accent."""
+    """Base and motors dark, links light, what has nothing behind it in the accent; unless the model
+    says how it looks."""
     shapes = list(body.geoms)
     moves = list(body.joints)
+    if not all(map(_is_bare, shapes)):
+        return
     for geom in shapes:
         geom.rgba = GRAPHITE if not moves else SHELL if list(body.bodies) else ACCENT
     for joint in moves:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE and shapes:
             behind = list(body.parent.geoms) if body.parent.name != "world" else []
+            behind = [geom for geom in behind if not geom.meshname]
             _add_motor(body, joint, min(map(_thickness, [shapes[0], *behind])))
 
 

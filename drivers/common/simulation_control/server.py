@@ -8,7 +8,7 @@ import os
 import socket
 import time
 from collections.abc import Iterable, Sequence
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import trio
 
@@ -17,6 +17,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from . import protocol as p
 from .body import Body, Flying, Hand
 from .renderer import CannotRender, Renderer
+from .scenery import Camera, Object, Refused, scenery_of
 
 BACKLOG = 16
 _CHUNK = 1 << 16
@@ -49,7 +50,10 @@ class SimulationControl:
         self._path = path
         self._body = body
         self._log = log
-        self._renderer = Renderer(body.spec)
+        self._renderer = Renderer(body.spec.copy())  # it works in a thread: no model of others
+        scenery = getattr(body, "scenery", None)
+        if scenery is not None:
+            scenery.changed = lambda: self._renderer.exchange(body.spec.copy())
         self._taker: object = None
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.setblocking(False)
@@ -125,6 +129,16 @@ class SimulationControl:
                     return p.No(number, "the robot on the wire is energised. stop it first")
                 self._note("reset", request)
                 body.reset()
+            case p.Load():
+                if Hand.WIRE in body.hands:
+                    return p.No(number, "the robot on the wire is energised. stop it first")
+                try:
+                    scenery_of(body).load(request.name)
+                except Refused as refusal:
+                    return p.No(number, str(refusal))
+                body.hold()
+            case p.AddObject() | p.AddCamera() | p.RemoveObject() | p.Save():
+                return self._change(request)
             case p.Step():
                 if not 1 <= request.steps <= p.MOST_STEPS:
                     return p.No(number, f"{request.steps} steps. give 1 to {p.MOST_STEPS}")
@@ -151,6 +165,24 @@ class SimulationControl:
             tuple(int(hand) for hand in felt.hands),
         )
 
+    def _change(self, request: p.Change) -> p.Reply:
+        """Put something into the scene, or keep its state."""
+        self._note("config", request)
+        try:
+            scenery = scenery_of(self._body)
+            match request:
+                case p.AddObject():
+                    scenery.add_object(Object(*_fields(request)))
+                case p.AddCamera():
+                    scenery.add_camera(Camera(*_fields(request)))
+                case p.RemoveObject():
+                    scenery.remove_object(request.name)
+                case p.Save():
+                    scenery.save(request.name)
+        except Refused as refusal:
+            return p.No(request.number, str(refusal))
+        return p.Done(request.number)
+
     async def _step(self, steps: int) -> None:
         """What others have said before is heard first; and between a few steps they are served."""
         while steps > 0:
@@ -160,7 +192,8 @@ class SimulationControl:
             steps -= now
 
     def _fits(self, values: Sequence[float]) -> bool:
-        return len(values) == len(self._body.axes) and all(map(math.isfinite, values))
+        rows: int = getattr(self._body, "target_rows", 1)
+        return len(values) == rows * len(self._body.axes) and all(map(math.isfinite, values))
 
     async def _render(self, request: p.Render) -> p.Reply:
         try:
@@ -171,6 +204,11 @@ class SimulationControl:
 
     def _note(self, kind: str, request: p.Frame, safe_state: str | None = None) -> None:
         self._log.write(time.monotonic_ns(), "control", [(kind, p.encode(request))], safe_state)
+
+
+def _fields(frame: p.Frame) -> list[Any]:
+    """What a frame says, without its number."""
+    return [getattr(frame, name) for name in frame.__struct_fields__ if name != "number"]
 
 
 async def _send(sock: socket.socket, data: bytes) -> None:

@@ -69,6 +69,8 @@ class Start(TypedDict, total=False):
     """At its end the twin's parent is gone."""
     control: str | None
     """Where the robot's body is served as a simulation, too (see ``common.control``)."""
+    place: Mapping[str, Any] | None
+    """Where its base stands there: ``position`` in metres and ``orientation``, w x y z."""
 
 
 def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
@@ -112,13 +114,14 @@ async def _main(
     fault: str | None = None,
     parent_fd: int | None = None,
     control: str | None = None,
+    place: Mapping[str, Any] | None = None,
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
     opened: Control | None = None
     try:
         if control is not None:
-            opened = _open_control(control, server, wire_log)
+            opened = _open_control(control, server, wire_log, place)
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:
@@ -148,11 +151,16 @@ async def _main(
                 os.unlink(port_file)
 
 
-def _open_control(path: str, server: Served, log: WireLog) -> Control:
-    # here: it brings MuJoCo, which not every twin has loaded
+def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None) -> Control:
+    # here: they bring MuJoCo, which not every twin has loaded
+    from strands_actors.drivers.common.simulation_control.scenery import scenery_of
     from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
-    return SimulationControl(path, body_of(server), log)
+    body = body_of(server)
+    control = SimulationControl(path, body, log)
+    if place is not None:
+        scenery_of(body).place(place["position"], place["orientation"])
+    return control
 
 
 async def _outlive_parent(fd: int, scope: trio.CancelScope) -> None:

@@ -41,6 +41,7 @@ from strands_actors.drivers.unitree.robots import Model, model_of
 from strands_actors.kernel.clock import NS, MonotonicClock
 
 from .onboard import Onboard
+from .standing import StandingBody
 
 OPTIONS = {
     "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
@@ -96,6 +97,8 @@ class UnitreeServer:
         self._model = model
         self._clock = MonotonicClock()
         self.onboard = Onboard(model, self._note, float(options.get("silence_s", 0.0)))
+        self.body = StandingBody(self.onboard)
+        """At the simulation control."""
         battery = options.get("battery", self.onboard.soc)
         self.onboard.soc = None if battery == "unknown" else int(battery)
         if "fsm" in options:

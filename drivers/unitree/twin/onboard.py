@@ -7,7 +7,7 @@ Time comes with every call; between calls nothing happens.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from strands_actors.drivers.common.malformed import MalformedFrame
@@ -57,7 +57,9 @@ class Onboard:
         self.posture = "stand"
         self.fallen = False
         self._commanded_s = 0.0
-        self._obey_itself()
+        self.commanded = False
+        """Whether the newest LowCmd asks for torque, and is obeyed."""
+        self.obey_itself()
 
     # -- who moves the body
 
@@ -76,23 +78,34 @@ class Onboard:
         rows = (command.q, command.dq, command.tau, command.kp, command.kd)
         self.body.drive(*([value * on for value, on in zip(row, active, strict=True)] for row in rows))
         self._commanded_s = now_s
+        self.commanded = any(command.tau) or any(command.kp) or any(command.kd)
+
+    def lead(self, rows: Sequence[Sequence[float]], which: Sequence[float]) -> None:
+        """Drive the joints that are told to be; the onboard controller has the others."""
+        mixed = (
+            [value if told else own for value, own, told in zip(row, stand, which, strict=True)]
+            for row, stand in zip(rows, self._stand, strict=True)
+        )
+        self.body.drive(*mixed)
 
     def set_fsm(self, number: int) -> None:
         self.fsm_id = number
         self._note("fsm", str(number))
-        self._obey_itself()
+        self.obey_itself()
 
     def set_mode(self, name: str) -> None:
         self.mode = name
         self._note("mode", name)
-        self._obey_itself()
+        self.obey_itself()
 
     def set_posture(self, posture: str) -> None:
         self.posture = posture
-        self._obey_itself()
+        self.obey_itself()
 
-    def _obey_itself(self) -> None:
+    def obey_itself(self) -> None:
+        """The onboard controller moves the body: by its mode, its FSM and its posture."""
         self._commanded_s = 0.0
+        self.commanded = False
         if not self.mode or self.posture == "damp" or (self._has_fsm and self.fsm_id not in HANDSHAKE_FSM):
             limp = self._has_fsm and self.fsm_id == FSM_ZERO_TORQUE
             self.body.drive(*(self._limp if limp else self._brake))
@@ -106,6 +119,7 @@ class Onboard:
     def advance(self, now_s: float) -> None:
         if self._silence_s and self._commanded_s and now_s - self._commanded_s > self._silence_s:
             self._commanded_s = 0.0
+            self.commanded = False
             self.body.drive(*self._brake)
             self._note("silence", "")
         self.body.catch_up(now_s)

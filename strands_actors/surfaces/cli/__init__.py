@@ -6,10 +6,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from json import dumps as json_of  # commands have an option of the module's name
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from strands_actors.contract.extras import MissingExtra
 
 from .errors import Problem
 
@@ -37,6 +40,23 @@ def _known() -> list[str]:
     from strands_actors.drivers import list_native_drivers
 
     return list(list_native_drivers())
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from strands_actors.version import __version__
+
+        print(f"strands-actors {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Robots as supervised trees of actors."""
 
 
 Which = Annotated[
@@ -292,20 +312,37 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command; its exit code. What goes wrong is one line on stderr."""
+    """Run one command and return its exit code: 0 when all is well, 1 when what was asked for did
+    not succeed (a robot that is not confirmed safe, a recording that differs), 2 when it could not
+    be asked, 130 when it was interrupted. What goes wrong is one line on stderr, and with --json an
+    object with ``error`` on stdout."""
+    try:
+        return _run(arguments)
+    except Ended as ended:
+        if "--json" in arguments:
+            print(json_of({"error": str(ended)}), flush=True)
+        print(f"strands-actors: {ended}", file=sys.stderr)
+        return USAGE
+
+
+class Ended(Exception):
+    """A command could not be done; the text is the line that says why."""
+
+
+def _run(arguments: Sequence[str]) -> int:
     try:
         code = app(list(arguments) or ["--help"], prog_name="strands-actors", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BaseExceptionGroup as group:
         return _ended(group)
-    except (Problem, OSError) as problem:
-        return _complain(str(problem))
+    except (Problem, MissingExtra, OSError) as problem:
+        raise Ended(_line(str(problem))) from problem
     except Exception as error:
         usage = getattr(error, "format_message", None)  # typer's own, whichever version
         if usage is None:
             raise
-        return _complain(usage())
+        raise Ended(_line(usage())) from error
     return code if isinstance(code, int) else 0
 
 
@@ -321,10 +358,9 @@ def _ended(error: BaseException) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         case Problem() | OSError():
-            return _complain(str(first))
+            raise Ended(_line(str(first))) from error
     raise error
 
 
-def _complain(text: str) -> int:
-    print(f"strands-actors: {' '.join(text.split())}", file=sys.stderr)
-    return USAGE
+def _line(text: str) -> str:
+    return " ".join(text.split())

@@ -19,6 +19,7 @@ from importlib import metadata
 from typing import Any
 
 from strands_actors.caller.run_directory import MAX_SOCKET_PATH, notes, run_dir
+from strands_actors.contract.extras import missing
 
 OK, WEAK, BROKEN = "ok", "weak", "broken"
 PYTHONS = ((3, 11), (3, 13))
@@ -223,6 +224,10 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 def check_gl() -> Iterator[Check]:
     """In processes of their own: a GL library that is loaded once cannot be exchanged, and may
     crash."""
+    if lacking := missing("pictures", "render()"):
+        absent, _, remedy = lacking.partition(". ")
+        yield Check("gl", WEAK, absent, remedy)
+        return
     wanted = os.environ.get("MUJOCO_GL")
     why = []
     for backend in (wanted,) if wanted else ("egl", "osmesa"):
@@ -276,15 +281,15 @@ def check_extras() -> Iterator[Check]:
     except metadata.PackageNotFoundError:
         yield Check("packages", WEAK, f"{DISTRIBUTION} runs without being installed", "pip install -e .")
         return
-    for extra, missing in missing_requirements(requirements).items():
+    for extra, absent in missing_requirements(requirements).items():
         name = f"extra {extra}" if extra else "packages"
         what = f"'{DISTRIBUTION}[{extra}]'" if extra else f"--force-reinstall {DISTRIBUTION}"
-        if not missing:
+        if not absent:
             yield Check(name, OK, "installed")
         elif extra:
-            yield Check(name, WEAK, f"not installed: {', '.join(missing)}", f"pip install {what}")
+            yield Check(name, WEAK, f"not installed: {', '.join(absent)}", f"pip install {what}")
         else:
-            yield Check(name, BROKEN, f"missing: {', '.join(missing)}", f"pip install {what}")
+            yield Check(name, BROKEN, f"missing: {', '.join(absent)}", f"pip install {what}")
 
 
 def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
@@ -295,13 +300,15 @@ def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
         spec, _, marker = requirement.partition(";")
         extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", marker)
         name = re.match(r"[A-Za-z0-9._-]+", spec.strip())
-        if name is None or (extra and extra[1] == "test") or not _is_for_this_python(marker):
+        if name is None or name[0] == DISTRIBUTION or (extra and extra[1] == "test"):
+            continue  # [all] names the others
+        if not (_is_for_this_python(marker) and _is_for_this_machine(marker)):
             continue
-        missing = found.setdefault(extra[1] if extra else "", [])
+        absent = found.setdefault(extra[1] if extra else "", [])
         try:
             metadata.version(name[0])
         except metadata.PackageNotFoundError:
-            missing.append(name[0])
+            absent.append(name[0])
     return found
 
 
@@ -313,6 +320,11 @@ def _is_for_this_python(marker: str) -> bool:
         if not holds:
             return False
     return True
+
+
+def _is_for_this_machine(marker: str) -> bool:
+    others: list[str] = re.findall(r"platform_machine\s*!=\s*['\"]([^'\"]+)['\"]", marker)
+    return os.uname().machine not in others
 
 
 def check_robots() -> Iterator[Check]:

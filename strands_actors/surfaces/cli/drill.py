@@ -95,12 +95,13 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console()
-    table = Table(box=box.SIMPLE_HEAD)
-    for title in ("step", "safe_state", "safe", "bound", "confirmed", "setpoints after"):
-        table.add_column(title, justify="left" if title in ("step", "safe_state") else "right", no_wrap=True)
-    table.add_column("verdict")
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # 80 columns for the longest of everything
+    for title in ("step", "state", "safe", "bound", "confirmed", "after", "verdict"):
+        left = title in ("step", "state", "verdict")
+        table.add_column(title, justify="left" if left else "right", no_wrap=True)
     for figure in outcome.figures:
         table.add_row(
             figure.step,
@@ -109,13 +110,17 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
             _ms(figure.bound_ms),
             _ms(figure.confirmed_ms),
             "–" if figure.setpoints_after is None else str(figure.setpoints_after),
-            f"ok: {figure.detail}" if figure.passed else f"[bold red]FAILED[/]: {figure.detail}",
+            "ok" if figure.passed else "[bold red]FAILED[/]",
         )
     console.print(table)
+    for figure in outcome.figures:  # below it: in a column of their own they would be cut off
+        if figure.detail:
+            text = f"{figure.step}: {figure.detail}" if figure.passed else f"{figure.step} FAILED: {figure.detail}"
+            console.print(Text(text, "" if figure.passed else "bold red"))
     if outcome.certificate is not None:
         print(f"passed. certificate: {outcome.path}")
     else:
-        print("not passed: no certificate, and an earlier one of this configuration was taken back")
+        print("not passed: no certificate, an earlier one was taken back")
 
 
 def _ms(value: float | None) -> str:

@@ -3,7 +3,6 @@ standard input."""
 
 from __future__ import annotations
 
-import importlib.util
 import signal
 
 import trio
@@ -11,14 +10,14 @@ import trio
 from strands_actors.caller.async_robot import AsyncRobot, open_tree
 from strands_actors.caller.background import open_background
 from strands_actors.caller.plan import Plan, plan
+from strands_actors.contract.extras import require
 from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of, ask_on_terminal
 
 from .errors import Problem
 
 
 def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
-    if importlib.util.find_spec("mcp") is None:
-        raise Problem("mcp: the package mcp is missing. pip install 'strands-actors[mcp]'")
+    require("mcp", "mcp")
     given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:
         wanted = plan(robot, "real" if given else "sim", **given)

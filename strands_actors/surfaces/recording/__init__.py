@@ -7,9 +7,13 @@ with record(robot, "run.mcap"):
 outcome = replay(read(Path("run.mcap")))
 """
 
-from .errors import RecordingError
-from .file import Recording, read
-from .player import Difference, Outcome, replay
-from .script import record
+from strands_actors.contract.extras import require
+
+require("record", "a recording")  # before the import below says only which module is not there
+
+from .errors import RecordingError  # noqa: E402
+from .file import Recording, read  # noqa: E402
+from .player import Difference, Outcome, replay  # noqa: E402
+from .script import record  # noqa: E402
 
 __all__ = ["Difference", "Outcome", "Recording", "RecordingError", "read", "record", "replay"]

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from strands_actors.caller.robot import Robot
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.extras import missing
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.surfaces.cli.errors import Problem
 
@@ -71,10 +72,13 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
             console.print(line)
     outcomes = scenario.outcomes
     ok = not problem and len(outcomes) == len(chosen) and all(outcome.safe for outcome in outcomes)
-    picture = _draw(out, watch, scenario, story)
+    no_picture = missing("demo", f"{out.name}, the picture of it,")
+    picture = None if no_picture else _draw(out, watch, scenario, story)
     summary.show(console, outcomes, scenario.pace)
     if picture is not None:
         console.print(f"\npicture: {picture}")
+    elif no_picture:
+        console.print(f"\n{no_picture}", markup=False)
     if as_json:
         print(
             json.dumps(summary.as_plain(outcomes, scenario.pace, story.seconds(), picture, problem, ok)),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 
+from strands_actors.contract.extras import require
 from strands_actors.surfaces.cli.errors import Problem
 
 
 def run() -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise Problem("top: this is no terminal. `strands-actors tree` prints the same once")
+    require("top", "top")
     from .app import Top
     from .leaving import ends_with_its_terminal
 

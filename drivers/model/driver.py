@@ -1,0 +1,64 @@
+"""A robot that is nothing but a model of its user's: it simulates, and has no hardware."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+from strands_actors.contract.axis import Axis, Part, PartKind
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.safe_state import SafeState
+
+CONTROL_HZ = 50.0
+"""Of a policy, where it is not told otherwise."""
+
+
+class ModelDriver(Driver):
+    """``options``: ``model``, the file; what is read of it stands in ``axes``, so that no process
+    of the tree has to read it again, but the one that simulates it."""
+
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TRANSPORTS: ClassVar[tuple[str, ...]] = ()
+    TWIN: ClassVar[str] = "strands_actors.drivers.model.twin:main"
+
+    unit = "radians (slides: metres)"
+    timing = Timing(control_hz=CONTROL_HZ, keepalive_s=1.0, oneshot_ttl_s=None)
+    fallbacks: Mapping[Reason, str] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
+    }
+    firmware_watchdog = "none: a simulation holds its last target"
+    gates = ()
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Read the model. Raise ``ValueError`` that says what is wrong with it."""
+        from .reading import read_model  # with MuJoCo, for who has a model
+
+        read = read_model(options["model"])
+        return {
+            "model": str(options["model"]),
+            "joints": [
+                [joint.name, _bounded(joint.low), _bounded(joint.high), joint.slides] for joint in read.joints
+            ],
+            "keyframes": {name: list(values) for name, values in read.keyframes.items()},
+        }
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        self.robot = robot
+        self.config = None
+        axes = tuple(
+            Axis(key=name, unit="m" if slides else "rad", low=_end(low, -1), high=_end(high, 1), id=at)
+            for at, (name, low, high, slides) in enumerate(options["joints"])
+        )
+        self.declare(Part(PartKind.ARM, axes))
+
+
+def _bounded(end: float) -> float | None:
+    """None for a joint without limits: what is plain has no infinity."""
+    return end if math.isfinite(end) else None
+
+
+def _end(end: float | None, sign: int) -> float:
+    return sign * math.inf if end is None else end

@@ -1,0 +1,72 @@
+"""A model of a user's own as a simulation. It has no wire: its simulation control is all there
+is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
+
+import trio
+
+from strands_actors.drivers.common.jointed_body import JointedBody
+from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.simulation_control.body import Body
+from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
+
+from .reading import Read, read_model
+
+OPTIONS = {"model": "path of the MJCF or URDF", "home": "where its joints begin, in radians and metres"}
+
+BANDWIDTH_RAD_S = 30.0
+"""Of servos that the model has no gains for: a tenth of a second, as of a small arm [assumed]."""
+
+PASS_S = 0.05
+"""How often time passes while nobody asks."""
+
+
+class ModelServer:
+    """Serves the body of one model. Nothing can go wrong with a wire that is not there."""
+
+    address = "none"
+
+    def __init__(self, read: Read, home: Sequence[float]) -> None:
+        self._plant = Plant(
+            read.spec,
+            [joint.name for joint in read.joints],
+            BANDWIDTH_RAD_S,
+            home,
+            gains=[(joint.kp, joint.kv) for joint in read.joints],
+        )
+        self.body: Body = JointedBody(self._plant, self._pass_time)
+
+    def _pass_time(self) -> None:
+        self._plant.catch_up(time.monotonic())
+
+    async def serve(self) -> None:
+        """Until cancelled."""
+        while True:
+            self._pass_time()
+            await trio.sleep(PASS_S)
+
+    def set_fault(self, text: str) -> None:
+        raise ValueError("a simulated model has no wire, and no faults on it")
+
+    def power_cycle(self) -> None:
+        self._plant.go_home()
+
+    def unplug(self) -> None: ...
+    def plug(self) -> None: ...
+    def freeze(self, seconds: float) -> None: ...
+    def close(self) -> None: ...
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Simulate the model at ``options["model"]`` until interrupted. Raise ``ValueError``."""
+    given = known_options(options, OPTIONS)
+    read = read_model(given["model"])
+
+    def build(wire_log: WireLog) -> ModelServer:
+        return ModelServer(read, given.get("home", ()))
+
+    run_server(build, **start)

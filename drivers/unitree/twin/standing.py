@@ -1,0 +1,70 @@
+"""Legs as a simulation: the onboard controller holds them up, and joints that the simulation
+commands follow it instead.
+
+As long as the wire commands torque the body is the wire's; the simulation never takes it from
+there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from strands_actors.drivers.common.simulation_control.body import Felt, Hand
+from strands_actors.drivers.common.simulation_control.scenery import Scenery
+from strands_actors.drivers.unitree.gates import ROWS
+
+from .onboard import Onboard
+
+
+class StandingBody:
+    """``aim`` takes the rows of a LowCmd (q, dq, tau, kp, kd) and one that says which joints are
+    commanded: 1, or 0 for the onboard controller."""
+
+    target_rows = len(ROWS) + 1
+
+    def __init__(self, onboard: Onboard) -> None:
+        self._onboard = onboard
+        self._legs = onboard.body
+        self._led = False
+        self.axes = onboard.model.axes
+        self.spec = onboard.body.spec
+        self.scenery = Scenery(onboard.body)
+
+    @property
+    def hands(self) -> Sequence[Hand]:
+        own = Hand.SIM if self._led else Hand.NONE
+        return [Hand.WIRE if self._onboard.commanded else own] * len(self.axes)
+
+    def pass_time(self) -> None:
+        """The robot's own ticks do, 500 a second."""
+
+    def felt(self) -> Felt:
+        legs = self._legs
+        return Felt(float(legs.data.time), legs.position_rad, legs.velocity_rad_s, legs.effort_nm, self.hands)
+
+    def pose(self) -> Sequence[float]:
+        qpos: list[float] = self._legs.data.qpos.tolist()
+        return qpos
+
+    def take(self, on: bool) -> None:
+        self._led = on
+        if not self._onboard.commanded:
+            self._onboard.obey_itself()
+
+    def aim(self, values: Sequence[float]) -> None:
+        if self._led and not self._onboard.commanded:
+            count = len(self.axes)
+            *rows, which = (values[count * row : count * (row + 1)] for row in range(self.target_rows))
+            self._onboard.lead(rows, which)
+
+    def hold(self) -> None:
+        """The onboard controller has every joint again."""
+        if not self._onboard.commanded:
+            self._onboard.obey_itself()
+
+    def step(self, steps: int) -> None:
+        self._legs.step(steps)
+
+    def reset(self) -> None:
+        self._led = False
+        self._onboard.reset()

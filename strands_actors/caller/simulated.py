@@ -1,0 +1,86 @@
+"""What ``Robot(...)`` says of a simulation alone: its backend, a model of the user's own, where the
+robot stands and how."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from strands_actors.contract.loading import load
+from strands_actors.drivers import MODEL, model_of
+from strands_actors.simulation.scene import placement
+
+BACKENDS = ("mujoco", "newton", "isaac")
+
+ISAAC = (
+    "Isaac Sim is not on the package index of Python alone: "
+    "pip install 'isaacsim[all]' --extra-index-url https://pypi.nvidia.com, on a machine with an RTX graphics card"
+)
+NOT_YET = "this version has no loader for it: it simulates by backend='mujoco'"
+
+HOME = "home"
+"""The one keyframe that robots of ours have: where they begin anyway."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The keywords, as they were given."""
+
+    backend: str = "mujoco"
+    urdf_path: str | os.PathLike[str] | None = None
+    position: Any = None
+    orientation: Any = None
+    keyframe: str | int | None = None
+
+    def given(self) -> dict[str, Any]:
+        """Those that only a simulation has a use for."""
+        own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
+        return {name: value for name, value in own.items() if value is not None}
+
+    def model(self, robot: str) -> str | None:
+        """The file that is simulated instead of a robot of ours."""
+        return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
+
+    @property
+    def place(self) -> dict[str, Any] | None:
+        """Raise ``ValueError``."""
+        return placement(self.position, self.orientation)
+
+
+def check_backend(backend: object) -> None:
+    """Raise ``ValueError`` for a word that is none, ``ImportError`` for one that is not there."""
+    if backend not in BACKENDS:
+        raise ValueError(f"Robot: backend is {backend!r}. use one of {', '.join(map(repr, BACKENDS))}")
+    if backend == "isaac":
+        missing = importlib.util.find_spec("isaacsim") is None
+        raise ImportError(f"Robot: backend 'isaac': {ISAAC if missing else NOT_YET}")
+    if backend == "newton":
+        raise ImportError(f"Robot: backend 'newton': {NOT_YET}")
+
+
+def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict[str, Any], dict[str, Any]]:
+    """Return the driver class of a model, its options, and those of its twin. Raise
+    ``ValueError``."""
+    driver_class = load(MODEL)
+    options = driver_class.resolve(robot, {"model": file})
+    twin: dict[str, Any] = {"model": os.path.abspath(os.path.expanduser(file))}
+    if scene.keyframe is not None:
+        known: dict[str, list[float]] = options["keyframes"]
+        names = list(known)
+        wanted = scene.keyframe
+        if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted < len(names):
+            wanted = names[wanted]
+        if not isinstance(wanted, str) or wanted not in known:
+            raise ValueError(
+                f"Robot: keyframe is {scene.keyframe!r}. {robot} has {', '.join(names) or 'none in its model'}"
+            )
+        twin["home"] = known[wanted]
+    return driver_class, options, twin
+
+
+def check_keyframe(robot: str, scene: Scene) -> None:
+    """Raise ``ValueError`` for a keyframe that a robot of ours does not have."""
+    if scene.keyframe not in (None, HOME, 0) or isinstance(scene.keyframe, bool):
+        raise ValueError(f"Robot: keyframe is {scene.keyframe!r}. {robot} has {HOME!r}, where it begins")

@@ -1,0 +1,55 @@
+"""A policy by name, as an object of this process."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from typing import Any
+
+from strands_actors.contract.loading import load
+
+from .registry import find_provider, registered_class
+
+OF_THIS_PROCESS = {
+    "mock": "strands_actors.policies.mock:MockPolicy",
+    "remote": "strands_actors.policies.remote:RemotePolicy",
+}
+"""Those of ours that need not know the robot when they are made."""
+
+
+def create_policy(provider: str, **options: Any) -> Any:
+    """Return a policy for ``run_policy``. ``provider``: a name (``mock``, ``remote``, one that was
+    registered) or the address of a server, ``ws://host:port``; ``options`` are its own. Raise
+    ``ValueError`` for another name, for options that it has not, and for a policy that has to know
+    its robot first."""
+    if not isinstance(provider, str) or not provider:
+        raise ValueError(f"create_policy: the provider is {provider!r}. give a name, or ws://host:port")
+    if provider.lower().startswith("ws://"):
+        provider, options = "remote", {"endpoint": provider, **options}
+    factory = registered_class(provider)
+    if factory is None:
+        found = find_provider(provider)
+        if provider not in OF_THIS_PROCESS:
+            raise ValueError(
+                f"create_policy: {provider} has to know its robot. "
+                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(found.where)
+            )
+        factory = load(OF_THIS_PROCESS[provider])
+    _check_options(provider, factory, options)
+    return factory(**options)
+
+
+def _at(where: str) -> str:
+    return f", or make an object of {where}"
+
+
+def _check_options(name: str, factory: Any, options: dict[str, Any]) -> None:
+    parameters = inspect.signature(factory).parameters
+    if any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
+        return
+    for option in options:
+        if option not in parameters:
+            close = difflib.get_close_matches(option, parameters, n=1)
+            hint = f" ({option!r} -> {close[0]!r}?)" if close else ""
+            taken = ", ".join(parameters) or "nothing"
+            raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. it takes {taken}")

@@ -1,0 +1,169 @@
+"""What two kinds of policy servers say, as messages; pure, one message of ours for one of theirs.
+
+``Chunks``    ours: one request a chunk, msgpack or JSON. The server waits for us.
+``JsonV1``    that of strands-robots (version 1): JSON, and the server speaks first, ``ready``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import msgspec
+
+VERSION = 1
+CODECS: dict[str, Any] = {"msgpack": msgspec.msgpack, "json": msgspec.json}
+
+
+class Misunderstood(Exception):
+    """An answer that is none; the text says why."""
+
+
+class Chunk(msgspec.Struct):
+    """An answer of our protocol."""
+
+    actions: list[dict[str, float]] = []
+    error: str = ""
+
+
+class Facts(msgspec.Struct):
+    """What a server of ``JsonV1`` says of its policy."""
+
+    provider_name: str = "remote"
+    requires_images: bool = False
+    supports_rtc: bool = False
+    execution_horizon: int = 1
+
+
+class Ready(msgspec.Struct, tag="ready", tag_field="type"):
+    """The greeting of ``JsonV1``."""
+
+    protocol_version: int
+    metadata: Facts = msgspec.field(default_factory=Facts)
+
+
+class Ok(msgspec.Struct, tag="ok", tag_field="type"):
+    metadata: Facts | None = None
+
+
+class Actions(msgspec.Struct, tag="actions", tag_field="type"):
+    actions: list[dict[str, Any]]
+
+
+class Failure(msgspec.Struct, tag="error", tag_field="type"):
+    error: str
+
+
+_ANSWER = msgspec.json.Decoder(Ready | Ok | Actions | Failure)
+
+
+class Talk(Protocol):
+    """One of the two, with what it has to remember."""
+
+    is_text: bool
+
+    def tell(self, what: str, value: Any) -> bytes | None:
+        """Return the message that passes ``what`` on (``keys``, ``hz``, ``reset``), to be answered;
+        None: it goes with the next request."""
+        ...
+
+    def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
+        """Return the request for a chunk."""
+        ...
+
+    def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
+        """Return what was answered to it. Raise ``Misunderstood``."""
+        ...
+
+
+class Chunks:
+    def __init__(self, encoding: str) -> None:
+        self._codec = CODECS[encoding]
+        self.is_text = encoding == "json"
+        self._keys: list[str] = []
+        self._hz = 0.0
+
+    def tell(self, what: str, value: Any) -> None:
+        if what == "keys":
+            self._keys = list(value)
+        elif what == "hz":
+            self._hz = value
+
+    def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
+        encoded: bytes = self._codec.encode(
+            {"observation": dict(observation), "instruction": instruction, "axes": self._keys, "hz": self._hz}
+        )
+        return encoded
+
+    def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
+        try:
+            chunk: Chunk = self._codec.decode(answer, type=Chunk)
+        except msgspec.DecodeError as error:
+            raise Misunderstood(f"answered what is no chunk: {error}") from error
+        if chunk.error:
+            raise Misunderstood(f"says: {chunk.error}")
+        return list(chunk.actions)
+
+
+class JsonV1:
+    is_text = True
+
+    def __init__(self, facts: Facts) -> None:
+        self.facts = facts
+
+    def tell(self, what: str, value: Any) -> bytes:
+        named = {
+            "keys": {"type": "set_state_keys", "keys": value},
+            "hz": {"type": "set_control_frequency", "hz": value},
+            "reset": {"type": "reset", "seed": value},
+        }
+        return msgspec.json.encode(named[what])
+
+    def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
+        said = {"observation": dict(observation), "instruction": instruction}
+        return msgspec.json.encode({"type": "get_actions", **said, "rtc_observed_delay_steps": None, "kwargs": {}})
+
+    def done(self, answer: bytes | str) -> None:
+        """What was told was taken. Raise ``Misunderstood``."""
+        found = _understood(answer)
+        if not isinstance(found, Ok):
+            raise Misunderstood(f"answered {type(found).__name__.lower()} where ok was due")
+        if found.metadata is not None:
+            self.facts = checked(found.metadata)
+
+    def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
+        found = _understood(answer)
+        if not isinstance(found, Actions):
+            raise Misunderstood(f"answered {type(found).__name__.lower()} where actions were due")
+        return found.actions
+
+
+def greeting(message: bytes | str) -> JsonV1 | None:
+    """Return how to talk to a server that said this first, or None when it is no greeting. Raise
+    ``Misunderstood`` for one of another version."""
+    try:
+        found = _ANSWER.decode(message)
+    except msgspec.DecodeError:
+        return None
+    if not isinstance(found, Ready):
+        return None
+    if found.protocol_version != VERSION:
+        raise Misunderstood(f"speaks version {found.protocol_version} of its protocol, not {VERSION}")
+    return JsonV1(checked(found.metadata))
+
+
+def checked(facts: Facts) -> Facts:
+    """Raise ``Misunderstood`` for a horizon that is none."""
+    if facts.execution_horizon < 1:
+        raise Misunderstood(f"advertises execution_horizon {facts.execution_horizon}. it is at least 1")
+    return facts
+
+
+def _understood(answer: bytes | str) -> Ready | Ok | Actions | Failure:
+    try:
+        found: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
+    except msgspec.DecodeError as error:
+        raise Misunderstood(f"answered what its protocol does not have: {error}") from error
+    if isinstance(found, Failure):
+        raise Misunderstood(f"says: {found.error}")
+    return found

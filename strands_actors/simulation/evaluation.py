@@ -1,0 +1,113 @@
+"""A policy tried in a simulation, episode by episode, as fast as the physics is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+from strands_actors.supervisors.policy import as_infer, prepare
+
+STEP_S = 0.002
+"""Of a simulation's physics, as its service ``step`` says."""
+
+Success = Callable[[Mapping[str, float]], object]
+
+
+class Failed(Exception):
+    """An episode cannot go on; the text says why."""
+
+
+class Simulated(Protocol):
+    """What an evaluation needs of a simulation."""
+
+    def reset(self) -> Any: ...
+    def get_observation(self) -> dict[str, float]: ...
+    def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Any: ...
+
+
+def evaluate_checked(
+    sim: Simulated,
+    policy: Any,
+    provider: str,
+    config: Mapping[str, Any] | None,
+    axes: Sequence[str],
+    hz: object,
+    instruction: str,
+    n_episodes: object,
+    max_steps: object,
+    success: Success | None,
+    seed: object,
+) -> dict[str, Any]:
+    """As ``evaluate``, with the arguments as a script has them. Raise ``TypeError`` or
+    ``ValueError`` for what is none, ``Failed`` for an episode that cannot go on."""
+    for name, count in (("n_episodes", n_episodes), ("max_steps", max_steps)):
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+            raise ValueError(f"{name} is {count!r}. give a whole number above 0")
+    if isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1 / STEP_S:
+        raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most {1 / STEP_S:g}")
+    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
+        raise ValueError(f"seed is {seed!r}. give a whole number, 0 or more")
+    if success is not None and not callable(success):
+        raise TypeError(f"success_fn is {success!r}. give a function of an observation")
+    if policy is None:
+        from strands_actors.policies import create_policy
+
+        policy = create_policy(provider, **dict(config or {}))
+    assert isinstance(n_episodes, int) and isinstance(max_steps, int)
+    return evaluate(sim, policy, axes, float(hz), instruction, n_episodes, max_steps, success, seed)
+
+
+def evaluate(
+    sim: Simulated,
+    policy: Any,
+    axes: Sequence[str],
+    hz: float,
+    instruction: str,
+    n_episodes: int,
+    max_steps: int,
+    success: Success | None,
+    seed: int | None,
+) -> dict[str, Any]:
+    """Return how each episode went. Raise ``Failed`` for an action that is refused; what the policy
+    raises passes."""
+    infer = as_infer(policy)
+    steps = max(1, round(1 / (hz * STEP_S)))
+    episodes = []
+    for episode in range(n_episodes):
+        _checked(sim.reset())
+        prepare(policy, axes, hz)
+        if seed is not None and callable(reset := getattr(policy, "reset", None)):
+            reset(seed + episode)
+        done = _episode(sim, infer, instruction, max_steps, steps, success)
+        episodes.append({"episode": episode, "seed": None if seed is None else seed + episode, **done})
+    won = sum(bool(each["success"]) for each in episodes)
+    return {
+        "n_episodes": n_episodes,
+        "success_rate": None if success is None else won / n_episodes,
+        "episodes": episodes,
+    }
+
+
+def _episode(
+    sim: Simulated, infer: Any, instruction: str, max_steps: int, steps: int, success: Success | None
+) -> dict[str, Any]:
+    taken = 0
+    observation = sim.get_observation()
+    while taken < max_steps:
+        chunk = infer(observation, instruction)[: max_steps - taken]
+        if not chunk:
+            raise Failed(f"the policy gave no action after {taken} steps")
+        for action in chunk:
+            observation = dict(_checked(sim.step(steps, action))["position"])
+            taken += 1
+            if success is not None and success(observation):
+                return {"steps": taken, "success": True}
+    return {"steps": taken, "success": None if success is None else False}
+
+
+def _checked(answer: Any) -> dict[str, Any]:
+    """What an envelope has. Raise ``Failed`` for an error."""
+    if answer["status"] == "error":
+        raise Failed(answer["content"][0]["text"])
+    found: dict[str, Any] = answer["content"][0]["json"]
+    return found

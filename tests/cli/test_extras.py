@@ -1,0 +1,113 @@
+"""Without the extras: robots and simulations run, and what needs an extra names the line that
+installs it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .command import PATIENCE_S, Command
+
+HIDDEN = ("matplotlib", "textual", "mcap", "zstandard", "OpenGL", "glfw", "mcp", "rtde_receive", "rtde_control")
+
+
+@pytest.fixture
+def lean(cli: Command, tmp_path: Path) -> Command:
+    """The command where only the core is installed: every process begins without the rest."""
+    hide = f"import sys\nsys.modules.update(dict.fromkeys({HIDDEN!r}))\n"
+    (tmp_path / "sitecustomize.py").write_text(hide)
+    cli.environment["PYTHONPATH"] += f":{tmp_path}"
+    return cli
+
+
+def script(command: Command, text: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        env=command.environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_simulation_runs_and_a_picture_names_its_extra(lean: Command) -> None:
+    said = script(
+        lean,
+        """
+from strands_actors import Robot
+with Robot("so101") as arm:
+    print(arm.send_action({"shoulder_pan": 10.0})["status"])
+    try:
+        arm.render(64, 48)
+    except RuntimeError as why:
+        print(why)
+""",
+    )
+    assert said.splitlines()[0] == "success"
+    assert "a picture needs OpenGL and glfw. pip install 'strands-actors[pictures]'" in said
+
+
+def test_a_ur_names_the_line_that_installs_its_sdk_and_simulates_without_it(lean: Command) -> None:
+    said = script(
+        lean,
+        """
+from strands_actors import Robot
+arm = Robot("ur5e", mode="real", transport="twin")
+print(arm.connect_eagerly())
+arm.cleanup()
+with Robot("ur5e") as arm:
+    print(arm.send_action({"shoulder_pan_joint": 0.1})["status"])
+""",
+    )
+    refusal, status = said.splitlines()
+    assert "rtde_receive cannot be used" in refusal
+    assert "pip install 'strands-actors[ur]'" in refusal or "has no wheel for" in refusal
+    assert status == "success"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("replay", "run.mcap"), "a recording needs mcap and zstandard. pip install 'strands-actors[record]'"),
+        (("record", "so101", "-o", "run.mcap"), "pip install 'strands-actors[record]'"),
+        (("mcp", "so101"), "mcp needs mcp. pip install 'strands-actors[mcp]'"),
+    ],
+)
+def test_a_command_names_its_extra(lean: Command, arguments: tuple[str, ...], told: str) -> None:
+    done = lean.run(*arguments)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_import_of_record_names_its_extra(lean: Command) -> None:
+    said = script(
+        lean,
+        """
+try:
+    from strands_actors import record
+except ImportError as why:
+    print(why)
+""",
+    )
+    assert "pip install 'strands-actors[record]'" in said
+
+
+def test_the_demo_runs_without_its_picture(lean: Command, tmp_path: Path) -> None:
+    done = lean.run("demo", "--no-faults", "--seconds", "6", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "pip install 'strands-actors[demo]'" in done.stdout
+    assert not (tmp_path / "demo.png").exists()
+
+
+def test_doctor_names_what_pictures_need(lean: Command) -> None:
+    checks = lean.json("doctor")["checks"]
+    (gl,) = [check for check in checks if check["name"] == "gl"]
+    assert gl["state"] == "weak"
+    assert gl["remedy"] == "pip install 'strands-actors[pictures]'"

@@ -1,0 +1,114 @@
+"""The drivers page's refusals, for every robot there is: each names what was given and what would
+be accepted, and nothing is started."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from serial.tools import list_ports
+
+from strands_actors import Robot, list_native_drivers
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import constructor_keywords, get_native_driver_class, port_kind
+from tests.answers import json_of
+
+NATIVE = sorted(list_native_drivers())
+
+
+def driver_of(name: str) -> type[Driver]:
+    found = get_native_driver_class(name)
+    assert found is not None and issubclass(found, Driver)
+    return found
+
+
+def refusal(error: type[Exception], *args: Any, **keywords: Any) -> str:
+    with pytest.raises(error) as raised:
+        Robot(*args, **keywords)
+    return str(raised.value)
+
+
+SERIAL = [name for name in NATIVE if port_kind(name) == "serial"]
+ADDRESSED = [name for name in NATIVE if port_kind(name) == "address" and not driver_of(name).PORT_OPTIONAL]
+BLIND = [name for name in NATIVE if not driver_of(name).reads_cameras]
+SIMULATED = [name for name in NATIVE if not driver_of(name).SIMULATION]
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_an_unknown_keyword_names_the_closest_the_class_and_all_there_are(name: str) -> None:
+    text = refusal(ValueError, name, mode="real", prot="x")
+    assert list_native_drivers()[name] in text
+    assert "'prot' -> 'port'" in text
+    assert ", ".join(constructor_keywords(driver_of(name))) in text
+    assert "'frobnicate'" in refusal(ValueError, name, mode="real", port="x", frobnicate=1)
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_a_misspelled_name_is_told_the_close_ones(name: str) -> None:
+    text = refusal(ValueError, f"{name}z")
+    assert f"'{name}z' is not known" in text
+    close = re.search(r"Did you mean: (.*)\?", text)
+    assert close is not None and name in close[1].split(", ")
+    assert "list_robots()" in text
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
+    assert "'auto', 'lerobot', 'strands'" in refusal(ValueError, name, driver="ros")
+    assert "'sim', 'real', 'auto'" in refusal(ValueError, name, mode="dream")
+    assert "transport 'smoke'. it offers " in refusal(ValueError, name, mode="real", transport="smoke")
+    assert "add transport='twin'" in refusal(ValueError, name, mode="real", port="x", sim=object())
+    assert "1 to 64 of A-Z a-z 0-9 _ -" in refusal(ValueError, name, tool_name="my robot")
+    assert "is a teleoperator" in refusal(ValueError, f"{name}_leader", mode="real", port="x")
+
+
+@pytest.mark.parametrize("name", BLIND)
+def test_cameras_are_refused_by_a_driver_that_opens_none(name: str) -> None:
+    text = refusal(ValueError, name, mode="real", port="x", cameras={"top": 0})
+    assert text.startswith(f"Robot: {list_native_drivers()[name]} opens no cameras. ")
+
+
+@pytest.mark.parametrize("name", SERIAL)
+def test_a_missing_serial_port_names_the_devices_there_are(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(list_ports, "comports", list)
+    nothing = refusal(ValueError, name, mode="real")
+    assert f"{name} needs 'port': Robot('{name}', mode='real', port='/dev/ttyACM0')" in nothing
+    assert "serial devices here: none" in nothing and "a path is not an identity" in nothing
+    modem = SimpleNamespace(device="/dev/ttyS0", vid=None, pid=None)
+    monkeypatch.setattr(list_ports, "comports", lambda: [modem])
+    assert "/dev/ttyS0, none looks like a servo bus" in refusal(ValueError, name, mode="real")
+
+
+@pytest.mark.parametrize("name", ADDRESSED)
+def test_a_missing_address_has_an_example(name: str) -> None:
+    assert f"{name} needs 'port', its address: Robot('{name}', mode='real', port=" in refusal(
+        ValueError, name, mode="real"
+    )
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_what_a_simulation_would_ignore_is_refused(name: str) -> None:
+    keywords = {"port": "x", "transport": "twin"} | dict.fromkeys(driver_of(name).OPTIONS, 1)
+    for keyword, value in keywords.items():
+        text = refusal(TypeError, name, **{keyword: value})
+        assert f"a simulation of {name} would ignore {keyword}=" in text
+        assert "add mode='real'" in text
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_what_was_never_connected_answers_and_touches_nothing(name: str) -> None:
+    robot = Robot(name, mode="real", port="192.0.2.1" if port_kind(name) == "address" else "/dev/no-such-port")
+    task = json_of(robot.get_task_status())
+    assert (task["running"], task["steps"]) == (False, 0)
+    status = json_of(robot.get_status())
+    assert (status["tool_name"], status["connected"]) == (name, False)
+    assert json_of(robot.cleanup())["stopped"] is True
+
+
+@pytest.mark.parametrize("name", ["ability_hand", "omx", "bi_so101"])
+def test_a_robot_without_a_native_driver_names_those_that_have_one(name: str) -> None:
+    text = refusal(ValueError, name, mode="real", port="x", driver="strands")
+    assert f"{name} has no native driver" in text
+    assert ", ".join(NATIVE) in text

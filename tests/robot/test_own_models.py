@@ -1,0 +1,279 @@
+"""A robot that is a model of its user's, MJCF or URDF: it moves and is drawn, without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from strands_actors import Robot, drivers, list_robots, register_robot
+from strands_actors.caller.robot import SimRobot
+from strands_actors.policies import MockPolicy
+from tests.answers import json_of, task_ended, until, why
+
+from .own_models import MJCF, URDF, write_mjcf, write_urdf
+
+New = Callable[..., SimRobot]
+
+
+@pytest.fixture
+def new(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[New]:
+    """Make a simulation; what was registered is forgotten."""
+    list_robots()
+    for name in ("_robots", "_aliases"):
+        monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
+    made: list[SimRobot] = []
+
+    def make(*args: Any, **keywords: Any) -> SimRobot:
+        made.append(Robot(*args, **keywords))
+        return made[-1]
+
+    yield make
+    for sim in made:
+        sim.cleanup()
+
+
+def after(sim: SimRobot, steps: int) -> dict[str, float]:
+    """Where its joints are when so many steps have passed."""
+    position: dict[str, float] = json_of(sim.step(steps))["position"]
+    return position
+
+
+def test_a_registered_mjcf_moves_and_is_drawn(new: New, tmp_path: Path) -> None:
+    register_robot("crane", model_xml=write_mjcf(tmp_path))
+    sim = new("crane")
+    assert sim.get_observation() == pytest.approx({"turn": 0.0, "reach": 0.0}, abs=0.01)
+    json_of(sim.send_action({"turn": 1.0, "reach": 0.05}))
+    assert after(sim, 1500) == pytest.approx({"turn": 1.0, "reach": 0.05}, abs=0.02)
+    whole = sim.render(96, 72)
+    assert whole.shape == (72, 96, 3) and whole.std() > 5
+    assert not np.array_equal(whole, sim.render(96, 72, "wrist")), "its own camera"
+    assert "is not a joint" in why(sim.send_action({"hoist": 1.0})) or "hoist" in why(
+        sim.send_action({"hoist": 1.0})
+    )
+    json_of(sim.run_policy(MockPolicy(0.1), n_steps=10))
+    assert task_ended(sim)["exit_reason"] == "n_steps"
+    assert json_of(sim.reset())["position"] == pytest.approx({"turn": 0.0, "reach": 0.0}, abs=0.02)
+
+
+def test_a_urdf_with_meshes_of_its_package_moves(new: New, tmp_path: Path) -> None:
+    sim = new("lifter", urdf_path=write_urdf(tmp_path))
+    json_of(sim.send_action({"shoulder": -0.8}))
+    assert after(sim, 1500)["shoulder"] == pytest.approx(-0.8, abs=0.05)
+    assert sim.render(64, 48).std() > 5
+
+
+def test_a_robot_of_ours_may_be_simulated_by_a_model_of_ones_own(new: New, tmp_path: Path) -> None:
+    sim = new("so101", urdf_path=write_mjcf(tmp_path), keyframe="folded")
+    assert sim.get_observation() == pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
+    json_of(sim.send_action({"turn": 0.0}))
+    json_of(sim.step(1000))
+    assert json_of(sim.reset())["position"] == pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
+
+
+@pytest.mark.parametrize("robot", ["so101", "unitree_go2"])
+def test_where_it_stands_is_seen(new: New, robot: str) -> None:
+    """A camera of the scene that looks at the origin sees the robot there, and not beside it."""
+
+    def seen(**keywords: Any) -> Any:
+        sim = new(robot, tool_name=f"{robot}{len(keywords)}", **keywords)
+        json_of(sim.add_camera("above", position=[0.0, 0.0, 2.0], target=[0.0, 0.0, 0.0], fov=60))
+        return sim.render(64, 64, "above").astype(int)
+
+    home = seen()
+    away = seen(position=[0.0, 3.0, 0.0])
+    turned = seen(position=[0.0, 0.0, 0.0], orientation=[0.7071, 0.0, 0.0, 0.7071])
+    assert np.abs(home - away).mean() > 1.0
+    assert np.abs(home - turned).mean() > 0.5
+
+
+WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
+    ({"urdf_path": "no-such.xml"}, ValueError, "there is no model"),
+    ({"position": [1.0, 2.0]}, ValueError, r"position is \[1.0, 2.0\]. give 3 numbers"),
+    ({"position": "here"}, ValueError, "position is 'here'"),
+    ({"orientation": [0, 0, 0, 0]}, ValueError, "that is not zero"),
+    ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "give finite numbers"),
+    ({"keyframe": "folded"}, ValueError, "so101 has 'home'"),
+    ({"backend": "bullet"}, ValueError, "use one of 'mujoco', 'newton', 'isaac'"),
+    ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all\]'"),
+    ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "position= are of a simulation"),
+]
+
+
+@pytest.mark.parametrize(("keywords", "error", "text"), WRONG)
+def test_what_is_wrong_is_refused(keywords: dict[str, Any], error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        Robot("so101", **keywords)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "told"),
+    [
+        ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no joint that can be driven"),
+        ("arm.xml", "<mujoco><worldbdy/></mujoco>", "MuJoCo does not take it"),
+        ("arm.xml", MJCF, r"MuJoCo does not take it: .*hook\.stl"),
+        ("arm.urdf", "<robot", "is no XML"),
+        ("arm.urdf", "<sdf/>", "is no URDF: it begins with <sdf>"),
+        ("arm.urdf", URDF, r"names the mesh 'package://lifter_description/meshes/arm\.stl', which is not there"),
+        ("arm.urdf", URDF.replace("arm.stl", "arm.dae").replace("<collision", "<c").replace("</collision", "</c"),
+         r"which MuJoCo does not read\. convert it to \.stl"),
+        ("arm.xacro", URDF, "is a xacro. expand it first"),
+    ],
+)  # fmt: skip
+def test_a_model_that_cannot_be_read_is_refused(tmp_path: Path, file: str, text: str, told: str) -> None:
+    (tmp_path / file).write_text(text)
+    with pytest.raises(ValueError, match=told):
+        Robot("arm", urdf_path=tmp_path / file)
+
+
+def test_what_is_registered_is_checked(new: New, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"there is no file 'no-such\.xml'"):
+        register_robot("crane", model_xml="no-such.xml")
+    register_robot("crane", model_xml=write_mjcf(tmp_path))
+    with pytest.raises(ValueError, match=r"keyframe is 'up'\. crane has folded"):
+        Robot("crane", keyframe="up")
+    with pytest.raises(ValueError, match="crane has no native driver"):
+        Robot("crane", mode="real", port="/dev/ttyACM0")
+    with pytest.raises(ValueError, match="a model without a driver for hardware"):
+        Robot("crane", mode="auto", port="/dev/ttyACM0")
+    assert Robot("crane", mode="auto").transport == "sim"
+
+
+# -- what is put around it
+
+
+@pytest.fixture
+def arm(new: New) -> SimRobot:
+    return new("so101")
+
+
+def rows_of(picture: Any, channel: int) -> Any:
+    """Where something of one colour is in a picture: rows from the top."""
+    others = [other for other in range(3) if other != channel]
+    lit = (picture[..., channel] > 90) & (picture[..., others] < 60).all(axis=-1)
+    return np.nonzero(lit)[0]
+
+
+def test_objects_are_seen_fall_and_can_be_taken_away(arm: SimRobot) -> None:
+    json_of(arm.send_action({"shoulder_pan": 20.0}))
+    json_of(arm.step(500))
+    json_of(arm.add_camera("front", position=[1.2, 0.3, 0.2], target=[0.2, 0.3, 0.2], fov=50))
+    cube: dict[str, Any] = {"size": [0.05, 0.05, 0.05], "mass": 0.05}
+    red = {"position": [0.2, 0.4, 0.4], "color": [1, 0, 0], "is_static": True}
+    assert json_of(arm.add_object("red", **cube, **red)) == {"added": "red"}
+    json_of(arm.add_object("blue", position=[0.2, 0.2, 0.4], color=[0, 0, 1, 1], **cube))
+    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.0), "the arm goes on as it was"
+    picture = arm.render(96, 72, "front").astype(int)
+    high, low = rows_of(picture, 0), rows_of(picture, 2)
+    assert len(high) > 4 and len(low) > 4
+    assert low.mean() > high.mean() + 15, "one is fixed, the other has fallen"
+    json_of(arm.remove_object("red"))
+    assert len(rows_of(arm.render(96, 72, "front").astype(int), 0)) < 3
+    json_of(arm.send_action({"shoulder_pan": 0.0}))
+    until(lambda: abs(arm.get_observation()["shoulder_pan"]) < 1.5, "it still moves")
+
+
+def test_a_saved_state_comes_back(arm: SimRobot) -> None:
+    json_of(arm.send_action({"shoulder_pan": 20.0}))
+    json_of(arm.step(500))
+    json_of(arm.save_state("before"))
+    json_of(arm.send_action({"shoulder_pan": -30.0}))
+    assert after(arm, 500)["shoulder_pan"] < -20.0
+    assert json_of(arm.load_state("before"))["position"]["shoulder_pan"] == pytest.approx(20.0, abs=1.5)
+    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.5), "no old target takes it away"
+
+
+def test_a_camera_rides_on_a_link(arm: SimRobot) -> None:
+    json_of(arm.add_camera("eye", position=[0, 0, 0.1], target=[0, 0, -0.1], parent_body="hand"))
+    before = arm.render(48, 36, "eye").astype(int)
+    json_of(arm.send_action({"shoulder_lift": 40.0, "wrist_roll": 60.0}))
+    json_of(arm.step(800))
+    assert np.abs(arm.render(48, 36, "eye").astype(int) - before).mean() > 2
+
+
+SCENE: list[tuple[str, dict[str, Any], str]] = [
+    ("add_object", {"name": "cube", "shape": "cone"}, "shape is 'cone'. use one of box, sphere"),
+    ("add_object", {"name": "", "shape": "box"}, "the name is ''"),
+    ("add_object", {"name": "hand"}, "there is a body 'hand' already"),
+    ("add_object", {"name": "cube", "mass": 0}, "mass is 0. give kilograms, above 0"),
+    ("add_object", {"name": "cube", "mass": float("nan")}, "mass is nan"),
+    ("add_object", {"name": "cube", "size": [0.1]}, "give 3 numbers"),
+    ("add_object", {"name": "cube", "size": [0.1, 0.1, -1]}, "give metres, above 0"),
+    ("add_object", {"name": "cube", "color": [2, 0, 0]}, "0 to 1"),
+    ("add_object", {"name": "cube", "is_static": "no"}, "is_static is 'no'"),
+    ("add_object", {"name": "cup", "mesh_path": "no-such.stl"}, "there is no mesh"),
+    ("add_object", {"name": "cup", "shape": "mesh"}, "mesh_path= is the file of shape='mesh'"),
+    ("remove_object", {"name": "hand"}, "no object 'hand' was added here"),
+    ("add_camera", {"name": "c", "fov": 200}, "fov is 200"),
+    ("add_camera", {"name": "c", "position": [0, 0, 1], "target": [0, 0, 1]}, "stands at its target"),
+    ("add_camera", {"name": "c", "parent_body": "foot"}, "there is no body 'foot'. there are base, shoulder"),
+    ("load_state", {"name": "never"}, "no state 'never' was saved. there are none"),
+]
+
+
+def test_what_cannot_be_put_there_is_refused_and_the_arm_goes_on(arm: SimRobot) -> None:
+    for verb, keywords, text in SCENE:
+        assert text in why(getattr(arm, verb)(**keywords)), (verb, keywords)
+    json_of(arm.add_object("cube"))
+    assert "there is a body 'cube' already" in why(arm.add_object("cube"))
+    json_of(arm.save_state())
+    json_of(arm.add_object("ball", shape="sphere", size=[0.03], position=[0.3, 0.2, 0.1]))
+    assert "objects came or went since" in why(arm.load_state())
+    json_of(arm.send_action({"gripper": 30.0}))
+    until(lambda: abs(arm.get_observation()["gripper"] - 30.0) < 2.0, "it moves")
+
+
+def test_a_mesh_is_an_object_too(arm: SimRobot, tmp_path: Path) -> None:
+    write_mjcf(tmp_path)
+    json_of(arm.add_object("rock", mesh_path=tmp_path / "meshes" / "hook.stl", position=[0.3, 0, 0.1]))
+    json_of(arm.step(10))
+
+
+# -- a policy, tried
+
+
+def test_a_policy_is_tried_episode_by_episode(arm: SimRobot) -> None:
+    begun: list[float] = []
+
+    def policy(observation: dict[str, float]) -> dict[str, float]:
+        begun.append(observation["shoulder_pan"])
+        return {"shoulder_pan": observation["shoulder_pan"] + 2.0}
+
+    tried = json_of(
+        arm.eval_policy(
+            policy_object=policy,
+            n_episodes=2,
+            max_steps=60,
+            success_fn=lambda seen: seen["shoulder_pan"] > 15.0,
+            seed=3,
+        )
+    )
+    assert (tried["n_episodes"], tried["success_rate"]) == (2, 1.0)
+    assert [each["seed"] for each in tried["episodes"]] == [3, 4]
+    assert all(5 < each["steps"] < 60 for each in tried["episodes"]), tried
+    assert sum(abs(start) < 2.0 for start in begun[:1]) == 1
+    missed = json_of(arm.eval_policy("mock", max_steps=5, success_fn=lambda seen: False))
+    assert (missed["success_rate"], missed["episodes"][0]["steps"]) == (0.0, 5)
+    assert json_of(arm.eval_policy("mock", max_steps=3))["success_rate"] is None
+
+
+@pytest.mark.parametrize(
+    ("keywords", "text"),
+    [
+        ({"n_episodes": 0}, "n_episodes is 0"),
+        ({"max_steps": 1.5}, "max_steps is 1.5"),
+        ({"seed": -1}, "seed is -1"),
+        ({"control_frequency": 0}, "control_frequency is 0"),
+        ({"success_fn": "lifted"}, "success_fn is 'lifted'"),
+        ({"policy_provider": "smooth_talk"}, "use one of"),
+        ({"policy_object": 7}, "is no policy"),
+        ({"policy_object": lambda seen: {"hoist": 1.0}}, "hoist"),
+        ({"policy_object": lambda seen: []}, "gave no action"),
+        ({"robot_name": "koch"}, "robot_name is 'koch'"),
+    ],
+)
+def test_what_cannot_be_tried_is_refused(arm: SimRobot, keywords: dict[str, Any], text: str) -> None:
+    assert text in why(arm.eval_policy(**keywords))
