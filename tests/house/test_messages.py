@@ -80,6 +80,8 @@ def keywords() -> set[str]:
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None
         found |= set(constructor_keywords(driver_class))
+        for service in getattr(driver_class, "SERVICES", {}).values():
+            found |= set(service.arguments)
     return found
 
 
