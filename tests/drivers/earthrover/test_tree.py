@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot, estop
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
@@ -223,19 +223,3 @@ def test_speak_and_sensors(rover: RealRobot, twin: Twin) -> None:
     sensors = status(rover)["sensors"]
     assert sensors["battery_pct"] == [88.0]
     assert sensors["latitude_longitude_deg"] == pytest.approx([22.75, 114.09], abs=0.01)
-
-
-def test_saf_007_one_estop_stops_it_beside_an_arm(rover: RealRobot, twin: Twin, tmp_path: Path) -> None:
-    with Twin("so101", tmp_path) as other, Robot("so101", mode="real", port=other.port) as arm:
-        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
-        drive(rover, twin, linear=0.3)
-        began_ns = time.monotonic_ns()
-        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
-        assert {robot: outcome.safe_state for robot, outcome in outcomes.items()} == {
-            "earthrover": "zero",
-            "so101": "limp",
-        }
-        first_safe(other, began_ns)
-        first_safe(twin, began_ns)
-        assert "e-stopped by a button" in why(rover.send_action({"linear": 0.1}))
-        assert twin.log.host("setpoint", first_safe(twin, began_ns).t_ns) == []

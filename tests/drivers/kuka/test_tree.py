@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from strands import Agent
 
-from strands_actors import Robot, estop
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.kuka.protocol import JOINTS, decode_command
 from strands_actors.surfaces.recording import read, replay
@@ -401,23 +401,6 @@ def test_its_simulation_yields_to_what_is_on_the_wire(run_dir: Path) -> None:
             until(lambda: real.send_action({"joint1": 0.5})["status"] == "success", "the wire commands it")
             assert abs(real.get_observation()["joint1"] - 0.5) < 0.02, "no jump"
             until(lambda: "held by the robot on its wire" in str(sim.send_action({"joint1": 0.0})), "it yields")
-
-
-def test_saf_007_one_estop_of_the_mesh_stops_it_beside_an_so101(tmp_path: Path) -> None:
-    with arm(tmp_path / "twin") as iiwa, Robot("so101", mode="real", transport="twin") as so101:
-        json_of(so101.send_action({"gripper": 20.0}))
-        iiwa.roll_out()
-        pressed_ns = time.monotonic_ns()
-        outcomes = {outcome.robot: outcome for outcome in estop(by="the red button", within_s=5.0)}
-        assert {name: outcome.outcome for name, outcome in outcomes.items()} == {
-            "kuka_iiwa": "safe",
-            "so101": "safe",
-        }
-        assert iiwa.first_safe_s(pressed_ns) < SLACK_S
-        task_ended(iiwa.robot)
-        assert "e-stopped by the red button" in why(iiwa.nudge())
-        json_of(iiwa.robot.resume())
-        iiwa.commandable()
 
 
 def test_an_agent_keeps_it_and_stops_it(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot, estop
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.testing import Twin
@@ -432,22 +432,3 @@ def test_an_older_robotd_is_a_warning_and_what_it_lacks_is_refused(tmp_path: Pat
     finally:
         served.terminate()
         served.wait(10.0)
-
-
-def test_saf_007_one_estop_stops_it_beside_an_arm(duck: RealRobot, twin: Twin, tmp_path: Path) -> None:
-    with Twin("so101", tmp_path) as other, Robot("so101", mode="real", port=other.port) as arm:
-        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
-        act(duck, twin, vx=0.2, duration=10)
-        began_ns = time.monotonic_ns()
-        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
-        assert {robot: outcome.safe_state for robot, outcome in outcomes.items()} == {
-            "microduck": "stop",
-            "so101": "limp",
-        }
-        assert outcomes["microduck"].outcome == "safe"
-        first_safe(other, began_ns)
-        assert first_safe(twin, began_ns).safe_state == "stop"
-        assert "e-stopped by a button" in why(duck.send_action({"vx": 0.1}))
-        assert "e-stopped by a button" in why(duck.enable())
-        assert twin.log.host("setpoint", first_safe(twin, began_ns).t_ns) == []
-        assert not any(b"robot.relax" in one.data for one in twin.log.entries(began_ns)), "it stays on its feet"

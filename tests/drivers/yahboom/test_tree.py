@@ -20,7 +20,6 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.kernel.processes.guard import ALLOW, ALLOW_TOPICS
-from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, state, status, until, why
@@ -291,20 +290,3 @@ def test_an_agent_is_asked_for_a_twist_and_never_for_a_zero(
     monkeypatch.setenv(ALLOW_TOPICS, "/cmd_vel")
     assert json_of(asked(m3, {"action": "move", "linear.x": 0.2}))["twist"]["linear.x"] == 0.2
     json_of(asked(m3, {"action": "stop"}))
-
-
-def test_saf_007_one_estop_stops_it_beside_an_arm(m3: RealRobot, twin: Twin, tmp_path: Path) -> None:
-    (tmp_path / "arm").mkdir()
-    with Twin("so101", tmp_path / "arm") as other, Robot("so101", mode="real", port=other.port) as arm:
-        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
-        drive(m3, twin, linear_x=0.3)
-        began_ns = time.monotonic_ns()
-        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
-        assert {robot: outcome.safe_state for robot, outcome in outcomes.items()} == {
-            "yahboom_m3pro": "zero",
-            "so101": "limp",
-        }
-        first_safe(other, began_ns)
-        zero = first_safe(twin, began_ns)
-        assert "e-stopped by a button" in why(m3.send_action({"linear.x": 0.1}))
-        assert twin.log.host("setpoint", zero.t_ns) == []
