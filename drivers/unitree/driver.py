@@ -22,10 +22,11 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor
+from strands_actors.drivers.common.motor_targets import Parser, target_gates
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
-from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, Parser, conditions, gates
+from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, conditions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .rpc import ATTEMPTS, RELEASE_S
@@ -102,7 +103,7 @@ class _Legs(Driver):
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)
-        self.gates = gates(model)
+        self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

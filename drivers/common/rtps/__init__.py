@@ -20,6 +20,17 @@ here: security, keys, content filters, deadlines, liveliness beyond the particip
 from .engine import Counters
 from .participant import Participant, open_participant
 from .reader import Reader
+from .sockets import own_address
+from .wire_types import CDR, MULTICAST_GROUP
 from .writer import Writer
 
-__all__ = ["Counters", "Participant", "Reader", "Writer", "open_participant"]
+__all__ = [
+    "CDR",
+    "MULTICAST_GROUP",
+    "Counters",
+    "Participant",
+    "Reader",
+    "Writer",
+    "open_participant",
+    "own_address",
+]

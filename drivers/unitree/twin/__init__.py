@@ -19,7 +19,7 @@ from contextlib import aclosing
 from typing import Any, Unpack
 
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.rtps import Participant, Writer
+from strands_actors.drivers.common.rtps import CDR, Participant, Writer
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -35,7 +35,6 @@ from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.gates import CONTROL_S
-from strands_actors.drivers.unitree.link import CDR
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
 from strands_actors.kernel.clock import NS, MonotonicClock
