@@ -60,6 +60,7 @@ WIRES = {
     "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
+    "booster": "strands_actors.drivers.booster.driver:BoosterDriver",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
