@@ -78,6 +78,7 @@ class _Session:
         self.clock = clock
         self.twist = Twist(link)
         self.armed = False
+        self.told = trio.Event()  # set by the next reading
         self.mode: Mode | None = None
         self.ours: Mode | None = None  # the mode in which the upper body was handed over; None: it is not ours
         self.goal: tuple[float, ...] = ()  # where the arms were told to be
@@ -193,6 +194,7 @@ class BoosterWire(Wire):
         silent_s = session.silent_s(now_ns)
         if silent_s > SILENT_S:
             raise WireDown(f"read: no state, or no answer, for {silent_s:.1f} s. Check the robot and the network")
+        session.told.set()
         return session.observation()
 
     def close(self) -> None:
@@ -274,7 +276,10 @@ class BoosterWire(Wire):
                 mode = gates.MODES[arguments["mode"]]
                 session.ours = None
                 answer = await self._ask(session, Api.CHANGE_MODE, rpc.change_mode(mode), permit)
-                return _refused(service, answer) or {"mode": mode.name.lower()}
+                refusal = _refused(service, answer)
+                if refusal is None:
+                    session.mode = mode
+                return refusal or {"mode": mode.name.lower()}
             case "enable_upper_body":
                 return await self._take_arms(session, permit)
             case _:
@@ -308,6 +313,8 @@ class BoosterWire(Wire):
             session.link.calls.ask(Api.UPPER_BODY, rpc.upper_body(False), lambda _: None)  # it may do so yet
             return refusal
         session.ours = mode
+        session.told = told = trio.Event()
+        await told.wait()  # the gate knows it before the caller is answered
         return {"upper_body": True}
 
     async def _give_arms(self, session: _Session, permit: Permit) -> Response | None:

@@ -5,8 +5,8 @@ The log has every LowCmd and every request; of the robot's side the answers and 
 itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of what the host sends:
 
 ``setpoint``  a LowCmd that moves an arm, a ``Move`` that is not zero, a ``RotateHead``
-``safe``      ``Move(0, 0, 0)``; a LowCmd that holds: each arm joint exactly where it was reported
-              lately; giving back the upper body; damping mode. With the safe state that the whole
+``safe``      ``Move(0, 0, 0)``; behind it a LowCmd that holds: each arm joint exactly where it was
+              reported lately; giving back the upper body; damping mode. With the safe state that the whole
               robot is in by it: ``""`` as long as it walks, or its arms are still the host's
 ``enable``    taking the upper body
 ``read``, ``config``, ``garbled``
@@ -27,7 +27,7 @@ from strands_actors.drivers.booster.protocol import Battery, Command, Fall
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, Model
 from strands_actors.drivers.booster.rpc import Api, Mode, Request
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.rtps import CDR, Participant
+from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
 from strands_actors.drivers.common.twin import WireLog
 from strands_actors.drivers.common.twin.dds import DdsServer
 
@@ -56,6 +56,7 @@ class BoosterServer(DdsServer):
         self.body = BoosterBody(self.onboard)
         self._name = str(options.get("robot_name", ""))
         self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+        self._stood: set[bytes] = set()  # participants that have stopped the base, and commanded nothing since
 
     def make_endpoints(self, participant: Participant) -> None:
         def topic(name: str) -> str:
@@ -83,15 +84,16 @@ class BoosterServer(DdsServer):
         except MalformedFrame:
             self.log.write(t_ns, "host", [("garbled", body)])
             return
-        if self._holds(command):
+        if writer[:PREFIX_SIZE] in self._stood and self._holds(command):
             self.log.write(t_ns, "host", [("safe", body)], "" if any(self.onboard.twist) else SafeState.HOLD)
         else:
+            self._stood.clear()
             self.log.write(t_ns, "host", [("setpoint", body)], "")
         self.onboard.command(command)
 
     def _holds(self, command: Command) -> bool:
-        """Whether it keeps each arm joint exactly where that was reported lately: no target of
-        anybody's is, to the last bit of all eight."""
+        """Whether it keeps each arm joint exactly where that was reported lately, to the last
+        bit."""
         wanted = tuple(motor.q for motor in command.motors[_ARMS])
         if any(motor.dq or motor.tau for motor in command.motors) or len(wanted) * 4 != _ROW.size:
             return False
@@ -107,6 +109,10 @@ class BoosterServer(DdsServer):
             self.log.write(t_ns, "host", [("garbled", body)])
             return
         kind, safe_state = self._kind_of(request)
+        if kind in ("setpoint", "enable"):
+            self._stood.clear()
+        elif request.api == Api.MOVE:
+            self._stood.add(writer[:PREFIX_SIZE])
         self.log.write(t_ns, "host", [(kind, body)], safe_state)
         response = self.onboard.serve(request)
         if request.wants_answer:

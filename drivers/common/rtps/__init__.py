@@ -21,12 +21,13 @@ from .engine import Counters
 from .participant import Participant, open_participant
 from .reader import Reader
 from .sockets import own_address
-from .wire_types import CDR, MULTICAST_GROUP
+from .wire_types import CDR, MULTICAST_GROUP, PREFIX_SIZE
 from .writer import Writer
 
 __all__ = [
     "CDR",
     "MULTICAST_GROUP",
+    "PREFIX_SIZE",
     "Counters",
     "Participant",
     "Reader",
