@@ -15,6 +15,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from msgspec.structs import replace
+
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import (
     HOLDING_REASONS,
@@ -81,10 +83,16 @@ class BoosterDriver(Driver):
         Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
+        # All of them count as motion: an older target is not sent again behind them.
         "enable_upper_body": Service(
-            "hand the arms over to this program; after each stop, and each change of mode, once more", within_s=2.0
+            "hand the arms over to this program; after each stop, and each change of mode, once more",
+            within_s=2.0,
+            in_motion=True,
+            moves=True,
         ),
-        "disable_upper_body": Service("give the arms back to the robot's own controller", within_s=2.0),
+        "disable_upper_body": Service(
+            "give the arms back to the robot's own controller", within_s=2.0, in_motion=True, moves=True
+        ),
         "move": Service(
             f"walk so fast for {TWIST_S:g} s, m/s and rad/s in the robot's own frame, then stand",
             within_s=2.0,
@@ -103,6 +111,7 @@ class BoosterDriver(Driver):
             f"change to {', '.join(MODES)}; in damping mode the robot sinks to the floor",
             within_s=2.0,
             arguments={"mode": "walking"},
+            in_motion=True,
             moves=True,
         ),
     }
@@ -166,7 +175,10 @@ class BoosterDriver(Driver):
         self._parser = Parser(model)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        return refuse_others(self._model, action) or self._parser.parse(action, state)
+        """As the parser does; where nothing was accepted lately, joints that are not named go on
+        from ``first_target``."""
+        seen = replace(state.observation, position=self.first_target(state.observation))
+        return refuse_others(self._model, action) or self._parser.parse(action, replace(state, observation=seen))
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return where the arms are, or where they were told to be if they are near it."""

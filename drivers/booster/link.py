@@ -20,7 +20,7 @@ from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from . import rpc
-from .config import BoosterConfig
+from .config import CONTROL_S, BoosterConfig
 from .protocol import IDLE, Command, Motor, State
 from .robots import LAST_ARM
 
@@ -59,12 +59,13 @@ class Calls:
         return self._writer.matched > 0 and self._reader.matched > 0
 
     def ask(self, api: rpc.Api, body: str, heard: Heard) -> bool:
-        """``heard`` is called from ``poll``, once or never. Return whether it left."""
+        """``heard`` is called from ``poll``, once or never. Return whether it left for somebody who
+        knows us: others may take it, or not."""
         number = str(uuid.uuid4())
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
         self._pending[number] = heard
-        return self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, body))) > 0
+        return self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, body))) > 0 and self.matched
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         with suppress(MalformedFrame):  # an answer that cannot be read is none, and is waited for as one
@@ -83,6 +84,7 @@ class Order:
         self.answer: rpc.Response | None = None
         """The last one."""
         self.tries = 0
+        self._left = False
         self._calls = calls
         self._api = api
         self._body = body
@@ -98,11 +100,13 @@ class Order:
         return "not answered" if self.answer is None else self.answer.why
 
     def step(self, now_ns: int) -> None:
-        if self.done or (self.tries and now_ns - self._asked_ns < AGAIN_S * NS):
+        pause_s = AGAIN_S if self._left else CONTROL_S  # to one who does not hear us yet, soon again
+        if self.done or now_ns - self._asked_ns < pause_s * NS:
             return
-        self.tries += 1
         self._asked_ns = now_ns
-        self.written |= self._calls.ask(self._api, self._body, self._hear)
+        self._left = self._calls.ask(self._api, self._body, self._hear)
+        self.written |= self._left
+        self.tries += self._left
 
     def _hear(self, answer: rpc.Response) -> None:
         if not self.done:

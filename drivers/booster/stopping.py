@@ -12,8 +12,7 @@ can come of the contrary.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 
 from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.safe_state import SafeState
@@ -22,7 +21,7 @@ from strands_actors.kernel.clock import NS
 
 from . import rpc
 from .config import CONTROL_S
-from .link import Link, Order
+from .link import AGAIN_S, Link, Order
 from .robots import Model
 from .rpc import Mode
 
@@ -41,14 +40,10 @@ STILL_RAD_S = 0.3
 """A joint that turns no faster is held [assumed]."""
 
 
-async def bring_down(
-    link: Link, safe_state: str, goal: Sequence[float] = (), arms: bool = True
-) -> tuple[MotorReport, ...]:
-    """The first frame leaves before the first wait. Never raises.
-
-    ``goal``: where the arms were told to be: an axis whose position is not known stays there.
-    ``arms``: whether the upper body is, or may be, ours."""
-    way = _Way(link, safe_state, goal, arms)
+async def bring_down(link: Link, safe_state: str, arms: bool = True) -> tuple[MotorReport, ...]:
+    """The first frame leaves before the first wait. Never raises. ``arms``: whether the upper body
+    is, or may be, ours."""
+    way = _Way(link, safe_state, arms)
     way.step(link.clock.now_ns())
     link.listen()
     async with aclosing(link.clock.ticks(TICK_S)) as ticks:
@@ -61,11 +56,10 @@ async def bring_down(
 
 
 class _Way:
-    def __init__(self, link: Link, safe_state: str, goal: Sequence[float], arms: bool) -> None:
+    def __init__(self, link: Link, safe_state: str, arms: bool) -> None:
         self.began_ns = link.clock.now_ns()
         self._link = link
         self._safe_state = safe_state
-        self._goal = goal
         self._arms = arms
         self._zero = Order(link.calls, rpc.Api.MOVE, rpc.ZERO)
         self._last = {
@@ -73,6 +67,8 @@ class _Way:
             SafeState.DAMP: Order(link.calls, rpc.Api.CHANGE_MODE, rpc.change_mode(Mode.DAMPING)),
         }.get(SafeState(safe_state))
         self._modes = Order(link.calls, rpc.Api.GET_MODE)
+        self._mode: Mode | None = None  # as the robot has told since this began
+        self._asked_ns = 0
         self._holds: tuple[float, ...] = ()
         self._held_ns = self._first_ns = 0
         self._written = False
@@ -92,10 +88,16 @@ class _Way:
             self._hold(now_ns)
 
     def _ask_mode(self, now_ns: int) -> None:
-        """Once, and again when an order is refused."""
-        refused = any(order.answer is not None and not order.done for order in (self._zero, self._last) if order)
-        if refused and self._modes.done:
-            self._modes = Order(self._link.calls, rpc.Api.GET_MODE)
+        """Once, and now and then as long as an order is refused."""
+        answer = self._modes.answer
+        if self._modes.done and answer is not None:
+            with suppress(MalformedFrame):
+                self._mode = rpc.mode_of(answer.body)
+            refused = any(order.answer and not order.done for order in (self._zero, self._last) if order)
+            if refused and now_ns - self._asked_ns >= AGAIN_S * NS:
+                self._modes = Order(self._link.calls, rpc.Api.GET_MODE)
+        if not self._modes.tries:
+            self._asked_ns = now_ns
         self._modes.step(now_ns)
 
     def _may_hand_back(self, now_ns: int) -> bool:
@@ -104,8 +106,8 @@ class _Way:
         return bool(stands and held)
 
     def _hold(self, now_ns: int) -> None:
-        """In custom mode a frame would let go of the legs: none is sent."""
-        if now_ns - self._held_ns < CONTROL_S * NS or self._mode is Mode.CUSTOM:
+        """Behind the zero. In custom mode a frame would let go of the legs: none is sent."""
+        if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS or self._mode is Mode.CUSTOM:
             return
         if not self._holds:
             self._holds = self._where(now_ns)
@@ -116,27 +118,16 @@ class _Way:
         self._written |= self._link.send_hold(self._holds)
 
     def _where(self, now_ns: int) -> tuple[float, ...]:
-        """Where each joint is now, else where it was last told to be; empty: not known of all."""
+        """Where each joint is now; empty: not known of all. Then none is told anything, and the
+        robot keeps its last goal."""
         link = self._link
-        goal = tuple(self._goal) or (math.nan,) * len(link.model.joints)
         state = link.state
-        fresh = state is not None and now_ns - link.state_ns <= FRESH_S * NS
-        here = link.of_arms(state.q) if state is not None and fresh else goal
-        where = tuple(told if math.isnan(at) else at for at, told in zip(here, goal, strict=True))
-        return () if any(map(math.isnan, where)) else where
+        if state is None or now_ns - link.state_ns > FRESH_S * NS:
+            return ()
+        here = link.of_arms(state.q)
+        return () if any(map(math.isnan, here)) else here
 
     # -- what became of it
-
-    @property
-    def _mode(self) -> Mode | None:
-        """As the robot has told since this began."""
-        answer = self._modes.answer
-        if answer is None or answer.status != rpc.OK:
-            return None
-        try:
-            return rpc.mode_of(answer.body)
-        except MalformedFrame:
-            return None
 
     @property
     def _stands(self) -> bool:

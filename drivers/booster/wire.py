@@ -120,7 +120,7 @@ class _Session:
             "gyro_rad_s": state.gyro,
             "acceleration_m_s2": state.acceleration,
             "torque_nm": link.of_arms(state.tau),
-            "temperature_c": link.of_arms(state.temperature),
+            "temperature_c": tuple(map(float, link.of_arms(state.temperature))),
             "motors": (float(len(state.q)),),
         }
         if self.goal:
@@ -227,12 +227,12 @@ class BoosterWire(Wire):
         session = self._session_or_none
         if session is None:
             return unconfirmed(self._config.model, "not connected")
-        goal, has_arms = session.goal, session.has_arms
+        has_arms = session.has_arms
         session.twist.forget()
         session.goal = ()
         if safe_state != SafeState.HOLD:
             session.armed, session.ours = False, None
-        motors = await bring_down(session.link, safe_state, goal, has_arms)
+        motors = await bring_down(session.link, safe_state, has_arms)
         if safe_state == SafeState.HOLD and all(motor.target is not None for motor in motors):
             session.goal = tuple(motor.target for motor in motors if motor.target is not None)
         return motors
@@ -244,7 +244,7 @@ class BoosterWire(Wire):
         if session is not None:
             session.twist.forget()
             session.armed, session.ours = False, None
-            return await bring_down(session.link, safe_state, session.goal)
+            return await bring_down(session.link, safe_state)
         try:
             link = Link(self._config, self._clock)
         except WireDown as down:
@@ -283,8 +283,7 @@ class BoosterWire(Wire):
             case "enable_upper_body":
                 return await self._take_arms(session, permit)
             case _:
-                answer = await self._give_arms(session, permit)
-                return _refused(service, answer) or {"upper_body": False}
+                return await self._give_arms(session, permit)
 
     async def _walk(
         self, session: _Session, arguments: Mapping[str, Any], permit: Permit
@@ -312,14 +311,21 @@ class BoosterWire(Wire):
         if refusal is not None:
             session.link.calls.ask(Api.UPPER_BODY, rpc.upper_body(False), lambda _: None)  # it may do so yet
             return refusal
-        session.ours = mode
-        session.told = told = trio.Event()
-        await told.wait()  # the gate knows it before the caller is answered
+        session.ours, session.goal = mode, ()
+        await self._told(session)
         return {"upper_body": True}
 
-    async def _give_arms(self, session: _Session, permit: Permit) -> Response | None:
+    async def _give_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
         session.ours, session.goal = None, ()
-        return await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
+        answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
+        await self._told(session)
+        return _refused("disable_upper_body", answer) or {"upper_body": False}
+
+    async def _told(self, session: _Session) -> None:
+        """Wait for the next reading, so that the gate knows what has changed before the caller is
+        answered."""
+        session.told = told = trio.Event()
+        await told.wait()
 
     # -- parts
 
