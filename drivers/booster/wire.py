@@ -25,7 +25,7 @@ from . import protocol as p
 from .config import CONTROL_S, TWIST_S, BoosterConfig
 from .link import FIND_S, Link, Order
 from .protocol import Battery, Fall, Odometer
-from .rpc import STANDS, Api, Mode, Response
+from .rpc import STANDS, WALKS, Api, Mode, Response
 from .stopping import TICK_S, bring_down, unconfirmed
 
 MODE_EVERY_S = 0.2
@@ -96,7 +96,7 @@ class _Session:
         self.twist.step(now_ns, self.mode)
         if now_ns - self._mode_ns >= MODE_EVERY_S * NS:
             self._mode_ns = now_ns
-            self.link.calls.ask(Api.GET_MODE, "", self._on_mode)
+            self.link.calls.ask(Api.GET_MODE, "", self.hear_mode)
 
     def silent_s(self, now_ns: int) -> float:
         """How long no state, or no answer, has come."""
@@ -129,7 +129,7 @@ class _Session:
 
     # -- what is heard
 
-    def _on_mode(self, response: Response) -> None:
+    def hear_mode(self, response: Response) -> None:
         try:
             self.mode = rpc.mode_of(response.body) if response.status == rpc.OK else self.mode
         except MalformedFrame:
@@ -205,8 +205,12 @@ class BoosterWire(Wire):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Nothing is energised: the robot stands, or lies, by its own controller."""
+        """Nothing is energised: the robot stands by its own controller."""
         session = self._session()
+        observation = await self.read()
+        refusal = gates.ready(observation, self._clock.now_ns()) or gates.not_custom(observation, 0)
+        if refusal is not None:
+            raise WireDown(f"arm: {refusal.text.removeprefix('move: ')}")
         await trio.lowlevel.checkpoint()
         permit.check()
         session.armed = True
@@ -288,6 +292,8 @@ class BoosterWire(Wire):
     async def _walk(
         self, session: _Session, arguments: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
+        if session.mode not in WALKS:  # what is known of it may be a moment old
+            await self._look_at_mode(session, permit)
         refusal = gates.why_no_move(session.mode)
         if refusal is not None:
             return refusal
@@ -301,6 +307,7 @@ class BoosterWire(Wire):
         return refusal or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+        await self._look_at_mode(session, permit)
         observation = await self.read()
         refusal = gates.why_no_hand_over(session.mode, STANDS) or gates.ready(observation, self._clock.now_ns())
         if refusal is not None:
@@ -328,6 +335,11 @@ class BoosterWire(Wire):
         await told.wait()
 
     # -- parts
+
+    async def _look_at_mode(self, session: _Session, permit: Permit) -> None:
+        answer = await self._ask(session, Api.GET_MODE, "", permit)
+        if answer is not None:
+            session.hear_mode(answer)
 
     async def _ask(self, session: _Session, api: Api, body: str, permit: Permit) -> Response | None:
         """Return what is answered; None: nothing, in time."""
