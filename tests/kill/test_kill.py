@@ -30,6 +30,7 @@ HARDEST = (
     "yahboom_m3pro",
     "reachy_mini",
     "crazyflie",
+    "booster_t1",
     "unitree_go2",
 )
 """Of the other drivers the seven cells of the conformance suite; the whole matrix is measured by

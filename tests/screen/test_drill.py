@@ -45,6 +45,7 @@ STEPS = {
     "yahboom_m3pro": WITHOUT,
     "reachy_mini": WITHOUT,
     "crazyflie": WITHOUT,
+    "booster_t1": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }
