@@ -27,7 +27,9 @@ from .rpc import WALKS, Mode
 STATE_TTL_S = 0.1
 """Of a LowState [assumed]: 50 of them come in that time."""
 FALL_TTL_S = 1.0
-"""Of the fall state, which comes twice a second or more often [assumed]."""
+"""Of the fall state, which comes twice a second or more often: an older one refuses [assumed]."""
+FALL_LOST_S = 3.0
+"""An older one ends what goes on: so long a robot is not silent that tells it twice a second."""
 
 MODES = {mode.name.lower(): mode for mode in (Mode.DAMPING, Mode.PREPARE, Mode.WALKING, Mode.SOCCER)}
 """What ``change_mode`` may ask for. Not custom: there every motor obeys LowCmd, the legs too."""
@@ -46,13 +48,17 @@ def conditions() -> tuple[Condition, ...]:
 
 
 def ready(observation: Observation, now_ns: int) -> Refused | None:
+    return not_ready(observation, now_ns, FALL_LOST_S)
+
+
+def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | None:
     known = observation.sensors.get("fall_state")
     if known is None:
         return Refused("fall_unknown", "move: its fall state is not known", "check the robot's fall_down topic")
     number, read_s = known
     age_s = now_ns / NS - read_s
-    if age_s > FALL_TTL_S:
-        age, limit = f"{age_s:.1f} s", f"{FALL_TTL_S:.1f} s"
+    if age_s > ttl_s:
+        age, limit = f"{age_s:.1f} s", f"{ttl_s:.1f} s"
         why = f"move: its fall state is {age} old (limit {limit})"
         return Refused("fall_stale", why, "check the robot and the network", age, limit)
     if number == Fall.IS_READY:
@@ -79,7 +85,7 @@ def mode_in(observation: Observation) -> Mode | None:
 
 
 def gates(model: Model) -> tuple[GateCheck, ...]:
-    return (_known, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
+    return (_known, _fall_known, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
 
 
 def _known(candidate: Candidate, state: GateState) -> Refused | None:
@@ -93,6 +99,10 @@ def _known(candidate: Candidate, state: GateState) -> Refused | None:
     age, limit = f"{age_ns / 1e6:.0f} ms", f"{STATE_TTL_S * 1e3:.0f} ms"
     why = f"move: last LowState is {age} old (limit {limit})"
     return Refused("stale", why, "check the robot and the network", age, limit)
+
+
+def _fall_known(candidate: Candidate, state: GateState) -> Refused | None:
+    return not_ready(state.observation, state.now_ns, FALL_TTL_S)
 
 
 def _enough_motors(candidate: Candidate, state: GateState) -> Refused | None:

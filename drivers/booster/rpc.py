@@ -42,6 +42,8 @@ class Mode(enum.IntEnum):
 WALKS = (Mode.WALKING, Mode.SOCCER)
 STANDS = (Mode.PREPARE, *WALKS)
 """Modes in which the robot's own controller keeps it up."""
+NEVER_WALKS = (Mode.DAMPING, Mode.PREPARE, Mode.CUSTOM)
+"""Modes in which nothing comes of a Move."""
 
 CALL, FIRE_AND_FORGET = 0, 2
 """``call_mode`` of a request: one is answered, the other is not."""

@@ -23,7 +23,7 @@ from . import rpc
 from .config import CONTROL_S
 from .link import AGAIN_S, Link, Order
 from .robots import Model
-from .rpc import Mode
+from .rpc import NEVER_WALKS, STANDS, Mode
 
 TICK_S = 0.002
 TRIES = 3
@@ -40,9 +40,9 @@ STILL_RAD_S = 0.3
 """A joint that turns no faster is held [assumed]."""
 
 
-async def bring_down(link: Link, safe_state: str, arms: bool = True) -> tuple[MotorReport, ...]:
+async def bring_down(link: Link, safe_state: str, arms: bool | None = None) -> tuple[MotorReport, ...]:
     """The first frame leaves before the first wait. Never raises. ``arms``: whether the upper body
-    is, or may be, ours."""
+    is ours; None: it may be."""
     way = _Way(link, safe_state, arms)
     way.step(link.clock.now_ns())
     link.listen()
@@ -56,7 +56,7 @@ async def bring_down(link: Link, safe_state: str, arms: bool = True) -> tuple[Mo
 
 
 class _Way:
-    def __init__(self, link: Link, safe_state: str, arms: bool) -> None:
+    def __init__(self, link: Link, safe_state: str, arms: bool | None) -> None:
         self.began_ns = link.clock.now_ns()
         self._link = link
         self._safe_state = safe_state
@@ -84,7 +84,7 @@ class _Way:
         handing_back = self._safe_state == SafeState.STOP and self._last is not None
         if handing_back and self._last is not None and (self._last.tries or self._may_hand_back(now_ns)):
             self._last.step(now_ns)
-        elif self._arms and self._safe_state != SafeState.DAMP:
+        elif self._may_hold and self._safe_state != SafeState.DAMP:
             self._hold(now_ns)
 
     def _ask_mode(self, now_ns: int) -> None:
@@ -102,12 +102,25 @@ class _Way:
 
     def _may_hand_back(self, now_ns: int) -> bool:
         stands = self._stands or self._zero.tries >= TRIES
-        held = not self._arms or self._first_ns or now_ns - self.began_ns > WAIT_S * NS or self._mode is Mode.CUSTOM
+        held = (
+            self._arms is False
+            or self._first_ns
+            or now_ns - self.began_ns > WAIT_S * NS
+            or self._mode is Mode.CUSTOM
+        )
         return bool(stands and held)
 
+    @property
+    def _may_hold(self) -> bool:
+        """In custom mode a frame would let go of the legs. Who does not know whether the arms are
+        ours does not know that the mode is another one, either, before the robot has told."""
+        if self._arms is None:
+            return self._mode in STANDS
+        return self._arms and self._mode is not Mode.CUSTOM
+
     def _hold(self, now_ns: int) -> None:
-        """Behind the zero. In custom mode a frame would let go of the legs: none is sent."""
-        if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS or self._mode is Mode.CUSTOM:
+        """Behind the zero."""
+        if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS:
             return
         if not self._holds:
             self._holds = self._where(now_ns)
@@ -131,7 +144,7 @@ class _Way:
 
     @property
     def _stands(self) -> bool:
-        return self._zero.done or self._mode in (Mode.DAMPING, Mode.PREPARE)
+        return self._zero.done or self._mode in NEVER_WALKS
 
     @property
     def _why(self) -> str:
@@ -148,7 +161,7 @@ class _Way:
     def done(self) -> bool:
         if self._why:
             return False
-        if self._safe_state != SafeState.HOLD or not self._arms:
+        if self._safe_state != SafeState.HOLD or self._arms is False:
             return True
         long_enough = self._first_ns and self._held_ns - self._first_ns >= HOLD_S * NS
         return bool(long_enough and all(self._still()))
@@ -165,7 +178,7 @@ class _Way:
         written = self._written or any(order.written for order in orders)
         answered = any(order.answer is not None for order in orders)
         why, joints = self._why, self._link.model.joints
-        if why or self._safe_state != SafeState.HOLD or not self._arms:
+        if why or self._safe_state != SafeState.HOLD or self._arms is False:
             return tuple(MotorReport(joint.key, joint.slot, written, answered, not why, why) for joint in joints)
         if not self._holds:
             return unconfirmed(self._link.model, "where it is is not known", written)

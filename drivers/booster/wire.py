@@ -25,7 +25,7 @@ from . import protocol as p
 from .config import CONTROL_S, TWIST_S, BoosterConfig
 from .link import FIND_S, Link, Order
 from .protocol import Battery, Fall, Odometer
-from .rpc import STANDS, WALKS, Api, Mode, Response
+from .rpc import NEVER_WALKS, STANDS, WALKS, Api, Mode, Response
 from .stopping import TICK_S, bring_down, unconfirmed
 
 MODE_EVERY_S = 0.2
@@ -66,7 +66,7 @@ class Twist:
         if zero is None:
             return
         zero.step(now_ns)
-        if zero.done or (zero.answer is not None and mode in (Mode.DAMPING, Mode.PREPARE)):
+        if zero.done or (zero.answer is not None and mode in NEVER_WALKS):
             self._zero = None
 
 
@@ -208,7 +208,7 @@ class BoosterWire(Wire):
         """Nothing is energised: the robot stands by its own controller."""
         session = self._session()
         observation = await self.read()
-        refusal = gates.ready(observation, self._clock.now_ns()) or gates.not_custom(observation, 0)
+        refusal = self._unfit(observation) or gates.not_custom(observation, 0)
         if refusal is not None:
             raise WireDown(f"arm: {refusal.text.removeprefix('move: ')}")
         await trio.lowlevel.checkpoint()
@@ -294,7 +294,7 @@ class BoosterWire(Wire):
     ) -> dict[str, Any] | Refused:
         if session.mode not in WALKS:  # what is known of it may be a moment old
             await self._look_at_mode(session, permit)
-        refusal = gates.why_no_move(session.mode)
+        refusal = gates.why_no_move(session.mode) or self._unfit(await self.read())
         if refusal is not None:
             return refusal
         vx, vy, vyaw = (float(arguments.get(name, 0.0)) for name in ("vx", "vy", "vyaw"))
@@ -309,7 +309,7 @@ class BoosterWire(Wire):
     async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
         await self._look_at_mode(session, permit)
         observation = await self.read()
-        refusal = gates.why_no_hand_over(session.mode, STANDS) or gates.ready(observation, self._clock.now_ns())
+        refusal = gates.why_no_hand_over(session.mode, STANDS) or self._unfit(observation)
         if refusal is not None:
             return refusal
         mode = session.mode
@@ -335,6 +335,9 @@ class BoosterWire(Wire):
         await told.wait()
 
     # -- parts
+
+    def _unfit(self, observation: Observation) -> Refused | None:
+        return gates.not_ready(observation, self._clock.now_ns(), gates.FALL_TTL_S)
 
     async def _look_at_mode(self, session: _Session, permit: Permit) -> None:
         answer = await self._ask(session, Api.GET_MODE, "", permit)

@@ -30,12 +30,13 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
 from strands_actors.drivers.common.twin import WireLog
 from strands_actors.drivers.common.twin.dds import DdsServer
+from strands_actors.kernel.clock import NS
 
 from .onboard import Onboard
 from .simulated import BoosterBody
 
-FALL_EVERY, BATTERY_EVERY, ODOMETER_EVERY = 50, 250, 10
-"""Ticks."""
+FALL_S, BATTERY_S, ODOMETER_S = 0.1, 0.5, 0.02
+"""How often these are told: by the clock, since a busy machine leaves ticks out."""
 LATELY = 500
 """States that a hold may be of: a second."""
 WRONG_RAD = 1.0
@@ -56,6 +57,7 @@ class BoosterServer(DdsServer):
         self.body = BoosterBody(self.onboard)
         self._name = str(options.get("robot_name", ""))
         self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+        self._due_ns: dict[str, int] = {}  # when each of the slow topics is told next
         self._stood: set[bytes] = set()  # participants that have stopped the base, and commanded nothing since
 
     def make_endpoints(self, participant: Participant) -> None:
@@ -150,13 +152,19 @@ class BoosterServer(DdsServer):
         self.say_state(self._states, p.encode_state(state), now_ns)
         if self.is_off:
             return
-        if tick % FALL_EVERY == 0:
+        if self._is_due("fall", FALL_S, now_ns):
             fall = self.onboard.fall
             self._falls.write(CDR + p.encode_fall(fall, fall is Fall.HAS_FALLEN))
-        if tick % BATTERY_EVERY == 0:
+        if self._is_due("battery", BATTERY_S, now_ns):
             self._batteries.write(CDR + p.encode_battery(Battery(*self.onboard.battery)))
-        if tick % ODOMETER_EVERY == 0:
+        if self._is_due("odometer", ODOMETER_S, now_ns):
             self._odometers.write(CDR + p.encode_odometer(self.onboard.odometer))
+
+    def _is_due(self, name: str, every_s: float, now_ns: int) -> bool:
+        due = now_ns >= self._due_ns.get(name, 0)
+        if due:
+            self._due_ns[name] = now_ns + round(every_s * NS)
+        return due
 
     # -- what may happen to it
 

@@ -163,6 +163,10 @@ def test_a_robot_that_is_not_ready(fall: Fall) -> None:
 def test_a_fall_state_that_is_old_or_unknown() -> None:
     old = observation(fall_state=(0.0, NOW_S - 1.1))
     assert refused({"left_elbow_pitch": 0.0}, state(seen=old)).code == "fall_stale"
+    condition = t1().conditions[0].check
+    assert condition(old, NOW_NS) is None, "it ends nothing yet"
+    lost = condition(observation(fall_state=(0.0, NOW_S - 3.1)), NOW_NS)
+    assert lost is not None and lost.code == "fall_stale"
     unknown = observation(fall_state=None)
     assert refused({"left_elbow_pitch": 0.0}, state(seen=unknown)).code == "fall_unknown"
 
