@@ -301,10 +301,8 @@ class BoosterWire(Wire):
         permit.check()
         session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
         answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
-        refusal = _refused("move", answer)
-        if refusal is not None:
-            session.twist.end()  # it may walk all the same, or later
-        return refusal or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
+        # Whatever is answered: the twist has an end, since it may walk all the same, or later.
+        return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
         await self._look_at_mode(session, permit)
