@@ -78,13 +78,10 @@ class _Way:
     def step(self, now_ns: int) -> None:
         """Send what is due."""
         self._zero.step(now_ns)
-        if self._safe_state == SafeState.DAMP and self._last is not None:
-            self._last.step(now_ns)
         self._ask_mode(now_ns)
-        handing_back = self._safe_state == SafeState.STOP and self._last is not None
-        if handing_back and self._last is not None and (self._last.tries or self._may_hand_back(now_ns)):
+        if self._may_go_on(now_ns) and self._last is not None:
             self._last.step(now_ns)
-        elif self._may_hold and self._safe_state != SafeState.DAMP:
+        elif self._may_hold:
             self._hold(now_ns)
 
     def _ask_mode(self, now_ns: int) -> None:
@@ -100,7 +97,13 @@ class _Way:
             self._asked_ns = now_ns
         self._modes.step(now_ns)
 
-    def _may_hand_back(self, now_ns: int) -> bool:
+    def _may_go_on(self, now_ns: int) -> bool:
+        """Whether the last order is due: damping mode at once, handing back when it stands and its
+        arms are held."""
+        if self._last is None:
+            return False
+        if self._safe_state == SafeState.DAMP or self._last.tries:
+            return True
         stands = self._stands or self._zero.tries >= TRIES
         held = (
             self._arms is False

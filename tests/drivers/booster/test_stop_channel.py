@@ -83,6 +83,7 @@ def test_in_custom_mode_it_sends_no_frame(tmp_path: Path) -> None:
 
         async def twice(channel: BoosterStopChannel) -> Reports:
             await channel.make_safe("stop")
+            await trio.sleep(0.5)
             return await channel.make_safe("stop")  # it knows where the arms are from the beginning now
 
         reports = with_channel(served, twice)
