@@ -78,11 +78,11 @@ class _Way:
     def step(self, now_ns: int) -> None:
         """Send what is due."""
         self._zero.step(now_ns)
-        self._ask_mode(now_ns)
         if self._may_go_on(now_ns) and self._last is not None:
             self._last.step(now_ns)
         elif self._may_hold:
             self._hold(now_ns)
+        self._ask_mode(now_ns)
 
     def _ask_mode(self, now_ns: int) -> None:
         """Once, and now and then as long as an order is refused."""
