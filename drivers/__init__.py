@@ -67,6 +67,7 @@ WIRES = {
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",
     "microduck": "strands_actors.drivers.microduck.driver:Microduck",
     "stretch": "strands_actors.drivers.stretch.driver:Stretch",
+    "booster": "strands_actors.drivers.booster.driver:BoosterDriver",
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }

@@ -15,6 +15,10 @@ _ADDRESS = slice(20, 24)
 port."""
 
 
+INTERFACE = r"^[A-Za-z0-9_.:@-]{0,15}\Z"
+"""What the option of a driver may look like: a name or an IPv4 address."""
+
+
 def address_of(interface: str) -> str:
     """Return the IPv4 address of an interface; an address is returned as it is. Raise
     ``ValueError`` with the interfaces that there are."""

@@ -24,10 +24,12 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
+from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
-from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, ROWS, Parser, conditions, gates
+from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, conditions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .rpc import ATTEMPTS, RELEASE_S
@@ -47,7 +49,7 @@ class LegsOptions(DriverOptions, frozen=True):
         option(
             "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
             "empty: the one that leads to it",
-            pattern=r"^[A-Za-z0-9_.:@-]{0,15}\Z",
+            pattern=INTERFACE,
         ),
     ] = ""
 
@@ -107,7 +109,7 @@ class _Legs(Driver):
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)
-        self.gates = gates(model)
+        self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

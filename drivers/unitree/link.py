@@ -6,23 +6,19 @@ Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable
 from contextlib import suppress
 
 from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.network_interfaces import address_of
-from strands_actors.drivers.common.rtps import Participant
+from strands_actors.drivers.common.rtps import CDR, Participant, own_address
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
 from . import rpc
 from .config import UnitreeConfig
 from .protocol import CommandCodec, State, StateCodec
-
-CDR = b"\0\1\0\0"
-"""Encapsulation of every payload: little endian CDR."""
 
 FIND_S = 4.0
 """For both sides to find each other, and the first state."""
@@ -128,20 +124,3 @@ class Link:
             self.garbled += 1
         else:
             self.state_ns = t_ns
-
-
-def own_address(host: str) -> str:
-    """Ours, on the way to ``host``. Raise ``ValueError``."""
-    try:
-        socket.inet_aton(host)
-    except OSError:
-        raise ValueError("port is not an IPv4 address. Give the robot's, such as 192.168.123.161") from None
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        try:
-            sock.connect((host, 7400))
-        except OSError as error:
-            raise ValueError(
-                f"no way there ({error.strerror}). Check the network, or give network_interface="
-            ) from None
-        address: str = sock.getsockname()[0]
-        return address

@@ -48,6 +48,7 @@ STEPS = {
     "crazyflie": WITHOUT,
     "microduck": WITHOUT,
     "stretch3": WITH_POLICY,
+    "booster_t1": WITHOUT,
     "unitree_g1": WITHOUT,
     "unitree_go2": WITHOUT,
 }

@@ -20,6 +20,18 @@ here: security, keys, content filters, deadlines, liveliness beyond the particip
 from .engine import Counters
 from .participant import Participant, open_participant
 from .reader import Reader
+from .sockets import own_address
+from .wire_types import CDR, MULTICAST_GROUP, PREFIX_SIZE
 from .writer import Writer
 
-__all__ = ["Counters", "Participant", "Reader", "Writer", "open_participant"]
+__all__ = [
+    "CDR",
+    "MULTICAST_GROUP",
+    "PREFIX_SIZE",
+    "Counters",
+    "Participant",
+    "Reader",
+    "Writer",
+    "open_participant",
+    "own_address",
+]

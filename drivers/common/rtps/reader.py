@@ -71,6 +71,11 @@ class Reader:
             for writer in self._writers.values()
         )
 
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """Where the writers are that fit, each host once."""
+        return tuple(dict.fromkeys(writer.address[0] for writer in self._writers.values()))
+
     # -- whom it hears
 
     def match(self, data: EndpointData, address: Address) -> None:

@@ -105,3 +105,20 @@ def _udp() -> socket.socket:
     if _TIMESTAMPS is not None:
         sock.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
     return sock
+
+
+def own_address(host: str) -> str:
+    """Ours, on the way to ``host``. Raise ``ValueError``."""
+    try:
+        socket.inet_aton(host)
+    except OSError:
+        raise ValueError("port is not an IPv4 address. Give the robot's, such as 192.168.123.161") from None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            sock.connect((host, 7400))
+        except OSError as error:
+            raise ValueError(
+                f"no way there ({error.strerror}). Check the network, or give network_interface="
+            ) from None
+        address: str = sock.getsockname()[0]
+        return address

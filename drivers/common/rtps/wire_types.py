@@ -30,6 +30,9 @@ SUBSCRIPTIONS_READER = bytes.fromhex("000004c7")
 BUILTIN_ENDPOINTS = 0x3F
 """SPDP and SEDP, each both ways. Nothing else is offered: no liveliness messages, no types."""
 
+CDR = b"\0\1\0\0"
+"""Encapsulation of a payload: little endian CDR."""
+
 MAX_ENTITIES = 255
 
 

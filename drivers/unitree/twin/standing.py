@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from strands_actors.drivers.common.motor_targets import ROWS
 from strands_actors.drivers.common.simulation_control.body import Felt, Hand
 from strands_actors.drivers.common.simulation_control.scenery import Scenery
-from strands_actors.drivers.unitree.gates import ROWS
 
 from .onboard import Onboard
 

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason
+from strands_actors.drivers.common.motor_targets import KD, KP, TAU, Q
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
-from strands_actors.drivers.unitree.gates import CONTROL_S, KD, KP, TAU, Q
+from strands_actors.drivers.unitree.gates import CONTROL_S
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 

@@ -1,0 +1,48 @@
+"""Finding the one T1 on a network, when nobody has said where it is."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.rtps import MULTICAST_GROUP, Participant, own_address
+
+from . import protocol as p
+
+FIND_S = 5.0
+"""For the first to answer."""
+OTHERS_S = 1.0
+"""For a second, which would make it a guess."""
+LOOK_S = 0.05
+
+
+async def find_robot(domain: int, interface: str, robot_name: str) -> str:
+    """Return the address of the one robot that tells its state there. Raise ``WireDown`` when there
+    is none, or more than one: commands would reach them all."""
+    try:
+        participant = Participant(domain, address_of(interface) if interface else own_address(MULTICAST_GROUP))
+    except ValueError as error:
+        raise WireDown(f"booster: {error}. Give port=, the robot's address") from None
+    states = participant.reader(p.topic("low_state", robot_name), p.STATE_TYPE, lambda *_: None)
+    try:
+        with trio.move_on_after(FIND_S):
+            while not states.hosts:
+                await _look(participant)
+        with trio.move_on_after(OTHERS_S if states.hosts else 0.0):
+            while True:
+                await _look(participant)
+        found = states.hosts
+    finally:
+        participant.close()
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise WireDown(f"booster: there are robots at {', '.join(sorted(found))}. Give port=, the address of one")
+    name = f" called {robot_name!r}" if robot_name else ""
+    raise WireDown(f"booster: no robot{name} answers in domain {domain}. Give port=, its address")
+
+
+async def _look(participant: Participant) -> None:
+    participant.poll()
+    await trio.sleep(LOOK_S)

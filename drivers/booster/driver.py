@@ -1,0 +1,211 @@
+"""Booster T1 on a DDS participant of our own: no SDK, whose calls take seconds to fail.
+
+The legs are always the robot's own controller's. Its arms are commanded joint by joint, once
+``enable_upper_body()`` has handed them over; ``move(vx, vy, vyaw)`` walks for 0.3 s, since the robot
+by itself keeps the last twist for ever; ``rotate_head(pitch, yaw)`` turns the head.
+
+A late writer makes it stand and hold its arms. Every stop makes it stand and gives the arms back.
+An e-stop puts it into damping mode: it sinks to the floor.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec.structs import replace
+
+from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Driver,
+    GateState,
+    Observation,
+    Reason,
+    Service,
+    Timing,
+)
+from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.sensors import Sensor
+from strands_actors.drivers.common.motor_targets import Parser
+from strands_actors.drivers.common.network_interfaces import INTERFACE
+from strands_actors.kernel.messages import Refused
+
+from .config import CONTROL_HZ, CONTROL_S, TWIST_S, BoosterConfig
+from .gates import MODES, STATE_TTL_S, conditions, gates, refuse_arguments, refuse_others
+from .protocol import CommandType
+from .robots import BASE, TABLES, model_of
+
+_NAME = re.compile("[A-Za-z0-9_]{1,64}")
+
+GOAL_RAD = 0.1
+"""A joint so near to where it was told to be is on its way there, or hangs from it by its weight
+[assumed]: it goes on from that, so that it does not sink a little with every ``move``."""
+
+
+class BoosterOptions(DriverOptions, frozen=True):
+    domain_id: Annotated[int, option("DDS domain of the robot, 0 to 232", ge=0, le=232)] = 0
+    robot_name: Annotated[
+        str | None, option("the robot's own name, where it has one: part of its topics; letters, digits, _")
+    ] = None
+    cmd_type: Annotated[
+        Literal["parallel", "serial"], option("order of the ankles' motors in commands and states")
+    ] = "parallel"
+    network_interface: Annotated[
+        str,
+        option(
+            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
+            "empty: the one that leads to it",
+            pattern=INTERFACE,
+        ),
+    ] = ""
+
+
+class _Found(BoosterOptions, frozen=True):
+    """What the caller has found out before the tree starts."""
+
+    found: str = ""
+
+
+class BoosterDriver(Driver):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
+    ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
+    PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_OPTIONAL: ClassVar[bool] = True
+    WIRE: ClassVar[str] = "strands_actors.drivers.booster.wire:BoosterWire"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.booster.stop_channel:BoosterStopChannel"
+    TWIN: ClassVar[str] = "strands_actors.drivers.booster.twin:main"
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(BoosterOptions)
+    ROLLOUTS: ClassVar[str] = (
+        "a T1 runs no policies: it is moved by send_action(), up to 100 times a second, after enable_upper_body()"
+    )
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (
+        Sensor("imu", {"rpy": "rpy_rad", "gyro": "gyro_rad_s", "accel": "acceleration_m_s2"}),
+        Sensor("odom", {"xy": "odometry_xy_m", "heading": "odometry_heading_rad"}),
+        Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
+    )
+    SERVICES: ClassVar[Mapping[str, Service]] = {
+        # All of them count as motion: an older target is not sent again behind them.
+        "enable_upper_body": Service(
+            "hand the arms over to this program; after each stop, and each change of mode, once more",
+            within_s=2.0,
+            in_motion=True,
+            moves=True,
+        ),
+        "disable_upper_body": Service(
+            "give the arms back to the robot's own controller", within_s=2.0, in_motion=True, moves=True
+        ),
+        "move": Service(
+            f"walk so fast for {TWIST_S:g} s, m/s and rad/s in the robot's own frame, then stand",
+            within_s=2.0,
+            arguments=dict.fromkeys(BASE, 0.0),
+            in_motion=True,
+            moves=True,
+        ),
+        "rotate_head": Service(
+            "turn the head there, radians",
+            within_s=2.0,
+            arguments={"pitch": 0.0, "yaw": 0.0},
+            in_motion=True,
+            moves=True,
+        ),
+        "change_mode": Service(
+            f"change to {', '.join(MODES)}; in damping mode the robot sinks to the floor",
+            within_s=2.0,
+            arguments={"mode": "walking"},
+            in_motion=True,
+            moves=True,
+        ),
+    }
+    BEFORE_MOTION: ClassVar[str] = "enable_upper_body"
+
+    config: BoosterConfig
+    unit = "radians"
+    timing = Timing(
+        control_hz=CONTROL_HZ,
+        keepalive_s=0.9 * CONTROL_S,  # a little less than a period: whoever is on time is not doubled
+        stream_ttl_s=0.1,
+        oneshot_ttl_s=None,
+        state_ttl_s=STATE_TTL_S,
+        open_s=16.0,
+        handover_s=5.0,
+        safe_s=2.0,
+    )
+    fallbacks: Mapping[Reason, str] = {
+        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
+        Reason.ESTOP: SafeState.DAMP,
+    }
+    firmware_watchdog = (
+        "none: left alone the robot holds its arms and keeps its last twist, it walks on. Nothing can be armed"
+    )
+    bound_s = 0.1
+    """From a death to the safe frame: the base stands first, and is asked whether it does."""
+
+    @classmethod
+    def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        chosen = read_options(robot, BoosterOptions, options)
+        if chosen.robot_name is not None and not _NAME.fullmatch(chosen.robot_name):
+            raise ValueError(f"{robot}: robot_name is {chosen.robot_name!r}. Give 1 to 64 letters, digits or _")
+        return plain(chosen)
+
+    @classmethod
+    async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Find the robot, where no port was given: one, so that wire and root mean the same."""
+        chosen = read_options(robot, _Found, options)
+        if port or chosen.found:
+            return dict(options)
+        from .discovery import find_robot
+
+        found = await find_robot(chosen.domain_id, chosen.network_interface, chosen.robot_name or "")
+        return {**options, "found": found}
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        chosen = read_options(robot, _Found, options)
+        self._model = model = model_of(robot)
+        self.robot = model.name
+        self.config = BoosterConfig(
+            model=model,
+            host=port or chosen.found,
+            interface=chosen.network_interface,
+            domain=chosen.domain_id,
+            name=chosen.robot_name or "",
+            command_type=CommandType[chosen.cmd_type.upper()],
+        )
+        self.declare(Part(PartKind.ARM, model.table[:4], "left"), Part(PartKind.ARM, model.table[4:], "right"))
+        self.conditions = conditions()
+        self.gates = gates(model)
+        self._parser = Parser(model)
+
+    def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+        """As the parser does; where nothing was accepted lately, joints that are not named go on
+        from ``first_target``."""
+        seen = replace(state.observation, position=self.first_target(state.observation))
+        return refuse_others(self._model, action) or self._parser.parse(action, replace(state, observation=seen))
+
+    def first_target(self, observation: Observation) -> tuple[float, ...]:
+        """Return where the arms are, or where they were told to be if they are near it."""
+        goal = observation.sensors.get("goal_rad", (math.nan,) * len(self.axes))
+        return tuple(
+            told if abs(told - at) <= GOAL_RAD else at for told, at in zip(goal, observation.position, strict=True)
+        )
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        return super().check_service(service, arguments) or refuse_arguments(self._model, service, arguments)
+
+    def as_json(self, values: Sequence[float]) -> dict[str, float]:
+        """Positions: a target's other rows stand behind them."""
+        return dict(zip(self.axes, values, strict=False))
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        named = self._parser.named(action)
+        return {
+            "robot": self.robot,
+            "joints": [self.axes[at] for at in named],
+            "slots": [self.ids[at] for at in named],
+            "targets": {self.axes[at]: values[at] for at in named},
+            "unit": self.unit,
+        }

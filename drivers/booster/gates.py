@@ -1,0 +1,191 @@
+"""What a T1 refuses, from what it reports. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from strands_actors.contract.axis import SHOWN, finite
+from strands_actors.contract.driver import (
+    Candidate,
+    Condition,
+    GateCheck,
+    GateState,
+    Observation,
+    Reason,
+)
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.motor_targets import target_gates
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .config import CONTROL_S
+from .protocol import Fall
+from .robots import BASE, HEAD, LAST_ARM, Model
+from .rpc import WALKS, Mode
+
+STATE_TTL_S = 0.1
+"""Of a LowState [assumed]: 50 of them come in that time."""
+FALL_TTL_S = 1.0
+"""Of the fall state, which comes twice a second or more often: an older one refuses [assumed]."""
+FALL_LOST_S = 3.0
+"""An older one ends what goes on: so long a robot is not silent that tells it twice a second."""
+
+MODES = {mode.name.lower(): mode for mode in (Mode.DAMPING, Mode.PREPARE, Mode.WALKING, Mode.SOCCER)}
+"""What ``change_mode`` may ask for. Not custom: there every motor obeys LowCmd, the legs too."""
+
+
+# -- conditions: what must be true of it, whatever it is told
+
+
+def conditions() -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked. When one is not true any more, the robot
+    gets its upper body back, at once: it needs its arms to fall, and to get up."""
+    return (
+        Condition(ready, Reason.FAULT, SafeState.STOP, always=True),
+        Condition(not_custom, Reason.FAULT, SafeState.STOP, always=True),
+    )
+
+
+def ready(observation: Observation, now_ns: int) -> Refused | None:
+    return not_ready(observation, now_ns, FALL_LOST_S)
+
+
+def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | None:
+    known = observation.sensors.get("fall_state")
+    if known is None:
+        return Refused("fall_unknown", "move: its fall state is not known", "check the robot's fall_down topic")
+    number, read_s = known
+    age_s = now_ns / NS - read_s
+    if age_s > ttl_s:
+        age, limit = f"{age_s:.1f} s", f"{ttl_s:.1f} s"
+        why = f"move: its fall state is {age} old (limit {limit})"
+        return Refused("fall_stale", why, "check the robot and the network", age, limit)
+    if number == Fall.IS_READY:
+        return None
+    name = Fall(int(number)).name
+    why = f"move: the robot reports {name}"
+    return Refused("fallen", why, "arm writes resume at IS_READY", name, Fall.IS_READY.name)
+
+
+def not_custom(observation: Observation, now_ns: int) -> Refused | None:
+    if mode_in(observation) is not Mode.CUSTOM:
+        return None
+    why = "move: in custom mode every motor obeys our frame, and the legs would let go"
+    return Refused("custom_mode", why, "bring it to walking mode by its remote", "custom", ", ".join(MODES))
+
+
+def mode_in(observation: Observation) -> Mode | None:
+    """Return the mode that the robot has told; None: none yet."""
+    known = observation.sensors.get("mode")
+    return None if known is None else Mode(int(known[0]))
+
+
+# -- gates: of one command
+
+
+def gates(model: Model) -> tuple[GateCheck, ...]:
+    return (_known, _fall_known, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
+
+
+def _known(candidate: Candidate, state: GateState) -> Refused | None:
+    stamp_ns = state.observation.t_ns
+    if stamp_ns == 0:
+        why = "move: no LowState yet: frame width and hold positions unknown"
+        return Refused("no_state", why, "wait for the first, or check the network")
+    age_ns = state.now_ns - stamp_ns
+    if age_ns <= STATE_TTL_S * NS:
+        return None
+    age, limit = f"{age_ns / 1e6:.0f} ms", f"{STATE_TTL_S * 1e3:.0f} ms"
+    why = f"move: last LowState is {age} old (limit {limit})"
+    return Refused("stale", why, "check the robot and the network", age, limit)
+
+
+def _fall_known(candidate: Candidate, state: GateState) -> Refused | None:
+    return not_ready(state.observation, state.now_ns, FALL_TTL_S)
+
+
+def _enough_motors(candidate: Candidate, state: GateState) -> Refused | None:
+    (count,) = state.observation.sensors.get("motors", (0.0,))
+    if count > LAST_ARM:
+        return None
+    why = f"move: the robot reports {count:.0f} motors, slot {LAST_ARM} is beyond"
+    limit = f"more than {LAST_ARM}"
+    return Refused("too_few_motors", why, "check that it is a T1", f"{count:.0f}", limit)
+
+
+def _handed_over(candidate: Candidate, state: GateState) -> Refused | None:
+    (ours,) = state.observation.sensors.get("upper_body", (0.0,))
+    if ours:
+        return None
+    why = "move: the upper body belongs to the onboard controller"
+    return Refused("upper_body", why, "call enable_upper_body() first")
+
+
+def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
+    """Refuse a motor that the robot's own controller keeps, and what moves head and base."""
+    keys = ", ".join(joint.key for joint in model.joints)
+    for key in action:
+        name = str(key).removesuffix(".pos")
+        motor = next((motor for motor in model.motors if motor.key == name and motor not in model.joints), None)
+        if motor is not None:
+            why = f"move: {name} (slot {motor.slot}) is owned by the onboard controller"
+            remedy = "call rotate_head(pitch, yaw)" if name in HEAD.values() else f"commandable: {keys}"
+            return Refused("not_ours", why, remedy, name, keys)
+        if name in BASE:
+            return Refused("not_a_joint", f"move: {name} is no joint", "call move(vx, vy, vyaw)", name, keys)
+    return None
+
+
+# -- services
+
+
+def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+    """Refuse a number that is none, or past its limit, and a mode that has no name here."""
+    limits: dict[str, tuple[float, float, str]] = {}
+    match service:
+        case "move":
+            units = ("m/s", "m/s", "rad/s")
+            limits = {name: (-most, most, unit) for name, most, unit in zip(BASE, model.twist, units, strict=True)}
+        case "rotate_head":
+            limits = {name: (*model.limits(joint), "rad") for name, joint in HEAD.items()}
+        case "change_mode":
+            return _refuse_mode(arguments)
+    for name, (low, high, unit) in limits.items():
+        value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
+        if value is None:
+            why = f"{service}: {name} is {shown}"
+            return Refused("not_finite", why, "give a finite number", shown, "a finite number")
+        if not low <= value <= high:
+            limit = f"{low:g}..{high:g} {unit}"
+            why = f"{service}: {name}={value:.4g} is outside {limit}"
+            return Refused("past_limit", why, "stay within it", f"{value:.4g}", limit)
+    return None
+
+
+def _refuse_mode(arguments: Mapping[str, Any]) -> Refused | None:
+    mode = arguments.get("mode")
+    if mode in MODES:
+        return None
+    names, shown = ", ".join(MODES), str(mode)[:SHOWN]
+    return Refused("unknown_mode", f"change_mode: mode is {shown!r}", f"use one of {names}", shown, names)
+
+
+def why_no_move(mode: Mode | None) -> Refused | None:
+    if mode in WALKS:
+        return None
+    name = "unknown" if mode is None else mode.name.lower()
+    remedy = "call change_mode('walking') first"
+    return Refused("mode", f"move: it does not walk in {name} mode", remedy, name, _names(WALKS))
+
+
+def why_no_hand_over(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
+    if mode in modes:
+        return None
+    name = "unknown" if mode is None else mode.name.lower()
+    why = f"enable_upper_body: in {name} mode nothing keeps it up"
+    return Refused("mode", why, "call change_mode('walking') first", name, _names(modes))
+
+
+def _names(modes: Sequence[Mode]) -> str:
+    return ", ".join(mode.name.lower() for mode in modes)

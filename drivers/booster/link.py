@@ -1,0 +1,219 @@
+"""One participant on a T1's network: commands and requests out, states and answers in. Wire and
+stop channel are made of it.
+
+Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
+"""
+
+from __future__ import annotations
+
+import math
+import uuid
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TypeVar
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.motor_targets import ROWS
+from strands_actors.drivers.common.network_interfaces import address_of
+from strands_actors.drivers.common.rtps import CDR, Participant, Reader, Writer, own_address
+from strands_actors.kernel.clock import NS, Clock
+
+from . import protocol as p
+from . import rpc
+from .config import CONTROL_S, BoosterConfig
+from .protocol import IDLE, Command, Motor, State
+from .robots import LAST_ARM
+
+FIND_S = 4.0
+"""For both sides to find each other, and the first state."""
+
+AGAIN_S = 0.2
+"""After so long without the answer that is wanted a request is made again."""
+
+MAX_PENDING = 32
+
+T = TypeVar("T")
+Heard = Callable[[rpc.Response], None]
+
+
+class Calls:
+    """A client of the robot's service."""
+
+    def __init__(self, participant: Participant, robot_name: str, clock: Clock) -> None:
+        self.heard_ns = 0
+        """When anything was answered."""
+        self._clock = clock
+        self._pending: dict[str, Heard] = {}
+        self._writer = participant.writer(rpc.request_topic(robot_name), rpc.REQUEST_TYPE, reliable=True)
+        self._reader = participant.reader(
+            rpc.response_topic(robot_name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
+        )
+
+    @property
+    def ends(self) -> tuple[Writer, Reader]:
+        return self._writer, self._reader
+
+    @property
+    def matched(self) -> bool:
+        """Both ways: a response to a reader that is not known yet would be lost."""
+        return self._writer.matched > 0 and self._reader.matched > 0
+
+    def ask(self, api: rpc.Api, body: str, heard: Heard) -> bool:
+        """``heard`` is called from ``poll``, once or never. Return whether it left for somebody who
+        knows us: others may take it, or not."""
+        number = str(uuid.uuid4())
+        if len(self._pending) >= MAX_PENDING:
+            del self._pending[next(iter(self._pending))]
+        self._pending[number] = heard
+        return self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, body))) > 0 and self.matched
+
+    def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        with suppress(MalformedFrame):  # an answer that cannot be read is none, and is waited for as one
+            response = rpc.decode_response(payload[4:])
+            heard = self._pending.pop(response.id, None)
+            if heard is not None:
+                self.heard_ns = self._clock.now_ns()
+                heard(response)
+
+
+class Order:
+    """A request that is made again until it is answered as it should be. ``step`` is called often."""
+
+    def __init__(self, calls: Calls, api: rpc.Api, body: str = "") -> None:
+        self.written = False
+        self.answer: rpc.Response | None = None
+        """The last one."""
+        self.tries = 0
+        self._left = False
+        self._calls = calls
+        self._api = api
+        self._body = body
+        self._asked_ns = 0
+
+    @property
+    def done(self) -> bool:
+        return self.answer is not None and self.answer.status == rpc.OK
+
+    @property
+    def why(self) -> str:
+        """Why it is not done."""
+        return "not answered" if self.answer is None else self.answer.why
+
+    def step(self, now_ns: int) -> None:
+        pause_s = AGAIN_S if self._left else CONTROL_S  # to one who does not hear us yet, soon again
+        if self.done or now_ns - self._asked_ns < pause_s * NS:
+            return
+        self._asked_ns = now_ns
+        self._left = self._calls.ask(self._api, self._body, self._hear)
+        self.written |= self._left
+        self.tries += self._left
+
+    def _hear(self, answer: rpc.Response) -> None:
+        if not self.done:
+            self.answer = answer
+
+
+class Link:
+    """Raise ``WireDown`` when the sockets cannot be had."""
+
+    def __init__(self, config: BoosterConfig, clock: Clock) -> None:
+        robot = config.host
+        try:
+            own = address_of(config.interface) if config.interface else own_address(robot.partition(":")[0])
+            multicast = not own.startswith("127.")
+            self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
+        except ValueError as error:
+            raise WireDown(f"{robot}: {error}") from None
+        self.clock = clock
+        self.model = config.model
+        self.name = config.name
+        self.malformed = 0
+        self.state_ns = 0
+        self.calls = Calls(self.participant, config.name, clock)
+        # Reliable, which matches a reader of either kind; of its history there is one: a lost
+        # command is never followed by an older one.
+        self.commands = self.participant.writer(
+            p.topic("joint_ctrl", config.name), p.COMMAND_TYPE, reliable=True, depth=1
+        )
+        self._kind = config.command_type
+        self._state: State | None = None
+        self._payload = b""
+        self._listens = False
+
+    @property
+    def heard(self) -> bool:
+        """Whether the robot takes our commands and answers our requests."""
+        return self.commands.matched > 0 and self.calls.matched
+
+    def listen(self) -> None:
+        """To the robot's state, from now on."""
+        if not self._listens:
+            self._listens = True
+            self.participant.reader(p.topic("low_state", self.name), p.STATE_TYPE, self._on_state)
+
+    def follow(
+        self, name: str, type_name: str, decode: Callable[[memoryview], T], take: Callable[[T, int], None]
+    ) -> None:
+        """Hear one more of the robot's topics: what is decoded, and when it came."""
+
+        def on_sample(payload: memoryview, writer: bytes, t_ns: int) -> None:
+            try:
+                told = decode(payload[4:])
+            except MalformedFrame:
+                self.malformed += 1
+            else:
+                take(told, t_ns)
+
+        self.participant.reader(p.topic(name, self.name), type_name, on_sample)
+
+    def poll(self) -> None:
+        self.participant.poll()
+
+    def close(self) -> None:
+        self.participant.close()
+
+    # -- states
+
+    @property
+    def state(self) -> State | None:
+        """The newest. Decoded when somebody looks: five come between two looks."""
+        payload, self._payload = self._payload, b""
+        if payload:
+            try:
+                self._state = p.decode_state(payload[4:], self._kind)
+            except MalformedFrame:
+                self.malformed += 1
+        return self._state
+
+    def of_arms(self, row: Sequence[float]) -> tuple[float, ...]:
+        """Return a state's row by joint of the arms; NaN for a motor that the robot does not
+        report."""
+        return tuple(row[joint.slot] if joint.slot < len(row) else math.nan for joint in self.model.joints)
+
+    def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        self._payload = bytes(payload)
+        self.state_ns = t_ns
+
+    # -- commands
+
+    def send_target(self, values: Sequence[float]) -> bool:
+        """A target, five rows; every other motor is told nothing. Return whether it left."""
+        count = len(self.model.joints)
+        rows = [values[count * row : count * (row + 1)] for row in range(len(ROWS))]
+        return self._send([Motor(joint.mode, *row) for joint, *row in zip(self.model.joints, *rows, strict=True)])
+
+    def send_hold(self, q: Sequence[float]) -> bool:
+        """Keep the arms there. Return whether it left."""
+        joints = zip(self.model.joints, q, strict=True)
+        return self._send([Motor(joint.mode, at, 0.0, 0.0, joint.kp, joint.kd) for joint, at in joints])
+
+    def _send(self, arms: Sequence[Motor]) -> bool:
+        state = self.state
+        count = len(self.model.motors) if state is None else len(state.q)
+        if count <= LAST_ARM:
+            return False  # a robot that reports so few motors has no such arms
+        motors = [IDLE] * count
+        for joint, motor in zip(self.model.joints, arms, strict=True):
+            motors[joint.slot] = motor
+        return self.commands.write(CDR + p.encode_command(Command(self._kind, tuple(motors)))) > 0

@@ -1,0 +1,44 @@
+"""The root's own way to a T1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.kernel.clock import Clock
+
+from .config import BoosterConfig
+from .link import FIND_S, Link
+from .stopping import bring_down, unconfirmed
+
+
+class BoosterStopChannel(StopChannel):
+    """A participant of the root's own, which the robot knows before it is needed. It hears no states
+    until it stops the robot: 500 a second are nothing for the root."""
+
+    def __init__(self, config: BoosterConfig, descriptors: Sequence[int], clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._link: Link | None = None
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        self._link = link = Link(self._config, self._clock)
+        async with trio.open_nursery() as nursery:
+            await nursery.start(link.participant.run)
+            with trio.move_on_after(FIND_S):
+                await link.participant.wait_matched(link.commands, *link.calls.ends)
+            if not link.heard:
+                raise WireDown(f"{self._config.host}: the robot does not hear the root")
+            task_status.started()
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        if self._link is None:
+            return unconfirmed(self._config.model, "the root has not found the robot")
+        return await bring_down(self._link, safe_state)
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None

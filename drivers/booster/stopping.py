@@ -1,0 +1,195 @@
+"""How a T1 is brought to a safe state. Wire and root do so alike.
+
+``hold``  it stands (``Move(0, 0, 0)``, which it would not do by itself: it keeps its last twist), its arms are held
+          where they are
+``stop``  the same, then the upper body goes back to the robot's own controller
+``damp``  it stands, then damping mode: it sinks
+
+An order counts once it is answered with status 0, or once the robot reports a mode in which nothing
+can come of the contrary.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import aclosing, suppress
+
+from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS
+
+from . import rpc
+from .config import CONTROL_S
+from .link import AGAIN_S, Link, Order
+from .robots import Model
+from .rpc import NEVER_WALKS, STANDS, Mode
+
+TICK_S = 0.002
+TRIES = 3
+"""Of Move(0, 0, 0), before the upper body is handed back all the same."""
+AT_MOST_S = 1.0
+"""By then a robot that hears us has answered."""
+HOLD_S = 0.05
+"""For so long at least a hold is sent: a datagram may be lost, five are not."""
+WAIT_S = 0.1
+"""How long handing back waits for a first state, which tells where to hold."""
+FRESH_S = 0.2
+"""A position that is older is not held."""
+STILL_RAD_S = 0.3
+"""A joint that turns no faster is held [assumed]."""
+
+
+async def bring_down(link: Link, safe_state: str, arms: bool | None = None) -> tuple[MotorReport, ...]:
+    """The first frame leaves before the first wait. Never raises. ``arms``: whether the upper body
+    is ours; None: it may be."""
+    way = _Way(link, safe_state, arms)
+    way.step(link.clock.now_ns())
+    link.listen()
+    async with aclosing(link.clock.ticks(TICK_S)) as ticks:
+        async for now_ns in ticks:
+            link.poll()
+            way.step(now_ns)
+            if way.done or now_ns - way.began_ns > AT_MOST_S * NS:
+                break
+    return way.reports()
+
+
+class _Way:
+    def __init__(self, link: Link, safe_state: str, arms: bool | None) -> None:
+        self.began_ns = link.clock.now_ns()
+        self._link = link
+        self._safe_state = safe_state
+        self._arms = arms
+        self._zero = Order(link.calls, rpc.Api.MOVE, rpc.ZERO)
+        self._last = {
+            SafeState.STOP: Order(link.calls, rpc.Api.UPPER_BODY, rpc.upper_body(False)),
+            SafeState.DAMP: Order(link.calls, rpc.Api.CHANGE_MODE, rpc.change_mode(Mode.DAMPING)),
+        }.get(SafeState(safe_state))
+        self._modes = Order(link.calls, rpc.Api.GET_MODE)
+        self._mode: Mode | None = None  # as the robot has told since this began
+        self._asked_ns = 0
+        self._holds: tuple[float, ...] = ()
+        self._held_ns = self._first_ns = 0
+        self._written = False
+
+    # -- step by step
+
+    def step(self, now_ns: int) -> None:
+        """Send what is due."""
+        self._zero.step(now_ns)
+        if self._may_go_on(now_ns) and self._last is not None:
+            self._last.step(now_ns)
+        elif self._may_hold:
+            self._hold(now_ns)
+        self._ask_mode(now_ns)
+
+    def _ask_mode(self, now_ns: int) -> None:
+        """Once, and now and then as long as an order is refused."""
+        answer = self._modes.answer
+        if self._modes.done and answer is not None:
+            with suppress(MalformedFrame):
+                self._mode = rpc.mode_of(answer.body)
+            refused = any(order.answer and not order.done for order in (self._zero, self._last) if order)
+            if refused and now_ns - self._asked_ns >= AGAIN_S * NS:
+                self._modes = Order(self._link.calls, rpc.Api.GET_MODE)
+        if not self._modes.tries:
+            self._asked_ns = now_ns
+        self._modes.step(now_ns)
+
+    def _may_go_on(self, now_ns: int) -> bool:
+        """Whether the last order is due: damping mode at once, handing back when it stands and its
+        arms are held."""
+        if self._last is None:
+            return False
+        if self._safe_state == SafeState.DAMP or self._last.tries:
+            return True
+        stands = self._stands or self._zero.tries >= TRIES
+        held = (
+            self._arms is False
+            or self._first_ns
+            or now_ns - self.began_ns > WAIT_S * NS
+            or self._mode is Mode.CUSTOM
+        )
+        return bool(stands and held)
+
+    @property
+    def _may_hold(self) -> bool:
+        """In custom mode a frame would let go of the legs. Who does not know whether the arms are
+        ours does not know that the mode is another one, either, before the robot has told."""
+        if self._arms is None:
+            return self._mode in STANDS
+        return self._arms and self._mode is not Mode.CUSTOM
+
+    def _hold(self, now_ns: int) -> None:
+        """Behind the zero."""
+        if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS:
+            return
+        if not self._holds:
+            self._holds = self._where(now_ns)
+        if not self._holds:
+            return
+        self._held_ns = now_ns
+        self._first_ns = self._first_ns or now_ns
+        self._written |= self._link.send_hold(self._holds)
+
+    def _where(self, now_ns: int) -> tuple[float, ...]:
+        """Where each joint is now; empty: not known of all. Then none is told anything, and the
+        robot keeps its last goal."""
+        link = self._link
+        state = link.state
+        if state is None or now_ns - link.state_ns > FRESH_S * NS:
+            return ()
+        here = link.of_arms(state.q)
+        return () if any(map(math.isnan, here)) else here
+
+    # -- what became of it
+
+    @property
+    def _stands(self) -> bool:
+        return self._zero.done or self._mode in NEVER_WALKS
+
+    @property
+    def _why(self) -> str:
+        """What is not confirmed; empty: nothing."""
+        if not self._stands:
+            return f"Move(0, 0, 0): {self._zero.why}"
+        last = self._last
+        if last is None or last.done or self._mode is Mode.DAMPING:
+            return ""
+        what = "damping mode" if self._safe_state == SafeState.DAMP else "handing back the upper body"
+        return f"{what}: {last.why}"
+
+    @property
+    def done(self) -> bool:
+        if self._why:
+            return False
+        if self._safe_state != SafeState.HOLD or self._arms is False:
+            return True
+        long_enough = self._first_ns and self._held_ns - self._first_ns >= HOLD_S * NS
+        return bool(long_enough and all(self._still()))
+
+    def _still(self) -> list[bool]:
+        """By joint: whether a state that came after the first frame shows it at rest."""
+        state = self._link.state
+        if state is None or not self._first_ns or self._link.state_ns <= self._first_ns:
+            return [False] * len(self._link.model.joints)
+        return [abs(rad_s) <= STILL_RAD_S for rad_s in self._link.of_arms(state.dq)]  # not so for a NaN
+
+    def reports(self) -> tuple[MotorReport, ...]:
+        orders = [order for order in (self._zero, self._last, self._modes) if order is not None]
+        written = self._written or any(order.written for order in orders)
+        answered = any(order.answer is not None for order in orders)
+        why, joints = self._why, self._link.model.joints
+        if why or self._safe_state != SafeState.HOLD or self._arms is False:
+            return tuple(MotorReport(joint.key, joint.slot, written, answered, not why, why) for joint in joints)
+        if not self._holds:
+            return unconfirmed(self._link.model, "where it is is not known", written)
+        return tuple(
+            MotorReport(joint.key, joint.slot, True, still, still, "" if still else "it still turns", target)
+            for joint, still, target in zip(joints, self._still(), self._holds, strict=True)
+        )
+
+
+def unconfirmed(model: Model, why: str, written: bool = False) -> tuple[MotorReport, ...]:
+    return tuple(MotorReport(joint.key, joint.slot, written, False, False, why) for joint in model.joints)

@@ -1,0 +1,34 @@
+"""A T1 on a DDS network of its own: its computer, a MuJoCo body behind it, 23 motors.
+
+Besides the control lines of every twin it takes ``fall``, ``get-up``, ``mode NAME`` and
+``battery PERCENT``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Unpack
+
+from strands_actors.drivers.booster.robots import model_of
+from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin.dds import OPTIONS as DDS_OPTIONS
+
+from .server import BoosterServer
+
+OPTIONS = {
+    **DDS_OPTIONS,
+    "robot_name": "name that is part of its topics (default: none)",
+    "mode": "mode it wakes up in: damping, prepare, walking (default), custom, soccer",
+    "battery": "state of charge, percent (default 80)",
+}
+
+
+def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    given = known_options(options, OPTIONS)
+    model = model_of(robot)
+
+    def build(wire_log: WireLog) -> BoosterServer:
+        return BoosterServer(model, wire_log, given)
+
+    run_server(build, **start)

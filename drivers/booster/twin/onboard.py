@@ -1,0 +1,257 @@
+"""The twin's own computer: modes, falls, its service, battery, and who moves the body. It knows no
+network.
+
+Time comes with every call; between calls nothing happens.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.booster import rpc
+from strands_actors.drivers.booster.protocol import Battery, Command, Fall, Odometer, State
+from strands_actors.drivers.booster.robots import BASE, FIRST_ARM, HEAD, LAST_ARM, Model
+from strands_actors.drivers.booster.rpc import STANDS, WALKS, Api, Mode, Request, Response
+from strands_actors.drivers.common.malformed import MalformedFrame
+
+from .body import body_of
+
+STAND_KP, STAND_KD = 500.0, 10.0
+"""Of the onboard controller, which does nothing but stand."""
+SWAY_KP, SWAY_KD = 60.0, 3.0
+"""Of what it turns gently: arms and head."""
+TURN_RAD_S = 1.5
+"""How fast."""
+DAMPING = 2.0
+ROOM_C = 30
+FALLING_S, GETTING_UP_S = 1.2, 1.5
+PUSH_M_S = 1.2
+NAME = "T1 twin"
+
+ARMS = range(FIRST_ARM, LAST_ARM + 1)
+Row = tuple[float, ...]
+
+
+class Onboard:
+    """``note(kind, text)`` hears what becomes of it: ``mode``, ``fall``, ``twist``, ``upper_body``."""
+
+    def __init__(self, model: Model, note: Callable[[str, str], None], mode: Mode = Mode.WALKING) -> None:
+        self.model = model
+        self.body = body_of(model)
+        self.percent = 80.0
+        self._note = note
+        self._first_mode = mode
+        self._home = self.body.position_rad
+        self._head = [motor.key for motor in model.motors].index(HEAD["pitch"]), 0
+        self.reset()
+
+    def reset(self) -> None:
+        """As after a boot, put back on its feet."""
+        self.body.stand_up()
+        self.mode = self._first_mode
+        self.fall = Fall.IS_READY
+        self.ours = False  # the host's upper body
+        self.simulated = False  # the simulation's
+        self.twist: Row = (0.0, 0.0, 0.0)
+        self.odometer = Odometer(0.0, 0.0, 0.0)
+        self._command: Command | None = None
+        self._wanted = list(self._home)  # where arms and head are to be
+        self._target = list(self._home)  # on the way there
+        self._since_s = self._now_s = 0.0
+
+    # -- what it is told
+
+    def command(self, command: Command) -> None:
+        """A LowCmd. The last one counts as long as it is obeyed."""
+        if self.ours or self.mode is Mode.CUSTOM:
+            self._command = command
+
+    def aim(self, arms: Sequence[float]) -> None:
+        """Turn the arms there, of the simulation's own accord."""
+        self._wanted[FIRST_ARM : LAST_ARM + 1] = arms
+
+    def set_mode(self, mode: Mode) -> None:
+        if self.mode not in STANDS and mode in STANDS:
+            self.body.stand_up()  # as somebody would hold it for that
+        self.mode = mode
+        self.take_back()
+        self._stand()
+        self._note("mode", mode.name.lower())
+
+    def take_back(self) -> None:
+        """The upper body is the robot's again, which turns it to where it carries it."""
+        if self.ours:
+            self._note("upper_body", "back")
+        self.ours, self._command = False, None
+        self._wanted, self._target = list(self._home), list(self.body.position_rad)
+
+    def fall_over(self) -> None:
+        if self.fall is not Fall.IS_READY:
+            return
+        self.body.data.qvel[0] += PUSH_M_S
+        self.set_mode(Mode.DAMPING)
+        self._set_fall(Fall.IS_FALLING)
+
+    def get_up(self) -> None:
+        if self.fall is Fall.HAS_FALLEN:
+            self._set_fall(Fall.IS_GETTING_UP)
+
+    def _set_fall(self, fall: Fall) -> None:
+        self.fall, self._since_s = fall, self._now_s
+        self._note("fall", fall.name)
+
+    def _stand(self) -> None:
+        if any(self.twist):
+            self._note("twist", "0 0 0")
+        self.twist = (0.0, 0.0, 0.0)
+
+    # -- time
+
+    def advance(self, now_s: float) -> None:
+        passed_s = min(now_s - self._now_s, 0.25) if self._now_s else 0.0
+        self._now_s = now_s
+        self._control(passed_s)
+        self.body.catch_up(now_s)
+        self._watch(now_s)
+
+    def step(self, seconds: float) -> None:
+        """One step of physics at once."""
+        self._control(seconds)
+        self.body.step(1)
+
+    def _control(self, passed_s: float) -> None:
+        most = TURN_RAD_S * passed_s
+        for slot in range(LAST_ARM + 1):
+            self._target[slot] += max(-most, min(most, self._wanted[slot] - self._target[slot]))
+        if any(self.twist):
+            vx, vy, vyaw = self.twist
+            self.body.carry(vx, vy, vyaw, passed_s)
+            x, y, heading = self.odometer
+            ahead, aside = vx * passed_s, vy * passed_s
+            self.odometer = Odometer(
+                x + math.cos(heading) * ahead - math.sin(heading) * aside,
+                y + math.sin(heading) * ahead + math.cos(heading) * aside,
+                heading + vyaw * passed_s,
+            )
+        self.body.drive(*self._drives())
+
+    def _drives(self) -> tuple[Row, Row, Row, Row, Row]:
+        """What every motor gives now: q, dq, tau, kp, kd by slot."""
+        rows = [self._own(slot) for slot in range(len(self.model.motors))]
+        command = self._command
+        if command is not None:
+            for slot in range(min(len(rows), len(command.motors))):
+                if self.mode is Mode.CUSTOM or slot in ARMS:
+                    motor = command.motors[slot]
+                    rows[slot] = (motor.q, motor.dq, motor.tau, motor.kp, motor.kd)
+        q, dq, tau, kp, kd = zip(*rows, strict=True)
+        return q, dq, tau, kp, kd
+
+    def _own(self, slot: int) -> Row:
+        """What the onboard controller does with a motor."""
+        if self.mode not in (*STANDS, Mode.CUSTOM) or self.fall is not Fall.IS_READY:
+            return 0.0, 0.0, 0.0, 0.0, DAMPING
+        if slot <= LAST_ARM:
+            return self._target[slot], 0.0, 0.0, SWAY_KP, SWAY_KD
+        return self._home[slot], 0.0, 0.0, STAND_KP, STAND_KD
+
+    def _watch(self, now_s: float) -> None:
+        """What falls, lies, and gets up."""
+        match self.fall:
+            case Fall.IS_READY if self.body.fallen and self.mode is not Mode.DAMPING:
+                self.set_mode(Mode.DAMPING)
+                self._set_fall(Fall.IS_FALLING)
+            case Fall.IS_FALLING if now_s - self._since_s > FALLING_S:
+                self._set_fall(Fall.HAS_FALLEN)
+            case Fall.IS_GETTING_UP if now_s - self._since_s > GETTING_UP_S:
+                self.set_mode(Mode.WALKING)
+                self._set_fall(Fall.IS_READY)
+
+    # -- what it says
+
+    def state(self) -> State:
+        body = self.body
+        return State(
+            roll_pitch_yaw(body.orientation_wxyz),
+            body.gyro_rad_s,
+            body.acceleration_m_s2,
+            body.position_rad,
+            body.velocity_rad_s,
+            body.effort_nm,
+            (ROOM_C,) * len(self.model.motors),
+        )
+
+    @property
+    def battery(self) -> Battery:
+        return Battery(50.0, -2.0, self.percent, 50.0)
+
+    # -- its service
+
+    def serve(self, request: Request) -> Response:
+        try:
+            status, said = self._serve(request.api, rpc.parsed(request.body))
+        except MalformedFrame:
+            status, said = rpc.BAD_REQUEST, None
+        return Response(request.id, status, "" if said is None else json.dumps(said))
+
+    def _serve(self, api: int, body: dict[str, Any]) -> tuple[int, Any]:
+        match api:
+            case Api.GET_MODE:
+                return rpc.OK, {"mode": int(self.mode)}
+            case Api.GET_STATUS:
+                return rpc.OK, {"current_mode": int(self.mode), "current_body_control": 0, "current_actions": []}
+            case Api.GET_ROBOT_INFO:
+                fields = ("nickname", "version", "model", "serial_number", "edition", "region")
+                return rpc.OK, {"name": NAME, **dict.fromkeys(fields, "")}
+            case Api.CHANGE_MODE:
+                mode = rpc.mode_of(json.dumps(body))
+                if mode is Mode.UNKNOWN:
+                    return rpc.BAD_REQUEST, None
+                if self.fall is not Fall.IS_READY and mode is not Mode.DAMPING:
+                    return rpc.TRANSITION_FAILED, None
+                self.set_mode(mode)
+                return rpc.OK, None
+            case Api.MOVE:
+                return self._move(tuple(rpc.number_in(body, name) for name in BASE))
+            case Api.ROTATE_HEAD:
+                return self._rotate_head(rpc.number_in(body, "pitch"), rpc.number_in(body, "yaw"))
+            case Api.UPPER_BODY:
+                return self._hand_over(body.get("start"))
+            case Api.GET_UP:
+                if self.fall is not Fall.HAS_FALLEN:
+                    return rpc.CONFLICT, None
+                self.get_up()
+                return rpc.OK, None
+            case Api.RESET_ODOMETRY:
+                self.odometer = Odometer(0.0, 0.0, 0.0)
+                return rpc.OK, None
+        return rpc.REFUSED, None
+
+    def _move(self, twist: Row) -> tuple[int, Any]:
+        if self.mode not in WALKS or self.fall is not Fall.IS_READY:
+            return rpc.TRANSITION_FAILED, None
+        self.twist = twist
+        return rpc.OK, None
+
+    def _rotate_head(self, pitch_rad: float, yaw_rad: float) -> tuple[int, Any]:
+        if self.mode not in STANDS:
+            return rpc.TRANSITION_FAILED, None
+        pitch, yaw = self._head
+        self._wanted[pitch], self._wanted[yaw] = pitch_rad, yaw_rad
+        return rpc.OK, None
+
+    def _hand_over(self, start: object) -> tuple[int, Any]:
+        if not isinstance(start, bool):
+            return rpc.BAD_REQUEST, None
+        if not start:
+            self.take_back()
+        elif self.mode not in STANDS or self.fall is not Fall.IS_READY:
+            return rpc.TRANSITION_FAILED, None
+        else:
+            self.ours, self.simulated = True, False
+            self._note("upper_body", "host")
+        return rpc.OK, None

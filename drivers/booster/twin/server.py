@@ -1,0 +1,186 @@
+"""The network of the twin: LowState 500 times a second, LowCmd, the service, and what is told
+slowly.
+
+The log has every LowCmd and every request; of the robot's side the answers and what it does by
+itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of what the host sends:
+
+``setpoint``  a LowCmd that moves an arm, a ``Move`` that is not zero, a ``RotateHead``
+``safe``      ``Move(0, 0, 0)``; behind it a LowCmd that holds: each arm joint exactly where it was
+              reported lately; giving back the upper body; damping mode. With the safe state that the whole
+              robot is in by it: ``""`` as long as it walks, or its arms are still the host's
+``enable``    taking the upper body
+``read``, ``config``, ``garbled``
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.booster import protocol as p
+from strands_actors.drivers.booster import rpc
+from strands_actors.drivers.booster.protocol import Battery, Command, Fall
+from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, Model
+from strands_actors.drivers.booster.rpc import Api, Mode, Request
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
+from strands_actors.drivers.common.twin import WireLog
+from strands_actors.drivers.common.twin.dds import DdsServer
+from strands_actors.kernel.clock import NS
+
+from .onboard import Onboard
+from .simulated import BoosterBody
+
+FALL_S, BATTERY_S, ODOMETER_S = 0.1, 0.5, 0.02
+"""How often these are told: by the clock, since a busy machine leaves ticks out."""
+LATELY = 500
+"""States that a hold may be of: a second."""
+WRONG_RAD = 1.0
+
+_READS = (Api.GET_MODE, Api.GET_STATUS, Api.GET_ROBOT_INFO)
+_ARMS = slice(FIRST_ARM, LAST_ARM + 1)
+_ROW = struct.Struct(f"<{LAST_ARM + 1 - FIRST_ARM}f")
+
+
+class BoosterServer(DdsServer):
+    """Serves one robot. Its methods are what may happen to it while it runs."""
+
+    def __init__(self, model: Model, log: WireLog, options: Mapping[str, Any]) -> None:
+        mode = Mode[str(options.get("mode", "walking")).upper()]
+        self.onboard = Onboard(model, self.note, mode)
+        super().__init__(log, options, self.onboard.body, [motor.slot for motor in model.motors])
+        self.onboard.percent = float(options.get("battery", self.onboard.percent))
+        self.body = BoosterBody(self.onboard)
+        self._name = str(options.get("robot_name", ""))
+        self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+        self._due_ns: dict[str, int] = {}  # when each of the slow topics is told next
+        self._stood: set[bytes] = set()  # participants that have stopped the base, and commanded nothing since
+
+    def make_endpoints(self, participant: Participant) -> None:
+        def topic(name: str) -> str:
+            return p.topic(name, self._name)
+
+        self._states = participant.writer(topic("low_state"), p.STATE_TYPE, reliable=True)
+        self._falls = participant.writer(topic("fall_down"), p.FALL_TYPE, reliable=True)
+        self._batteries = participant.writer(topic("battery_state"), p.BATTERY_TYPE, reliable=True)
+        self._odometers = participant.writer(topic("odometer_state"), p.ODOMETER_TYPE, reliable=True)
+        self._answers = participant.writer(rpc.response_topic(self._name), rpc.RESPONSE_TYPE, reliable=True)
+        participant.reader(topic("joint_ctrl"), p.COMMAND_TYPE, self._on_command)
+        participant.reader(rpc.request_topic(self._name), rpc.REQUEST_TYPE, self._on_request, reliable=True)
+
+    def advance(self, now_s: float) -> None:
+        self.onboard.advance(now_s)
+
+    # -- what it hears
+
+    def _on_command(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        if self.is_off:
+            return
+        body = bytes(payload[4:])
+        try:
+            command = p.decode_command(body)
+        except MalformedFrame:
+            self.log.write(t_ns, "host", [("garbled", body)])
+            return
+        if writer[:PREFIX_SIZE] in self._stood and self._holds(command):
+            self.log.write(t_ns, "host", [("safe", body)], "" if any(self.onboard.twist) else SafeState.HOLD)
+        else:
+            self._stood.clear()
+            self.log.write(t_ns, "host", [("setpoint", body)], "")
+        self.onboard.command(command)
+
+    def _holds(self, command: Command) -> bool:
+        """Whether it keeps each arm joint exactly where that was reported lately, to the last
+        bit."""
+        wanted = tuple(motor.q for motor in command.motors[_ARMS])
+        if any(motor.dq or motor.tau for motor in command.motors) or len(wanted) * 4 != _ROW.size:
+            return False
+        return all(any(row[at] == q for row in self._told) for at, q in enumerate(wanted))
+
+    def _on_request(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        if self.is_off:
+            return
+        body = bytes(payload[4:])
+        try:
+            request = rpc.decode_request(body)
+        except MalformedFrame:
+            self.log.write(t_ns, "host", [("garbled", body)])
+            return
+        kind, safe_state = self._kind_of(request)
+        if kind in ("setpoint", "enable"):
+            self._stood.clear()
+        elif request.api == Api.MOVE:
+            self._stood.add(writer[:PREFIX_SIZE])
+        self.log.write(t_ns, "host", [(kind, body)], safe_state)
+        response = self.onboard.serve(request)
+        if request.wants_answer:
+            answer = rpc.encode_response(response)
+            self.log.write(time.monotonic_ns(), "robot", [("answer", answer)])
+            self._answers.write(CDR + answer)
+
+    def _kind_of(self, request: Request) -> tuple[str, str]:
+        """Return the kind of a request, and the safe state that it brings the whole robot to."""
+        try:
+            said = rpc.parsed(request.body)
+        except MalformedFrame:
+            return "config", ""
+        walks = any(self.onboard.twist)
+        match request.api:
+            case Api.MOVE if not any(said.get(name) for name in ("vx", "vy", "vyaw")):
+                return "safe", "" if self.onboard.ours else SafeState.HOLD
+            case Api.MOVE | Api.ROTATE_HEAD:
+                return "setpoint", ""
+            case Api.UPPER_BODY if said.get("start") is False:
+                return "safe", "" if walks else SafeState.STOP
+            case Api.UPPER_BODY:
+                return "enable", ""
+            case Api.CHANGE_MODE if said.get("mode") == Mode.DAMPING:
+                return "safe", SafeState.DAMP
+        return ("read" if request.api in _READS else "config"), ""
+
+    # -- what it says
+
+    def say(self, tick: int, now_ns: int) -> None:
+        state = self.onboard.state()
+        if self.lies:
+            state = state._replace(q=tuple(rad + WRONG_RAD for rad in state.q))
+        self._told.append(_ROW.unpack(_ROW.pack(*state.q[_ARMS])))
+        self.say_state(self._states, p.encode_state(state), now_ns)
+        if self.is_off:
+            return
+        if self._is_due("fall", FALL_S, now_ns):
+            fall = self.onboard.fall
+            self._falls.write(CDR + p.encode_fall(fall, fall is Fall.HAS_FALLEN))
+        if self._is_due("battery", BATTERY_S, now_ns):
+            self._batteries.write(CDR + p.encode_battery(Battery(*self.onboard.battery)))
+        if self._is_due("odometer", ODOMETER_S, now_ns):
+            self._odometers.write(CDR + p.encode_odometer(self.onboard.odometer))
+
+    def _is_due(self, name: str, every_s: float, now_ns: int) -> bool:
+        due = now_ns >= self._due_ns.get(name, 0)
+        if due:
+            self._due_ns[name] = now_ns + round(every_s * NS)
+        return due
+
+    # -- what may happen to it
+
+    def power_cycle(self) -> None:
+        self.onboard.reset()
+
+    def order(self, words: Sequence[str]) -> bool:
+        match words:
+            case ["fall"]:
+                self.onboard.fall_over()
+            case ["get-up"]:
+                self.onboard.get_up()
+            case ["mode", name] if name.upper() in Mode.__members__:
+                self.onboard.set_mode(Mode[name.upper()])
+            case ["battery", percent] if percent.isdecimal() and int(percent) <= 100:
+                self.onboard.percent = float(percent)
+            case _:
+                return False
+        return True

@@ -1,0 +1,385 @@
+"""The wire of a T1 in the wire process.
+
+Reading is taking in what has arrived. The robot keeps its last twist, so a twist has an end here:
+``Twist`` sends zero when it is over, until that is answered. The arms keep what they were told,
+too, and are told again while that lives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import aclosing
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from . import gates, rpc
+from . import protocol as p
+from .config import CONTROL_S, TWIST_S, BoosterConfig
+from .link import FIND_S, Link, Order
+from .protocol import Battery, Fall, Odometer
+from .rpc import NEVER_WALKS, STANDS, WALKS, Api, Mode, Response
+from .stopping import TICK_S, bring_down, unconfirmed
+
+MODE_EVERY_S = 0.2
+"""How often the robot is asked for its mode."""
+ANSWER_S = 0.5
+"""For what was asked of it."""
+EXTRAS_S = 1.0
+"""For what is told slowly: fall state, battery."""
+REACH_S = 0.6
+"""For a robot that is to be stopped, and does not know us yet."""
+SILENT_S = 1.0
+"""Without a state, or an answer, for so long the link counts as lost."""
+
+
+class Twist:
+    """How the base was told to move, and the zero that ends it."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._until_ns = 0
+        self._zero: Order | None = None
+
+    def begin(self, until_ns: int) -> None:
+        """Another one, in place of the last."""
+        self._until_ns, self._zero = until_ns, None
+
+    def forget(self) -> None:
+        """Somebody else stops the base."""
+        self._until_ns, self._zero = 0, None
+
+    def end(self) -> None:
+        self._until_ns, self._zero = 0, Order(self._link.calls, Api.MOVE, rpc.ZERO)
+
+    def step(self, now_ns: int, mode: Mode | None) -> None:
+        if 0 < self._until_ns <= now_ns:
+            self.end()
+        zero = self._zero
+        if zero is None:
+            return
+        zero.step(now_ns)
+        if zero.done or (zero.answer is not None and mode in NEVER_WALKS):
+            self._zero = None
+
+
+class _Session:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, config: BoosterConfig, clock: Clock) -> None:
+        self.link = link = Link(config, clock)
+        self.clock = clock
+        self.twist = Twist(link)
+        self.armed = False
+        self.told = trio.Event()  # set by the next reading
+        self.mode: Mode | None = None
+        self.ours: Mode | None = None  # the mode in which the upper body was handed over; None: it is not ours
+        self.goal: tuple[float, ...] = ()  # where the arms were told to be
+        self.sensors: dict[str, tuple[float, ...]] = {}
+        self._mode_ns = 0
+        self._opened_ns = clock.now_ns()
+        link.listen()
+        link.follow("fall_down", p.FALL_TYPE, p.decode_fall, self._on_fall)
+        link.follow("battery_state", p.BATTERY_TYPE, p.decode_battery, self._on_battery)
+        link.follow("odometer_state", p.ODOMETER_TYPE, p.decode_odometer, self._on_odometer)
+
+    def poll(self, now_ns: int) -> None:
+        """Take in what came, ask for what is due, end what is over."""
+        self.link.poll()
+        self.twist.step(now_ns, self.mode)
+        if now_ns - self._mode_ns >= MODE_EVERY_S * NS:
+            self._mode_ns = now_ns
+            self.link.calls.ask(Api.GET_MODE, "", self.hear_mode)
+
+    def silent_s(self, now_ns: int) -> float:
+        """How long no state, or no answer, has come."""
+        heard_ns = min(self.link.state_ns, self.link.calls.heard_ns or self._opened_ns)
+        return (now_ns - heard_ns) / NS
+
+    @property
+    def has_arms(self) -> bool:
+        return self.ours is not None
+
+    def observation(self) -> Observation:
+        link, count = self.link, len(self.link.model.joints)
+        state, state_ns = link.state, link.state_ns
+        sensors = {**self.sensors, "upper_body": (float(self.has_arms),)}
+        if self.mode is not None:
+            sensors["mode"] = (float(self.mode),)
+        if state is None:
+            return Observation(0, (math.nan,) * count, (0,) * count, sensors=sensors)
+        sensors |= {
+            "rpy_rad": state.rpy,
+            "gyro_rad_s": state.gyro,
+            "acceleration_m_s2": state.acceleration,
+            "torque_nm": link.of_arms(state.tau),
+            "temperature_c": tuple(map(float, link.of_arms(state.temperature))),
+            "motors": (float(len(state.q)),),
+        }
+        if self.goal:
+            sensors["goal_rad"] = self.goal
+        return Observation(state_ns, link.of_arms(state.q), (state_ns,) * count, link.of_arms(state.dq), sensors)
+
+    # -- what is heard
+
+    def hear_mode(self, response: Response) -> None:
+        try:
+            self.mode = rpc.mode_of(response.body) if response.status == rpc.OK else self.mode
+        except MalformedFrame:
+            return
+        if self.ours is not None and self.ours is not self.mode:
+            self.ours = None  # in another mode the upper body is whose it was [assumed]
+
+    def _on_fall(self, told: tuple[Fall, bool], t_ns: int) -> None:
+        fall, recoverable = told
+        self.sensors["fall_state"] = float(fall), t_ns / NS
+        self.sensors["recoverable"] = (float(recoverable),)
+
+    def _on_battery(self, battery: Battery, t_ns: int) -> None:
+        self.sensors["battery_pct"] = (battery.percent,)
+        self.sensors["battery_soc_raw"] = (battery.soc,)
+        self.sensors["battery_v"] = (battery.voltage,)
+        self.sensors["battery_a"] = (battery.current,)
+
+    def _on_odometer(self, odometer: Odometer, t_ns: int) -> None:
+        self.sensors["odometry_xy_m"] = odometer.x_m, odometer.y_m
+        self.sensors["odometry_heading_rad"] = (odometer.heading_rad,)
+
+
+class BoosterWire(Wire):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: BoosterConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._session_or_none: _Session | None = None
+
+    # -- the link
+
+    async def open(self) -> dict[str, Any]:
+        """Find the robot, hear it, and ask for its mode."""
+        self.close()
+        self._session_or_none = session = _Session(self._config, self._clock)
+        link, where = session.link, self._config.host
+        await self._until(lambda: link.participant.peers > 0, f"{where}: nobody answers. Check port=")
+        await self._until(lambda: link.commands.matched > 0, f"{where}: nobody there takes commands of a T1")
+        await self._until(lambda: link.calls.matched, f"{where}: its service does not answer. Check domain_id=")
+        await self._until(lambda: session.mode is not None, f"{where}: its mode cannot be read")
+        await self._until(lambda: link.state is not None, f"{where}: no LowState comes")
+        await self._look(lambda: {"fall_state", "battery_pct"} <= session.sensors.keys(), EXTRAS_S)
+        assert link.state is not None and session.mode is not None
+        return {"address": where, "motors": len(link.state.q), "mode": session.mode.name.lower()}
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """End a twist in time, whatever else goes on."""
+        task_status.started()
+        async with aclosing(self._clock.ticks(CONTROL_S)) as ticks:
+            async for now_ns in ticks:
+                self._session().poll(now_ns)
+
+    @property
+    def prompt(self) -> bool:
+        return self._session_or_none is not None
+
+    async def read(self) -> Observation:
+        session, now_ns = self._session(), self._clock.now_ns()
+        session.poll(now_ns)
+        silent_s = session.silent_s(now_ns)
+        if silent_s > SILENT_S:
+            raise WireDown(f"read: no state, or no answer, for {silent_s:.1f} s. Check the robot and the network")
+        session.told.set()
+        return session.observation()
+
+    def close(self) -> None:
+        if self._session_or_none is not None:
+            self._session_or_none.link.close()
+            self._session_or_none = None
+
+    # -- commanding
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Nothing is energised: the robot stands by its own controller."""
+        session = self._session()
+        observation = await self.read()
+        refusal = self._unfit(observation) or gates.not_custom(observation, 0)
+        if refusal is not None:
+            raise WireDown(f"arm: {refusal.text.removeprefix('move: ')}")
+        await trio.lowlevel.checkpoint()
+        permit.check()
+        session.armed = True
+        return await self.read()
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self._session()
+        if not (session.armed and session.has_arms):
+            raise PermitDenied("the upper body is not ours")
+        permit.check()
+        session.goal = values[: len(self._config.model.joints)]
+        if not session.link.send_target(values):
+            raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
+
+    # -- safe
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        session = self._session_or_none
+        if session is None:
+            return unconfirmed(self._config.model, "not connected")
+        has_arms = session.has_arms
+        session.twist.forget()
+        session.goal = ()
+        if safe_state != SafeState.HOLD:
+            session.armed, session.ours = False, None
+        motors = await bring_down(session.link, safe_state, has_arms)
+        if safe_state == SafeState.HOLD and all(motor.target is not None for motor in motors):
+            session.goal = tuple(motor.target for motor in motors if motor.target is not None)
+        return motors
+
+    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """By the participant that the robot knew, which finds it again by itself; else by a new
+        one, which has to be found first."""
+        session = self._session_or_none
+        if session is not None:
+            session.twist.forget()
+            session.armed, session.ours = False, None
+            return await bring_down(session.link, safe_state)
+        try:
+            link = Link(self._config, self._clock)
+        except WireDown as down:
+            return unconfirmed(self._config.model, str(down))
+        try:
+            link.listen()
+            with trio.move_on_after(REACH_S):
+                while not link.heard:
+                    link.poll()
+                    await trio.sleep(TICK_S)
+            return await bring_down(link, safe_state)
+        finally:
+            link.close()
+
+    # -- services
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        session = self._session()
+        if not session.armed:
+            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+        match service:
+            case "move":
+                return await self._walk(session, arguments, permit)
+            case "rotate_head":
+                pitch, yaw = (float(arguments.get(name, 0.0)) for name in ("pitch", "yaw"))
+                answer = await self._ask(session, Api.ROTATE_HEAD, rpc.rotate_head(pitch, yaw), permit)
+                return _refused(service, answer) or {"pitch": pitch, "yaw": yaw}
+            case "change_mode":
+                mode = gates.MODES[arguments["mode"]]
+                session.ours = None
+                answer = await self._ask(session, Api.CHANGE_MODE, rpc.change_mode(mode), permit)
+                refusal = _refused(service, answer)
+                if refusal is None:
+                    session.mode = mode
+                return refusal or {"mode": mode.name.lower()}
+            case "enable_upper_body":
+                return await self._take_arms(session, permit)
+            case _:
+                return await self._give_arms(session, permit)
+
+    async def _walk(
+        self, session: _Session, arguments: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
+        if session.mode not in WALKS:  # what is known of it may be a moment old
+            await self._look_at_mode(session, permit)
+        refusal = gates.why_no_move(session.mode) or self._unfit(await self.read())
+        if refusal is not None:
+            return refusal
+        vx, vy, vyaw = (float(arguments.get(name, 0.0)) for name in ("vx", "vy", "vyaw"))
+        permit.check()
+        session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
+        answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
+        # Whatever is answered: the twist has an end, since it may walk all the same, or later.
+        return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
+
+    async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+        await self._look_at_mode(session, permit)
+        observation = await self.read()
+        refusal = gates.why_no_hand_over(session.mode, STANDS) or self._unfit(observation)
+        if refusal is not None:
+            return refusal
+        mode = session.mode
+        answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(True), permit)
+        refusal = _refused("enable_upper_body", answer)
+        if refusal is not None:
+            session.link.calls.ask(Api.UPPER_BODY, rpc.upper_body(False), lambda _: None)  # it may do so yet
+            return refusal
+        session.ours, session.goal = mode, ()
+        await self._told(session)
+        return {"upper_body": True}
+
+    async def _give_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+        session.ours, session.goal = None, ()
+        answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
+        await self._told(session)
+        return _refused("disable_upper_body", answer) or {"upper_body": False}
+
+    async def _told(self, session: _Session) -> None:
+        """Wait for the next reading, so that the gate knows what has changed before the caller is
+        answered."""
+        session.told = told = trio.Event()
+        await told.wait()
+
+    # -- parts
+
+    def _unfit(self, observation: Observation) -> Refused | None:
+        return gates.not_ready(observation, self._clock.now_ns(), gates.FALL_TTL_S)
+
+    async def _look_at_mode(self, session: _Session, permit: Permit) -> None:
+        answer = await self._ask(session, Api.GET_MODE, "", permit)
+        if answer is not None:
+            session.hear_mode(answer)
+
+    async def _ask(self, session: _Session, api: Api, body: str, permit: Permit) -> Response | None:
+        """Return what is answered; None: nothing, in time."""
+        heard: list[Response] = []
+        permit.check()
+        session.link.calls.ask(api, body, heard.append)
+        with trio.move_on_after(ANSWER_S):
+            while not heard:
+                session.poll(self._clock.now_ns())
+                await trio.sleep(TICK_S)
+        return heard[0] if heard else None
+
+    async def _until(self, condition: Callable[[], bool], otherwise: str) -> None:
+        if not await self._look(condition, FIND_S):
+            raise WireDown(otherwise)
+
+    async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take in what comes until it makes the condition true."""
+        session = self._session()
+        with trio.move_on_after(within_s):
+            while not condition():
+                session.poll(self._clock.now_ns())
+                await trio.sleep(TICK_S)
+            return True
+        return False
+
+    def _session(self) -> _Session:
+        if self._session_or_none is None:
+            raise WireDown("wire: not connected. Open it first")
+        return self._session_or_none
+
+
+def _refused(service: str, answer: Response | None) -> Refused | None:
+    """Return why it is not done; None: it is."""
+    if answer is None:
+        why = f"{service}: the robot has not answered; it may do so yet"
+        return Refused("not_confirmed", why, "look at the robot", "no answer", f"within {ANSWER_S:g} s")
+    if answer.why:
+        return Refused(
+            "status", f"{service}: the robot says {answer.why}", "look at the robot", str(answer.status), "0"
+        )
+    return None

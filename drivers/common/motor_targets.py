@@ -1,0 +1,259 @@
+"""Targets of motors that take position, speed, torque and gains at once, as legged robots' do: what
+an action says, and what of it is refused. Pure; nothing is ever clipped.
+
+A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm), kp (Nm/rad),
+kd (Nm s/rad).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import msgspec
+from msgspec.structs import replace
+
+from strands_actors.contract.axis import Axis, finite
+from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.kernel.messages import Refused
+
+ROWS = ("q", "dq", "tau", "kp", "kd")
+Q, DQ, TAU, KP, KD = range(len(ROWS))
+_ROW = {name: row for row, name in enumerate(ROWS)}
+
+LONGEST_STEP_S = 0.1
+"""A slower stream may not step further than a joint turns meanwhile."""
+
+FLOAT32_ROUNDING = 1e-6
+"""Numbers are float32 on the wire, and as the robot reports them."""
+
+
+class Joint(msgspec.Struct, frozen=True):
+    """One motor. Radians, newton metres, seconds."""
+
+    key: str
+    slot: int
+    mode: int  # what its slot says when it is to obey
+    low: float
+    high: float
+    torque: float
+    speed: float
+    kp: float
+    kd: float
+
+    @property
+    def axis(self) -> Axis:
+        return Axis(key=self.key, unit="rad", low=self.low, high=self.high, speed=self.speed, id=self.slot)
+
+
+class Motors(Protocol):
+    """What a robot's table says of those that may be commanded."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def joints(self) -> tuple[Joint, ...]: ...
+    @property
+    def max_kp(self) -> float: ...
+    @property
+    def max_kd(self) -> float: ...
+
+
+_COLUMNS = {"key": str, "slot": int, "mode": int}
+
+
+def parse_joints(text: str) -> tuple[Joint, ...]:
+    """Return a table's joints: one line each, in the columns of ``Joint``. Raise ``ValueError``."""
+    return tuple(_parse_joint(line) for line in text.splitlines() if line.strip())
+
+
+def _parse_joint(line: str) -> Joint:
+    words = line.split()
+    if len(words) != len(Joint.__struct_fields__):
+        raise ValueError(f"a joint has {len(Joint.__struct_fields__)} columns, this has {len(words)}: {line}")
+    columns = zip(Joint.__struct_fields__, words, strict=True)
+    return msgspec.convert({name: _COLUMNS.get(name, float)(word) for name, word in columns}, Joint)
+
+
+# -- names and numbers
+
+
+class Parser:
+    """An action, joints by name, to a whole target."""
+
+    def __init__(self, model: Motors) -> None:
+        self._model = model
+        self._keys = ", ".join(joint.key for joint in model.joints)
+        self._count = len(model.joints)
+        self._index = {spelling: at for at, joint in enumerate(model.joints) for spelling in _spellings(joint.key)}
+        zero = (0.0,) * self._count
+        self._rest = (*zero, *zero, *(joint.kp for joint in model.joints), *(joint.kd for joint in model.joints))
+
+    def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
+        """A number is q in radians, sent with the joint's own gains; a dict has q and what differs
+        from that. A joint that is not named keeps its target; as long as there is none, it is held
+        where it is."""
+        count = self._count
+        if not action:
+            return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
+        fresh = len(state.target) == count  # armed, and nothing accepted since
+        before = state.observation.position if fresh else state.target
+        whole = len(action) == count
+        target = [*before[:count], *self._rest] if fresh or whole else list(before)
+        index = self._index
+        named: list[int] = []
+        for key, value in action.items():
+            at = index.get(key)
+            if at is None:
+                return self._unknown(key)
+            if not whole:
+                target[at + count :: count] = self._rest[at::count]
+            if type(value) is float and math.isfinite(value):
+                target[at] = value
+            else:
+                refusal = self._take(target, at, value)
+                if refusal is not None:
+                    return refusal
+            named.append(at)
+        if len(set(named)) < len(named):
+            return self._twice(next(at for at in named if named.count(at) > 1))
+        return Candidate(tuple(target), tuple(named))
+
+    def named(self, action: Mapping[str, object]) -> list[int]:
+        """Of an accepted action, in the order of the motors."""
+        return sorted(self._index[key] for key in action)
+
+    def _take(self, target: list[float], at: int, value: object) -> Refused | None:
+        """What is no plain float. 500 times a second and for every joint: known names and floats
+        come first."""
+        if type(value) is not dict:
+            value = dict(value) if isinstance(value, Mapping) else {"q": value}
+        if "q" not in value:
+            return self._without_q(at, value)
+        count = self._count
+        for name, part in value.items():
+            row = _ROW.get(name)
+            if row is None:
+                return self._unknown_row(at, name)
+            if type(part) is not float or not math.isfinite(part):
+                number = finite(part)
+                if number is None:
+                    return self._no_number(at, name, part)
+                part = number
+            target[at + count * row] = part
+        return None
+
+    def _without_q(self, at: int, value: Mapping[Any, object]) -> Refused:
+        return Refused(
+            "no_q",
+            f"move: {self._model.joints[at].key} has no q",
+            "give q in radians, and of dq, tau, kp, kd what is wanted",
+            ", ".join(str(name)[:40] for name in value) or "{}",
+            ", ".join(ROWS),
+        )
+
+    def _unknown_row(self, at: int, name: object) -> Refused:
+        shown, known = str(name)[:40] or "''", ", ".join(ROWS)
+        why = f"move: {self._model.joints[at].key}.{shown} is not known"
+        return Refused("unknown_key", why, f"use {known}", shown, known)
+
+    def _no_number(self, at: int, name: object, part: object) -> Refused:
+        shown = str(part)[:40]
+        why = f"move: {self._model.joints[at].key}.{name} is {shown}"
+        return Refused("not_finite", why, "send a finite number", shown, "a finite number")
+
+    def _unknown(self, key: object) -> Refused:
+        shown = str(key)[:40] or "''"
+        why = f"move: {shown} is not a joint of {self._model.name}"
+        return Refused("unknown_joint", why, f"use {self._keys}", shown, self._keys)
+
+    def _twice(self, at: int) -> Refused:
+        both = " and ".join(_spellings(self._model.joints[at].key)[:2])
+        return Refused("both_spellings", f"move: {both} are both given", "send one of them", both)
+
+
+def _spellings(key: str) -> tuple[str, ...]:
+    """The models' names carry ``_joint``, the wire's do not always."""
+    bare = key.removesuffix("_joint")
+    return bare, f"{bare}_joint", f"{bare}.pos", f"{bare}_joint.pos"
+
+
+# -- gates
+
+
+def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
+    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
+    return in_range, within(model, DQ), within(model, TAU), gains(model), steps(model, control_s)
+
+
+def _table(model: Motors) -> tuple[Axis, ...]:
+    return tuple(joint.axis for joint in model.joints)
+
+
+_WORDS = {DQ: ("too_fast", "dq", "rad/s"), TAU: ("too_strong", "tau", "Nm")}
+
+
+def within(model: Motors, row: int) -> GateCheck:
+    """The speed or the torque that is asked for, against what the joint has."""
+    count = len(model.joints)
+    most = tuple(joint.speed if row == DQ else joint.torque for joint in model.joints)
+    code, name, unit = _WORDS[row]
+    first = count * row
+    nothing = (0.0,) * count
+
+    def within(candidate: Candidate, state: GateState) -> Refused | None:
+        values = candidate.values
+        if values[first : first + count] == nothing:  # most often, and 500 times a second
+            return None
+        for at in candidate.named:
+            value = values[first + at]
+            if not -most[at] <= value <= most[at]:
+                limit = f"-{most[at]:g}..{most[at]:g} {unit}"
+                why = f"move: {model.joints[at].key}.{name}={value:.4g} is outside {limit}"
+                return Refused(code, why, "stay within it", f"{value:.4g}", limit)
+        return None
+
+    return within
+
+
+def gains(model: Motors) -> GateCheck:
+    count = len(model.joints)
+    rows = ((KP, "kp", model.max_kp), (KD, "kd", model.max_kd))
+
+    def gains(candidate: Candidate, state: GateState) -> Refused | None:
+        values = candidate.values
+        if values[KP * count :] == state.target[KP * count :]:  # most often: it was let pass before
+            return None
+        for row, name, most in rows:
+            first = count * row
+            for at in candidate.named:
+                if not 0.0 <= values[first + at] <= most:
+                    value, limit = f"{values[first + at]:.4g}", f"0..{most:g}"
+                    why = f"move: {model.joints[at].key}.{name}={value} is outside {limit}"
+                    return Refused("gain", why, "stay within it", value, limit)
+        return None
+
+    return gains
+
+
+def steps(model: Motors, control_s: float) -> GateCheck:
+    """Refuse a step from the last target that is more than the joint turns in one period of the
+    stream; a command on its own is one period of the control loop: a far target is a blow. The
+    first one starts from where the joint is."""
+    count = len(model.joints)
+    from_target = too_fast(
+        _table(model),
+        oneshot_s=control_s * STEP_TOLERANCE,
+        longest_s=LONGEST_STEP_S,
+        pause_counts=False,
+    )
+
+    def steps(candidate: Candidate, state: GateState) -> Refused | None:
+        if len(state.target) == count:  # nothing was accepted since it was armed
+            state = replace(state, target=state.observation.position)
+        return from_target(candidate, state)
+
+    return steps

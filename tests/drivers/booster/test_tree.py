@@ -1,0 +1,529 @@
+"""The T1's whole tree on its twin: real processes on RTPS. Judged by what the twin heard and did."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from strands import Agent
+
+from strands_actors import Robot, estop
+from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.booster import protocol as p
+from strands_actors.drivers.booster import rpc
+from strands_actors.drivers.booster.protocol import IDLE, Command, Fall
+from strands_actors.drivers.booster.rpc import Api, Request
+from strands_actors.surfaces.recording import read, record, replay
+from strands_actors.surfaces.recording.code import build_driver
+from strands_actors.testing import Bench, Faults, Twin, Victims, WireLog, cells_of, run_cell
+from strands_actors.testing.bench import driver_of
+from strands_actors.testing.wirelog import Entry
+from tests.agents.scripted import Scripted
+from tests.answers import json_of, state, status, until, why
+from tests.drivers.common.twin_process import TwinProcess
+
+SLACK_S = 0.5
+"""On the published bounds, for a busy machine."""
+TWIST_S = 0.3
+ELBOW = 4
+
+
+class T1:
+    """A robot on its twin."""
+
+    def __init__(self, robot: RealRobot, twin: TwinProcess) -> None:
+        self.robot = robot
+        self.twin = twin
+        self.log = WireLog(twin.log_path)
+
+    def enable(self) -> None:
+        if state(self.robot) not in ("armed", "holding"):
+            until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        json_of(self.robot.enable_upper_body())
+
+    def elbow(self, rad: float) -> None:
+        json_of(self.robot.send_action({"left_elbow_pitch": rad}))
+
+    def busy(self) -> int:
+        """An arm on its way and the base walking; when that was ordered."""
+        self.enable()
+        self.elbow(self.robot.get_observation()["left_elbow_pitch"] + 0.15)
+        json_of(self.robot.move(vx=0.3))
+        at_ns = time.monotonic_ns()
+        self.elbow(self.robot.get_observation()["left_elbow_pitch"] + 0.1)
+        return at_ns
+
+    def pid(self, role: str) -> int:
+        tree = self.robot.tree()
+        assert tree is not None
+        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
+        return found
+
+    def commands(self, since_ns: int = 0) -> list[tuple[Entry, Command]]:
+        """Every LowCmd."""
+        entries = (entry for entry in self.log.entries(since_ns) if entry.sender == "host")
+        return [(entry, p.decode_command(entry.data)) for entry in entries if b"api_id" not in entry.data]
+
+    def requests(self, api: Api, since_ns: int = 0) -> list[tuple[Entry, Request]]:
+        entries = (entry for entry in self.log.entries(since_ns) if b"api_id" in entry.data)
+        found = [(entry, rpc.decode_request(entry.data)) for entry in entries if entry.sender == "host"]
+        return [(entry, request) for entry, request in found if request.api == api]
+
+    def moves(self, since_ns: int = 0) -> list[tuple[int, float]]:
+        """When the base was told to move, and how fast ahead."""
+        return [
+            (entry.t_ns, json.loads(request.body)["vx"]) for entry, request in self.requests(Api.MOVE, since_ns)
+        ]
+
+    def first_safe(self, since_ns: int, safe_state: str) -> Entry:
+        def look() -> Entry | None:
+            return next((one for one in self.log.host("safe", since_ns) if one.safe_state == safe_state), None)
+
+        return until(look, f"a frame of {safe_state}")
+
+    def events(self, kind: str, since_ns: int = 0) -> list[str]:
+        entries = self.log.entries(since_ns)
+        return [entry.data.decode() for entry in entries if entry.sender == "robot" and entry.kind == kind]
+
+    def sensor(self, name: str) -> list[float]:
+        row: list[float] = status(self.robot)["sensors"].get(name, [])
+        return row
+
+
+def connected(robot: RealRobot) -> None:
+    problem: str | None = "never tried"
+    for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
+        problem = robot.connect_eagerly()
+        if problem is None:
+            break
+    assert problem is None
+
+
+@contextlib.contextmanager
+def t1(
+    directory: Path, twin: Mapping[str, Any] | None = None, port: str | None = None, **keywords: Any
+) -> Iterator[T1]:
+    with TwinProcess(directory, "booster_t1", "booster", options=dict(twin or {})) as served:
+        robot = Robot("booster_t1", mode="real", port=served.port if port is None else port, **keywords)
+        try:
+            connected(robot)
+            yield T1(robot, served)
+        finally:
+            robot.cleanup()
+
+
+@pytest.fixture
+def robot(tmp_path: Path, run_dir: Path) -> Iterator[T1]:
+    with t1(tmp_path) as standing:
+        yield standing
+
+
+def steadily(act: Callable[[], object], over: threading.Event) -> threading.Thread:
+    def run() -> None:
+        while not over.is_set():
+            act()
+            time.sleep(0.02)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread
+
+
+# -- the arms
+
+
+def test_connecting_and_arming_write_no_command(robot: T1) -> None:
+    time.sleep(0.5)
+    assert {entry.kind for entry in robot.log.entries() if entry.sender == "host"} == {"read"}
+    facts = status(robot.robot)
+    assert (facts["motors"], facts["mode"]) == (23, "walking")
+
+
+def test_saf_014_what_is_refused_is_not_written(robot: T1) -> None:
+    here = robot.robot.get_observation()["left_elbow_pitch"]
+    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": here}))
+    robot.enable()
+    for action, words in (
+        ({"left_knee_pitch": 0.4}, "(slot 14) is owned by the onboard controller"),
+        ({"head_yaw": 0.1}, "call rotate_head"),
+        ({"vx": 0.1}, "call move(vx, vy, vyaw)"),
+        ({"left_elbow_pitch": {"kp": 60.0}}, "has no q"),
+        ({"left_elbow_pitch": 2.5}, "past"),
+        ({"left_elbow_pitch": here + 0.5}, "steps"),
+        ({"left_elbow_pitch": float("nan")}, "finite"),
+    ):
+        assert words in why(robot.robot.send_action(action))
+    assert "outside -0.8..0.8 m/s" in why(robot.robot.move(vx=2.0))
+    assert "outside" in why(robot.robot.rotate_head(pitch=2.0))
+    assert "use one of damping" in why(robot.robot.change_mode(mode="custom"))
+    assert robot.log.host("setpoint") == []
+
+
+def test_a_command_moves_one_joint_and_every_other_slot_is_zero(robot: T1) -> None:
+    robot.enable()
+    here = robot.robot.get_observation()
+    answer = json_of(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    assert answer == {
+        "robot": "booster_t1",
+        "joints": ["left_elbow_pitch"],
+        "slots": [ELBOW],
+        "targets": {"left_elbow_pitch": 0.1},
+        "unit": "radians",
+    }
+    until(lambda: robot.robot.get_observation()["left_elbow_pitch"] > 0.08, "it moves")
+    entry, first = robot.commands()[0]
+    assert entry.kind == "setpoint" and len(first.motors) == 23
+    for slot, motor in enumerate(first.motors):
+        if 2 <= slot <= 9:
+            assert (motor.mode, motor.kp, motor.kd, motor.tau) == (10, 60.0, 3.0, 0.0)
+        else:
+            assert motor == IDLE
+    assert first.motors[5].q == pytest.approx(here["left_elbow_yaw"], abs=1e-3), "what is not named stays"
+    again = robot.commands(entry.t_ns)
+    assert len(again) > 5 and all(command == first for _, command in again), "it is latched, and sent again"
+
+
+def test_saf_003_a_frozen_caller_s_arms_are_held_where_they_are(run_dir: Path) -> None:
+    driver = driver_of("booster_t1")
+    cell = next(one for one in cells_of(driver) if (one.victim, one.fault) == (Victims.CALLER, Faults.FREEZE))
+    with Bench("booster_t1") as bench:
+        outcome = run_cell(cell, bench)
+        assert (outcome.safe_state, outcome.all_motors, outcome.setpoints_after) == ("hold", True, 0), outcome.story
+        hold = next(entry for entry in bench.log.host("safe") if entry.safe_state == "hold")
+        before = next(entry for entry in reversed(bench.log.host("setpoint")) if entry.t_ns <= hold.t_ns)
+        told, held = (p.decode_command(entry.data).motors[2].q for entry in (before, hold))
+        assert held == pytest.approx(told, abs=0.05), "where it was on its way"
+
+
+def test_the_upper_body_can_be_given_back(robot: T1) -> None:
+    robot.enable()
+    robot.elbow(0.1)
+    json_of(robot.robot.stop())
+    assert robot.events("upper_body") == ["host", "back"]
+    assert "call resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    json_of(robot.robot.resume())
+    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    robot.enable()
+    robot.elbow(robot.robot.get_observation()["left_elbow_pitch"] + 0.1)
+    json_of(robot.robot.disable_upper_body())
+    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    at_ns = time.monotonic_ns()
+    robot.enable()
+    time.sleep(0.3)
+    assert robot.commands(at_ns) == [], "an older target does not come back with the arms"
+
+
+def test_a_change_of_mode_takes_the_arms_away(robot: T1) -> None:
+    robot.enable()
+    robot.elbow(0.1)
+    until(lambda: robot.log.host("setpoint"), "a setpoint")
+    robot.twin.command("mode soccer")
+    until(lambda: robot.sensor("upper_body") == [0.0], "it is seen")
+    at_ns = time.monotonic_ns()
+    time.sleep(0.3)
+    assert robot.commands(at_ns) == [], "nothing is sent to arms that are the robot's own"
+    assert "enable_upper_body" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+
+
+def test_in_custom_mode_no_frame_is_sent_that_would_let_go_of_the_legs(robot: T1) -> None:
+    robot.enable()  # and nothing is commanded yet
+    robot.twin.command("mode custom")
+    until(lambda: state(robot.robot) == "disarmed", "it is stopped")
+    assert "custom mode" in status(robot.robot)["cause"]
+    assert robot.commands() == []
+    assert "custom mode" in why(robot.robot.resume())
+    wire = robot.pid("wire")
+    os.kill(wire, signal.SIGKILL)
+    until(lambda: state(robot.robot) == "disarmed" and robot.pid("wire") != wire, "another one is there")
+    assert robot.commands() == [], "the root sends none either"
+    assert robot.events("fall") == []
+
+
+# -- the base and the head
+
+
+def test_saf_001_a_twist_ends_by_itself(robot: T1) -> None:
+    assert json_of(robot.robot.move(vx=0.4, vyaw=0.2)) == {"vx": 0.4, "vy": 0.0, "vyaw": 0.2, "for_s": TWIST_S}
+    until(lambda: len(robot.moves()) > 1, "it is ended")
+    (began_ns, vx), (ended_ns, zero) = robot.moves()[:2]
+    assert (vx, zero) == (0.4, 0.0)
+    assert TWIST_S - 0.05 < (ended_ns - began_ns) / 1e9 < TWIST_S + SLACK_S
+    time.sleep(0.5)
+    assert len(robot.moves()) == 2, "once it was answered"
+    x_m, _ = robot.sensor("odometry_xy_m")
+    assert 0.08 < x_m < 0.4 * (TWIST_S + SLACK_S)
+
+
+def test_a_twist_that_is_told_again_goes_on(robot: T1) -> None:
+    for _ in range(8):
+        json_of(robot.robot.move(vx=0.3))
+        time.sleep(0.1)
+    assert [vx for _, vx in robot.moves()] == [0.3] * 8
+    until(lambda: robot.moves()[-1][1] == 0.0, "it ends")
+
+
+def test_walking_leaves_the_arms_where_they_are(robot: T1) -> None:
+    robot.enable()
+    robot.elbow(0.15)
+    until(lambda: robot.robot.get_observation()["left_elbow_pitch"] > 0.13, "it moves")
+    for _ in range(5):
+        json_of(robot.robot.move(vx=0.1))
+        robot.robot.send_action({"right_elbow_pitch": 0.0})
+        time.sleep(0.05)
+    told = {command.motors[ELBOW].q for _, command in robot.commands() if command.motors[ELBOW].q > 0.1}
+    assert told and all(q == pytest.approx(0.15) for q in told), "its target does not sink with each step"
+
+
+def test_it_walks_in_walking_mode_only(robot: T1) -> None:
+    json_of(robot.robot.change_mode(mode="prepare"))
+    assert "does not walk in prepare mode" in why(robot.robot.move(vx=0.1))
+    assert robot.moves() == []
+    json_of(robot.robot.change_mode(mode="walking"))
+    json_of(robot.robot.move(vx=0.1))
+
+
+def test_its_head_turns(robot: T1) -> None:
+    assert json_of(robot.robot.rotate_head(pitch=0.2, yaw=-0.3)) == {"pitch": 0.2, "yaw": -0.3}
+    (_, request), *rest = robot.requests(Api.ROTATE_HEAD)
+    assert json.loads(request.body) == {"pitch": 0.2, "yaw": -0.3} and not rest
+
+
+# -- stops
+
+
+def test_a_stop_makes_it_stand_and_gives_the_arms_back(robot: T1) -> None:
+    robot.busy()
+    began_ns = time.monotonic_ns()
+    stopped = json_of(robot.robot.stop())
+    assert (stopped["safe_state"], stopped["path"], stopped["unconfirmed"]) == ("stop", "wire", [])
+    first = robot.log.first_safe(began_ns)
+    assert first is not None and b'"vx": 0.0' in first.data, "the base first"
+    back = robot.first_safe(began_ns, "stop")
+    held = [entry for entry, _ in robot.commands(first.t_ns) if entry.t_ns <= back.t_ns]
+    assert held and all(entry.kind == "safe" for entry in held), "the arms are held in between"
+    robot.log.no_setpoint_after_safe(first.t_ns)
+    assert robot.events("upper_body", began_ns) == ["back"]
+    time.sleep(0.3)
+    here = robot.sensor("odometry_xy_m")
+    time.sleep(0.6)
+    assert robot.sensor("odometry_xy_m") == here, "it stands"
+    assert len(robot.moves(began_ns)) == 1
+
+
+def test_saf_007_an_estop_puts_it_into_damping_beside_an_arm(robot: T1, tmp_path: Path) -> None:
+    other_dir = tmp_path / "other"
+    other_dir.mkdir()
+    with Twin("so101", other_dir) as other, Robot("so101", mode="real", port=other.port) as arm:
+        until(lambda: arm.connect_eagerly() is None, "the arm is connected")
+        robot.busy()
+        began_ns = time.monotonic_ns()
+        outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
+        assert {name: outcome.safe_state for name, outcome in outcomes.items()} == {
+            "booster_t1": "damp",
+            "so101": "limp",
+        }
+        damp = robot.first_safe(began_ns, "damp")
+        until(lambda: other.log.first_safe(began_ns), "a safe frame of the arm")
+        robot.log.no_setpoint_after_safe(damp.t_ns)
+        assert robot.log.host("setpoint", damp.t_ns) == []
+        assert "damping" in robot.events("mode", began_ns)
+        assert "e-stopped by" in why(robot.robot.move(vx=0.1))
+
+
+@pytest.mark.parametrize("role", ["wire", "root"])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["kill", "stop"])
+def test_saf_003_whoever_breaks_it_stands_and_has_its_arms_back(
+    robot: T1, role: str, number: signal.Signals
+) -> None:
+    robot.busy()
+    pid = robot.pid(role)
+    began_ns = time.monotonic_ns()
+    os.kill(pid, number)
+    safe = robot.first_safe(began_ns, "stop")
+    assert (safe.t_ns - began_ns) / 1e9 < 0.25 + SLACK_S
+    first = robot.log.first_safe(began_ns)
+    assert first is not None
+    robot.log.no_setpoint_after_safe(first.t_ns)
+    assert b'"vx": 0.0' in first.data, "the base first"
+    held = [entry for entry, _ in robot.commands(first.t_ns) if entry.t_ns <= safe.t_ns]
+    assert held and all(entry.kind == "safe" for entry in held), "the arms are held in between"
+    assert robot.moves(began_ns)[-1][1] == 0.0
+    until(lambda: robot.events("upper_body", began_ns) == ["back"], "its arms are its own")
+    if number == signal.SIGSTOP:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+        time.sleep(0.3)
+        robot.log.no_setpoint_after_safe(first.t_ns)
+
+
+def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(robot: T1) -> None:
+    robot.busy()
+    pids = [robot.pid(role) for role in ("root", "wire")]
+    began_ns = time.monotonic_ns()
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
+    robot.first_safe(began_ns, "stop")
+    assert robot.moves(began_ns)[-1][1] == 0.0
+    first = robot.log.first_safe(began_ns)
+    assert first is not None
+    robot.log.no_setpoint_after_safe(first.t_ns)
+
+
+def test_saf_010_a_twist_that_is_taken_up_late_is_followed_by_zero(robot: T1) -> None:
+    """The robot's computer stands still with a twist on its way, and goes on after the caller gave
+    up."""
+    robot.enable()
+    os.kill(robot.twin.process.pid, signal.SIGSTOP)
+    assert "not answered" in why(robot.robot.move(vx=0.5))
+    assert "not confirmed" in why(robot.robot.stop())
+    back_ns = time.monotonic_ns()
+    os.kill(robot.twin.process.pid, signal.SIGCONT)
+    until(lambda: state(robot.robot) == "disarmed", "it is confirmed when it can be")
+    moves = robot.moves(back_ns)
+    assert moves, "what waited was taken up"
+    assert moves[-1][1] == 0.0 and robot.events("upper_body", back_ns)[-1:] == ["back"]
+    began = [at for at, (_, vx) in enumerate(moves) if vx]
+    assert all(any(vx == 0.0 for _, vx in moves[at:]) for at in began)
+    time.sleep(0.3)
+    here = robot.sensor("odometry_xy_m")
+    time.sleep(0.5)
+    assert robot.sensor("odometry_xy_m") == here
+
+
+def test_saf_020_a_lost_link_is_made_safe_when_it_is_back(robot: T1) -> None:
+    robot.busy()
+    robot.twin.command("unplug")
+    until(lambda: state(robot.robot) in ("lost", "down", None), "it is noticed")
+    back_ns = time.monotonic_ns()
+    robot.twin.command("plug")
+    until(lambda: state(robot.robot) == "disarmed", "it is back, disarmed")
+    robot.first_safe(back_ns, "stop")
+    orders = [entry for entry in robot.log.entries(back_ns) if entry.sender == "host" and entry.kind != "read"]
+    assert b'"vx": 0.0' in orders[0].data, "the base comes first"
+    assert robot.log.host("setpoint", back_ns) == []
+
+
+def test_saf_012_a_fall_gives_it_its_arms_back(robot: T1) -> None:
+    robot.enable()
+    over = threading.Event()
+    writer = steadily(lambda: robot.robot.send_action({"left_elbow_pitch": 0.1}), over)
+    until(lambda: robot.log.host("setpoint"), "it is commanded")
+    began_ns = time.monotonic_ns()
+    robot.twin.command("fall")
+    safe = robot.first_safe(began_ns, "stop")
+    over.set()
+    writer.join()
+    first = robot.log.first_safe(began_ns)
+    assert first is not None and first.t_ns <= safe.t_ns
+    robot.log.no_setpoint_after_safe(first.t_ns)
+    until(lambda: robot.events("fall", began_ns) == ["IS_FALLING", "HAS_FALLEN"], "it lies")
+    assert "HAS_FALLEN" in str(status(robot.robot)["cause"]) or "IS_FALLING" in str(status(robot.robot)["cause"])
+    until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
+    until(lambda: robot.sensor("fall_state")[0] == Fall.HAS_FALLEN, "it is told")
+    assert "the robot reports HAS_FALLEN" in why(robot.robot.resume())
+    assert robot.robot.enable_upper_body()["status"] == "error"
+    assert robot.robot.move(vx=0.1)["status"] == "error"
+    robot.twin.command("get-up")
+    robot.enable()
+    robot.elbow(robot.robot.get_observation()["left_elbow_pitch"])
+
+
+def test_saf_009_a_stop_during_a_hand_over_wins(robot: T1) -> None:
+    robot.twin.command("freeze 0.3")
+    asking = threading.Thread(target=robot.robot.enable_upper_body)
+    asking.start()
+    time.sleep(0.1)
+    json_of(robot.robot.stop())
+    asking.join()
+    time.sleep(0.2)
+    assert robot.events("upper_body")[-1:] != ["host"], "it is not left with us"
+    assert "resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.0}))
+
+
+# -- where it is, and what it is called
+
+
+def test_a_robot_with_a_name_has_topics_of_its_own(tmp_path: Path, run_dir: Path) -> None:
+    with t1(tmp_path, {"robot_name": "alice"}, robot_name="alice", cmd_type="serial") as robot:
+        robot.enable()
+        robot.elbow(0.1)
+        until(lambda: robot.commands(), "a command")
+        assert robot.commands()[0][1].kind.name == "SERIAL"
+
+
+def test_without_a_port_the_one_robot_on_the_network_is_found(tmp_path: Path, run_dir: Path) -> None:
+    domain = 60 + os.getpid() % 30
+    options = {"domain": domain, "multicast": True}
+    with t1(tmp_path, options, port="", domain_id=domain, network_interface="127.0.0.1") as robot:
+        assert status(robot.robot)["address"] == robot.twin.port.partition(":")[0]
+        second = tmp_path / "second"
+        second.mkdir()
+        with TwinProcess(second, "booster_t1", "booster", options=options):
+            other = Robot(
+                "booster_t1", mode="real", domain_id=domain, network_interface="127.0.0.1", tool_name="other"
+            )
+            try:
+                assert "there are robots at" in str(other.connect_eagerly()), "which of them is not guessed"
+            finally:
+                other.cleanup()
+
+
+def test_without_a_robot_it_says_where_it_has_looked(run_dir: Path) -> None:
+    domain = 90 + os.getpid() % 10
+    robot = Robot("booster_t1", mode="real", port="", domain_id=domain, network_interface="127.0.0.1")
+    try:
+        assert f"no robot answers in domain {domain}. Give port=" in str(robot.connect_eagerly())
+    finally:
+        robot.cleanup()
+
+
+# -- with others
+
+
+def test_a_recording_replays_with_equal_decisions(tmp_path: Path, run_dir: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with t1(tmp_path) as robot, record(robot.robot, path):
+        assert "enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+        robot.enable()
+        robot.elbow(0.1)
+        json_of(robot.robot.move(vx=0.2))
+        assert "steps" in why(robot.robot.send_action({"left_elbow_pitch": 1.0}))
+        time.sleep(0.5)
+        json_of(robot.robot.stop())
+        until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
+        json_of(robot.robot.resume())
+    recording = read(path)
+    outcome = replay(recording, build_driver(recording.info))
+    assert outcome.equal, outcome.difference
+    assert outcome.steps > 50 and outcome.gaps == 0 and outcome.skipped == 0
+
+
+def test_an_agent_can_look_and_stop_and_nothing_else(robot: T1) -> None:
+    robot.busy()
+    began_ns = time.monotonic_ns()
+    model = Scripted(
+        [("booster_t1", {"action": "move", "vx": 0.5})],
+        [("booster_t1", {"action": "sensors"})],
+        [("booster_t1", {"action": "stop"})],
+        "done",
+    )
+    Agent(model=model, tools=[robot.robot], callback_handler=None)("look, then stop it")
+    (spec,) = model.offered
+    assert spec["inputSchema"]["json"]["properties"]["action"]["enum"] == ["sensors", "status", "stop"]
+    assert [results[0]["status"] for results in model.heard] == ["error", "success", "success"]
+    robot.first_safe(began_ns, "stop")
+    assert 0.5 not in [vx for _, vx in robot.moves(began_ns)]
+    assert state(robot.robot) == "disarmed"
+
+
+def test_it_runs_no_policy(robot: T1) -> None:
+    assert "a T1 runs no policies" in why(robot.robot.run_policy(lambda _: []))
+    assert "a T1 runs no policies" in why(robot.robot.start_task("wave"))

@@ -1,0 +1,189 @@
+"""The twin's computer and body, on a clock of the test's own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from strands_actors.drivers.booster.protocol import IDLE, Command, CommandType, Fall, Motor
+from strands_actors.drivers.booster.robots import TABLES, model_of
+from strands_actors.drivers.booster.rpc import Api, Mode, Request
+from strands_actors.drivers.booster.twin.onboard import Onboard
+from strands_actors.drivers.booster.twin.simulated import BoosterBody
+from strands_actors.drivers.common.simulation_control.body import Hand
+
+STEP_S = 0.002
+ELBOW = 4
+KNEE = 14
+
+
+class Twin:
+    """An ``Onboard`` whose time the test passes."""
+
+    def __init__(self, mode: Mode = Mode.WALKING) -> None:
+        self.events: list[tuple[str, str]] = []
+        self.onboard = Onboard(model_of("booster_t1"), lambda kind, text: self.events.append((kind, text)), mode)
+        self.now_s = 100.0
+        self.onboard.advance(self.now_s)
+        self.home = self.onboard.state().q
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.now_s += STEP_S
+            self.onboard.advance(self.now_s)
+
+    def ask(self, api: Api | int, **body: Any) -> int:
+        return self.onboard.serve(Request("1", int(api), json.dumps(body))).status
+
+    def command(self, slot: int, rad: float, count: int = 23) -> None:
+        motors = [Motor(10, rad, 0.0, 0.0, 60.0, 3.0) if at == slot else IDLE for at in range(count)]
+        self.onboard.command(Command(CommandType.PARALLEL, tuple(motors)))
+
+    @property
+    def q(self) -> Sequence[float]:
+        return self.onboard.state().q
+
+
+def test_the_table_is_that_of_the_robot() -> None:
+    motors = model_of("booster_t1").motors
+    assert [motor.slot for motor in motors] == list(range(23))
+    assert [joint.slot for joint in model_of("booster_t1").joints] == list(range(2, 10))
+    assert set(TABLES.robots) == {"booster_t1"}
+    assert Twin().onboard.body.model.body_subtreemass[0] == pytest.approx(31.6, abs=0.1)
+
+
+def test_it_stands_by_its_own_controller() -> None:
+    twin = Twin()
+    twin.run(4.0)
+    assert twin.onboard.fall is Fall.IS_READY
+    state = twin.onboard.state()
+    assert max(abs(dq) for dq in state.dq) < 0.1
+    assert state.acceleration[2] == pytest.approx(9.81, abs=0.3)
+
+
+def test_it_walks_where_it_is_told_and_keeps_that() -> None:
+    twin = Twin()
+    assert twin.ask(Api.MOVE, vx=0.5, vy=0.0, vyaw=0.0) == 0
+    twin.run(2.0)
+    assert twin.onboard.odometer.x_m == pytest.approx(1.0, abs=0.01), "nothing ends it"
+    assert float(twin.onboard.body.data.qpos[0]) == pytest.approx(1.0, abs=0.1), "its body is there, too"
+    assert twin.ask(Api.MOVE, vx=0.0, vy=0.0, vyaw=0.5) == 0
+    twin.run(1.0)
+    assert twin.onboard.odometer.heading_rad == pytest.approx(0.5, abs=0.01)
+    assert twin.ask(Api.MOVE, vx=0.0, vy=0.0, vyaw=0.0) == 0
+    here = twin.onboard.odometer
+    twin.run(0.5)
+    assert twin.onboard.odometer == here and twin.onboard.fall is Fall.IS_READY
+
+
+@pytest.mark.parametrize("mode", [Mode.DAMPING, Mode.PREPARE])
+def test_it_walks_in_two_modes_only(mode: Mode) -> None:
+    assert Twin(mode).ask(Api.MOVE, vx=0.1, vy=0.0, vyaw=0.0) == 502
+
+
+def test_a_command_counts_only_while_the_upper_body_is_the_host_s() -> None:
+    twin = Twin()
+    twin.command(ELBOW, 0.5)
+    twin.run(0.5)
+    assert abs(twin.q[ELBOW]) < 0.05
+    assert twin.ask(Api.UPPER_BODY, start=True) == 0
+    twin.command(ELBOW, 0.5)
+    twin.run(0.5)
+    assert twin.q[ELBOW] == pytest.approx(0.5, abs=0.05)
+    twin.run(2.0)
+    assert twin.q[ELBOW] == pytest.approx(0.5, abs=0.05), "it keeps the last command"
+    assert twin.ask(Api.UPPER_BODY, start=False) == 0
+    twin.run(0.02)
+    assert twin.q[ELBOW] > 0.4, "it is turned back gently"
+    twin.run(1.0)
+    assert abs(twin.q[ELBOW]) < 0.05
+
+
+def test_a_command_to_a_leg_is_not_obeyed() -> None:
+    twin = Twin()
+    twin.ask(Api.UPPER_BODY, start=True)
+    twin.command(KNEE, 1.5)
+    twin.run(1.0)
+    assert twin.q[KNEE] == pytest.approx(0.4, abs=0.05) and twin.onboard.fall is Fall.IS_READY
+
+
+def test_in_custom_mode_a_frame_for_the_arms_lets_the_legs_go() -> None:
+    twin = Twin(Mode.CUSTOM)
+    twin.run(0.5)
+    assert twin.onboard.fall is Fall.IS_READY
+    twin.command(ELBOW, 0.0)
+    twin.run(2.0)
+    assert twin.onboard.fall is not Fall.IS_READY
+
+
+def test_it_falls_on_demand_lies_and_gets_up() -> None:
+    twin = Twin()
+    twin.ask(Api.UPPER_BODY, start=True)
+    twin.ask(Api.MOVE, vx=0.5, vy=0.0, vyaw=0.0)
+    twin.onboard.fall_over()
+    assert twin.onboard.fall is Fall.IS_FALLING and not any(twin.onboard.twist)
+    assert not twin.onboard.ours, "it needs its arms"
+    assert twin.ask(Api.UPPER_BODY, start=True) == 502 and twin.ask(Api.CHANGE_MODE, mode=2) == 502
+    assert twin.ask(Api.GET_UP) == 409
+    twin.run(2.0)
+    assert twin.onboard.fall is Fall.HAS_FALLEN and twin.onboard.body.fallen
+    assert twin.ask(Api.GET_UP) == 0
+    twin.run(2.0)
+    assert twin.onboard.fall is Fall.IS_READY and not twin.onboard.body.fallen
+    assert twin.onboard.mode is Mode.WALKING
+    falls = [text for kind, text in twin.events if kind == "fall"]
+    assert falls == ["IS_FALLING", "HAS_FALLEN", "IS_GETTING_UP", "IS_READY"]
+
+
+def test_in_damping_mode_it_sinks() -> None:
+    twin = Twin()
+    assert twin.ask(Api.CHANGE_MODE, mode=0) == 0
+    twin.run(2.0)
+    assert twin.onboard.body.fallen and twin.onboard.fall is Fall.IS_READY, "it was told to"
+    assert twin.ask(Api.CHANGE_MODE, mode=2) == 0
+    twin.run(1.0)
+    assert not twin.onboard.body.fallen
+
+
+def test_its_head_turns() -> None:
+    twin = Twin()
+    assert twin.ask(Api.ROTATE_HEAD, pitch=0.3, yaw=-0.5) == 0
+    twin.run(1.0)
+    assert twin.q[1] == pytest.approx(0.3, abs=0.05) and twin.q[0] == pytest.approx(-0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("api", "body", "status"),
+    [
+        (Api.MOVE, {"vx": "fast"}, 400),
+        (Api.MOVE, {"vx": 0.1}, 400),
+        (Api.UPPER_BODY, {"start": 1}, 400),
+        (Api.CHANGE_MODE, {"mode": 17}, 400),
+        (Api.CHANGE_MODE, {}, 400),
+        (2005, {}, 501),
+        (Api.RESET_ODOMETRY, {}, 0),
+        (Api.GET_MODE, {}, 0),
+    ],
+)
+def test_what_its_service_answers(api: int, body: dict[str, Any], status: int) -> None:
+    assert Twin().ask(api, **body) == status
+
+
+def test_the_simulation_has_the_arms_while_the_host_has_not() -> None:
+    twin = Twin()
+    body = BoosterBody(twin.onboard)
+    assert set(body.hands) == {Hand.NONE}
+    body.take(True)
+    assert set(body.hands) == {Hand.SIM}
+    body.aim([0.0, -1.4, 0.5, -0.4, 0.0, 1.4, 0.0, 0.4])
+    twin.run(1.0)
+    assert body.felt().position[2] == pytest.approx(0.5, abs=0.05)
+    assert twin.ask(Api.UPPER_BODY, start=True) == 0
+    assert set(body.hands) == {Hand.WIRE}
+    body.aim([0.0, -1.4, 0.0, -0.4, 0.0, 1.4, 0.0, 0.4])
+    twin.command(ELBOW, 0.5)
+    twin.run(0.5)
+    assert body.felt().position[2] == pytest.approx(0.5, abs=0.05), "the wire has it now"
