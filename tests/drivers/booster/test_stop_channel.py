@@ -100,7 +100,7 @@ def test_a_zero_that_is_refused_counts_where_the_robot_cannot_walk(tmp_path: Pat
     with twin(tmp_path, mode=mode) as served:
         reports = with_channel(served, lambda channel: channel.make_safe("stop"))
         assert all(report.safe for report in reports)
-        assert frames(served)[-1] == "UPPER_BODY", "they are given back all the same"
+        assert "UPPER_BODY" in frames(served), "the arms are given back all the same"
 
 
 def test_an_estop_s_state_is_damping(tmp_path: Path) -> None:
