@@ -155,7 +155,7 @@ class _Way:
         if not self._stands:
             return f"Move(0, 0, 0): {self._zero.why}"
         last = self._last
-        if last is None or last.done or (last.tries and self._mode is Mode.DAMPING):
+        if last is None or last.done or (last.answer is not None and self._mode is Mode.DAMPING):
             return ""
         what = "damping mode" if self._safe_state == SafeState.DAMP else "handing back the upper body"
         return f"{what}: {last.why}"
