@@ -3,6 +3,7 @@ do so alike."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import aclosing
 
 from strands_actors.contract.driver import MotorReport
@@ -21,8 +22,16 @@ AFTER_S = 0.006
 """A state that came so long after the first frame was measured after it."""
 
 
-async def bring_down(link: Link, safe_state: str) -> tuple[MotorReport, ...]:
-    """The first frame leaves before the first wait. Never raises."""
+def by_nobody() -> str:
+    """Of who cannot know what controls the robot instead of us."""
+    return ""
+
+
+async def bring_down(
+    link: Link, safe_state: str, held_by: Callable[[], str] = by_nobody
+) -> tuple[MotorReport, ...]:
+    """The first frame leaves before the first wait. Never raises. ``held_by``: what controls the
+    robot instead of us: it takes no commands of ours, so its torque is none of ours either."""
     damps = safe_state == "damp"
     written = link.send(link.safe_frame(damps))
     began_ns = zero_ns = link.clock.now_ns()
@@ -33,12 +42,15 @@ async def bring_down(link: Link, safe_state: str) -> tuple[MotorReport, ...]:
             link.poll()
             written |= link.send(link.safe_frame(now_ns < zero_ns))
             passed_s = (now_ns - zero_ns) / NS
-            if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and all(_obeys(link, zero_ns))):
+            if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break
     if link.state_ns < began_ns:
         said = "no LowState came" if link.heard else "the robot does not hear us"
         return reports(link.model, written, said)
-    obeys = _obeys(link, zero_ns)
+    obeys, holder = _obeys(link, zero_ns), held_by()
+    if holder and not all(obeys):
+        said = f"held by the robot's own controller, {holder}"
+        return tuple(MotorReport(joint.key, joint.slot, written, True, True, said) for joint in link.model.joints)
     return tuple(
         MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "it still shows torque")
         for joint, safe in zip(link.model.joints, obeys, strict=True)

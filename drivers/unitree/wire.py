@@ -197,13 +197,7 @@ class UnitreeWire(Wire):
         session = self._session_or_none
         if session is None:
             return reports(self._config.model, False, "not connected")
-        motors = await bring_down(session.link, safe_state)
-        held_by = "" if all(motor.safe for motor in motors) else session.held_by()
-        if not held_by:
-            return motors
-        # It takes no commands of ours, so its torque is none of ours either.
-        said = f"held by the robot's own controller, {held_by}"
-        return tuple(MotorReport(motor.axis, motor.id, motor.written, True, True, said) for motor in motors)
+        return await bring_down(session.link, safe_state, session.held_by)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new

@@ -367,6 +367,9 @@ def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
         motors = answer["content"][0]["json"]["motors"]  # type: ignore[index]
         assert motors["FL_hip_joint"]["detail"] == "held by the robot's own controller, sport mode 'normal'"
         assert go2.log.host("safe") and not go2.events("fell")
+        answer = go2.robot.cleanup()  # in the time that a tree which ends gives its wire
+        assert (answer or {"status": "success"})["status"] == "success", answer
+    assert not go2.events("fell")
 
 
 def test_nobody_there(tmp_path: Path) -> None:
