@@ -39,8 +39,8 @@ async def choose(driver: Driver, command: Start) -> tuple[str, dict[str, Any]] |
         )
 
     def run() -> tuple[str, dict[str, Any]]:  # it looks through what is installed: milliseconds
-        where, options = load(CHOOSE)(name, host, command.policy_port, {})
-        return where, {**load(FACTS)(where, driver), **options}
+        provider, options = load(CHOOSE)(name, host, command.policy_port, {})
+        return provider.where, {**load(FACTS)(provider, driver), **options}
 
     try:
         return await trio.to_thread.run_sync(run)

@@ -24,7 +24,8 @@ VERBS = {
 def driver(robot: str) -> Driver:
     driver_class = get_native_driver_class(robot)
     assert driver_class is not None
-    made: Driver = driver_class(robot, "192.0.2.1", {})
+    boards = driver_class.PORT_KIND == "serial" and driver_class.PORT_OPTIONAL  # no port is given
+    made: Driver = driver_class(robot, "" if boards else "192.0.2.1", {})
     return made
 
 

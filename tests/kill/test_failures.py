@@ -79,9 +79,13 @@ def test_saf_003_a_policy_out_of_memory_ends_in_a_hold(strands_robot: Start) -> 
 TOLD = {
     "supervisors/mesh/telemetry.py",
     "supervisors/mesh/answers.py",
+    "supervisors/mesh/commands.py",
+    "supervisors/mesh/readings.py",
     "kernel/channels/pubsub.py",
     "drivers/common/rtps/sockets.py",
     "drivers/yahboom/twin/bridge.py",
+    "drivers/rby1/twin/controller.py",
+    "drivers/spot/session.py",
 }
 """Who tells others what time it is by the wall, or is told so by the kernel and believes what can
 be."""

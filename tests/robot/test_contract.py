@@ -30,7 +30,7 @@ def refusal(error: type[Exception], *args: Any, **keywords: Any) -> str:
     return str(raised.value)
 
 
-SERIAL = [name for name in NATIVE if port_kind(name) == "serial"]
+SERIAL = [name for name in NATIVE if port_kind(name) == "serial" and not driver_of(name).PORT_OPTIONAL]
 ADDRESSED = [name for name in NATIVE if port_kind(name) == "address" and not driver_of(name).PORT_OPTIONAL]
 BLIND = [name for name in NATIVE if not driver_of(name).reads_cameras]
 SIMULATED = [name for name in NATIVE if not driver_of(name).SIMULATION]
@@ -99,7 +99,9 @@ def test_what_a_simulation_would_ignore_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", NATIVE)
 def test_what_was_never_connected_answers_and_touches_nothing(name: str) -> None:
-    robot = Robot(name, mode="real", port="192.0.2.1" if port_kind(name) == "address" else "/dev/no-such-port")
+    boards = port_kind(name) == "serial" and driver_of(name).PORT_OPTIONAL  # on the robot itself: no port is given
+    port = {} if boards else {"port": "192.0.2.1" if port_kind(name) == "address" else "/dev/no-such-port"}
+    robot = Robot(name, mode="real", **port)
     task = json_of(robot.get_task_status())
     assert (task["running"], task["steps"]) == (False, 0)
     status = json_of(robot.get_status())

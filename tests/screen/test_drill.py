@@ -47,6 +47,7 @@ STEPS = {
     "reachy_mini": WITHOUT,
     "crazyflie": WITHOUT,
     "microduck": WITHOUT,
+    "spot": WITH_POLICY,
     "stretch3": WITH_POLICY,
     "booster_t1": WITHOUT,
     "unitree_g1": WITHOUT,

@@ -134,7 +134,7 @@ def test_saf_012_a_state_that_is_old_is_none() -> None:
 @pytest.mark.parametrize("at", range(22))
 def test_every_joint_stays_within_its_range(at: int) -> None:
     axis = driver().table[at]
-    for end, outwards in ((axis.low, -0.002), (axis.high, 0.002)):
+    for end, outwards in ((axis.low, -0.01), (axis.high, 0.01)):
         near = msgspec.structs.replace(seen(), position=(end,) * 22)
         assert isinstance(judge({axis.key: end}, state(near, end)), Candidate)
         refusal = refused({axis.key: end + outwards}, state(near, end))
