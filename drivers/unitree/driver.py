@@ -200,3 +200,4 @@ class Go2Driver(_Legs):
             counts={"attempts": ATTEMPTS},
         )
     }
+    BEFORE_MOTION: ClassVar[str] = "release_sport_mode"

@@ -41,9 +41,6 @@ class Caller:
                 break
         if problem is not None:
             raise SystemExit(problem)
-        release = getattr(self.robot, "release_sport_mode", None)
-        if release is not None and (answer := release())["status"] != "success":
-            raise SystemExit(f"its own controller does not let go: {answer}")
         self._prepare()
 
     def _prepare(self) -> None:

@@ -14,6 +14,8 @@ from strands_actors import Robot
 
 from .registering import register
 
+STILL_S = 3.0
+"""By then a robot lies where it fell."""
 ON_THE_WIRE_S = 0.1
 """By then a setpoint has left, on a wire too that may only answer its robot once in a cycle."""
 
@@ -26,21 +28,32 @@ def main(text: str) -> None:
     _must(problem is None, f"connect: {problem}")
     try:
         _prepare(robot)
-        seen = robot.get_observation()
-        _must(bool(seen), "an armed robot shows no observation")
-        axis, here = next(iter(seen.items()))
-        _must(math.isfinite(here), f"{axis} was not measured")
-        still = dict(seen) if robot.driver.WHOLE_ACTIONS else {axis: here}
-        _must_do(robot.send_action(still), "the measured position is refused as a target")
+        still = _stand_still(robot)
         time.sleep(ON_THE_WIRE_S)
         _must_do(robot.stop(), "stop")
         _must(robot.send_action(still)["status"] == "error", "after a stop a command is accepted")
         _must_do(robot.resume(), "resume")
         _prepare(robot)
-        _must_do(robot.send_action(still), "after a resume")
+        _stand_still(robot)
     finally:
         robot.cleanup()
-    print(f"{len(seen)} axes, stopped, resumed")
+    print(f"{len(robot.driver.axes)} axes, stopped, resumed")
+
+
+def _stand_still(robot: Any) -> dict[str, float]:
+    """Tell the first axis to be where it is, and return that action. A robot that has just fallen
+    may be somewhere else by then: it is asked again."""
+    until_s = time.monotonic() + STILL_S
+    while True:
+        seen = robot.get_observation()
+        _must(bool(seen), "an armed robot shows no observation")
+        axis, here = next(iter(seen.items()))
+        _must(math.isfinite(here), f"{axis} was not measured")
+        still = dict(seen) if robot.driver.WHOLE_ACTIONS else {axis: here}
+        answer = robot.send_action(still)
+        if answer["status"] == "success":
+            return still
+        _must(time.monotonic() < until_s, f"the measured position is refused: {answer['content'][0].get('text')}")
 
 
 def _prepare(robot: Any) -> None:

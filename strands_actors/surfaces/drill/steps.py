@@ -31,8 +31,6 @@ from strands_actors.testing.wirelog import WireLog
 
 from .certificate import Figure
 
-RELEASE = "release_sport_mode"
-"""Of a robot that has it: its own controller lets go of the joints before ours may have them."""
 PROVIDER = "strands_actors.surfaces.drill.policy:Still"
 STEPS_BEFORE = 5
 """Setpoints on the wire before something is broken."""
@@ -158,10 +156,6 @@ class Drill:
             answer = await self._resume()
             if not isinstance(answer, Resumed):
                 raise Failed(f"it cannot be energised: {answer.text}")
-        if RELEASE in self._driver.SERVICES:
-            released = await tree.perform(RELEASE, {})
-            if isinstance(released, Refused):
-                raise Failed(released.text)
         if self._driver.BEFORE_MOTION:
             prepared = await tree.perform(self._driver.BEFORE_MOTION, {})
             if isinstance(prepared, Refused):
