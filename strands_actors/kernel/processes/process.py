@@ -33,7 +33,15 @@ FENCE_S = 1.0
 """How long a fence waits for the end of what it killed. A process in an uninterruptible system call
 (a serial adapter that hangs) ends when that returns, and until then runs none of its own code."""
 
-_BOOT = "import sys; from strands_actors.kernel.processes.child import main; main(int(sys.argv[1]))"
+# A child of a process that runs first does not, from its first line on: its imports take longer than
+# the kernel lets such a process compute.
+_BOOT = """
+import os, sys
+if hasattr(os, "sched_setscheduler"):
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+from strands_actors.kernel.processes.child import main
+main(int(sys.argv[1]))
+"""
 
 
 class ChildSpecification(msgspec.Struct, frozen=True):
