@@ -7,7 +7,7 @@ deadline.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import trio
 
@@ -43,13 +43,14 @@ QUIET_S = 0.05
 late."""
 
 HOLD_S = 0.25
-"""An arm that is told to hold is there within this time, or it is stopped. A stop may have to wait
-for that."""
+"""An arm that is told to hold is there within this time, or it is stopped."""
 
 _REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
 
 class XArmWire(Wire):
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, config: XArmConfig, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._config = config
         self._clock = clock

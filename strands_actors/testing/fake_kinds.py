@@ -205,6 +205,8 @@ class KindWire(Wire):
     """Keeps the newest sample in the background, so that a reading is given at once, however slow
     the answers."""
 
+    interruptible: ClassVar[bool] = True
+
     def __init__(self, config: KindConfig, clock: Clock) -> None:
         self._config = config
         self._peer = config.peer

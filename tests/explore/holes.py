@@ -6,15 +6,19 @@ of the program that looks for robots, which is not simulated (``tests/mesh/test_
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.contract.axis import parse_action
+from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, Reason
 from strands_actors.contract.loading import load
 from strands_actors.kernel.channels.permissions import Channel
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate import failsafe
+from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.messages import Stop
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
@@ -94,17 +98,24 @@ def a_policy_can_be_the_gate(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Channel, "refuse", lambda self, to, message: None)
 
 
+def a_velocity_goes_on_that_nobody_names(patch: pytest.MonkeyPatch) -> None:
+    """The target of what an action does not name is the one before."""
+    patch.setattr(Driver, "parse", _parse_from_the_last)
+
+
+def _parse_from_the_last(self: Driver, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+    parsed = parse_action(action, self.robot, self.table, self._index, state.target)
+    if isinstance(parsed, Refused):
+        return parsed
+    values, named = parsed
+    kept = tuple(value if at in named else state.target[at] for at, value in enumerate(values))
+    return Candidate(kept, named)
+
+
+def nobody_looks_at_the_robot_itself(patch: pytest.MonkeyPatch) -> None:
+    """Its conditions are asked before a setpoint only."""
+    patch.setattr(Gate, "_look_at_conditions", lambda *_, **named: None)
+
+
 async def _nothing(self: Any) -> None:
     pass
-
-
-HOLES = (
-    a_stop_writes_nothing_on_a_lost_link,
-    a_resume_is_obeyed_while_the_tree_ends,
-    a_hold_takes_readings_of_any_age,
-    a_goal_goes_to_motors_without_torque,
-    a_stop_of_a_task_beside_a_dead_wire_ends_the_root,
-    a_task_begins_after_its_deadline,
-    a_lock_ends_with_the_script,
-    a_policy_can_be_the_gate,
-)

@@ -12,25 +12,32 @@ from strands_actors.testing.explore.shrink import shrink
 
 from . import holes
 
-FOUND: dict[Callable[[pytest.MonkeyPatch], None], tuple[int, str]] = {
-    holes.a_stop_writes_nothing_on_a_lost_link: (928, "SAF-020 an order to stop is written"),
-    holes.a_resume_is_obeyed_while_the_tree_ends: (3, "SAF-018 nothing stays energised"),
-    holes.a_hold_takes_readings_of_any_age: (38, "SAF-019 a hold moves no joint"),
-    holes.a_goal_goes_to_motors_without_torque: (268, "SAF-019 no frame energises a limp motor"),
-    holes.a_stop_of_a_task_beside_a_dead_wire_ends_the_root: (53, "SAF-003 no process fails by itself"),
-    holes.a_task_begins_after_its_deadline: (439, "SAF-010 no task begins that failed to start"),
-    holes.a_lock_ends_with_the_script: (274, "SAF-018 a lock is obeyed"),
-    holes.a_policy_can_be_the_gate: (213, "SAF-008 nothing is energised without a resume"),
+FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] = {
+    (holes.a_stop_writes_nothing_on_a_lost_link, "so101"): (928, "SAF-020 an order to stop is written"),
+    (holes.a_resume_is_obeyed_while_the_tree_ends, "so101"): (3, "SAF-018 nothing stays energised"),
+    (holes.a_hold_takes_readings_of_any_age, "so101"): (38, "SAF-019 a hold moves no joint"),
+    (holes.a_goal_goes_to_motors_without_torque, "so101"): (268, "SAF-019 no frame energises a limp motor"),
+    (holes.a_stop_of_a_task_beside_a_dead_wire_ends_the_root, "so101"): (
+        53,
+        "SAF-003 no process fails by itself",
+    ),
+    (holes.a_task_begins_after_its_deadline, "so101"): (439, "SAF-010 no task begins that failed to start"),
+    (holes.a_lock_ends_with_the_script, "so101"): (274, "SAF-018 a lock is obeyed"),
+    (holes.a_policy_can_be_the_gate, "so101"): (213, "SAF-008 nothing is energised without a resume"),
+    (holes.a_policy_can_be_the_gate, "fake_base"): (44, "SAF-008 nothing is energised without a resume"),
+    (holes.a_velocity_goes_on_that_nobody_names, "fake_base"): (80, "SAF-014 what is not named rests"),
+    (holes.nobody_looks_at_the_robot_itself, "fake_drone"): (56, "SAF-003 a condition is obeyed"),
+    (holes.a_lock_ends_with_the_script, "fake_http"): (302, "SAF-018 a lock is obeyed"),
 }
 """The seed that finds it, of those from 0 on, and what it breaks."""
 
 
-@pytest.mark.parametrize("hole", FOUND, ids=[hole.__name__ for hole in FOUND])
+@pytest.mark.parametrize(("hole", "robot"), FOUND, ids=[f"{hole.__name__}-{robot}" for hole, robot in FOUND])
 def test_a_hole_that_is_put_back_is_found(
-    hole: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+    hole: Callable[[pytest.MonkeyPatch], None], robot: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seed, invariant = FOUND[hole]
-    plan = plan_of(seed, "so101")
+    seed, invariant = FOUND[hole, robot]
+    plan = plan_of(seed, robot)
     (whole,) = run_apart([plan])
     assert not whole.violations, "without the hole"
     hole(monkeypatch)
@@ -40,7 +47,7 @@ def test_a_hole_that_is_put_back_is_found(
 
 def test_a_failing_run_is_made_shorter(monkeypatch: pytest.MonkeyPatch) -> None:
     hole = holes.a_resume_is_obeyed_while_the_tree_ends
-    seed, invariant = FOUND[hole]
+    seed, invariant = FOUND[hole, "so101"]
     hole(monkeypatch)
     plan = shrink(plan_of(seed, "so101"), invariant)
     assert {event.kind for event in plan.events} <= {"cleanup", "kill", "restart", "resume"}

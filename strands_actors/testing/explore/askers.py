@@ -3,13 +3,12 @@ process."""
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Reason
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
@@ -40,6 +39,7 @@ from strands_actors.supervisors.root.tasks import Tasks
 from .children import SimChild
 from .links import SimLink, SimMesh
 from .plan import CALLER, Event
+from .robot_model import Actions
 from .world import Process, World
 
 ROBOT = "explored"
@@ -51,64 +51,37 @@ STOP_S = 0.25
 FENCE_S = 3.0
 START_S = 1.0
 PERIOD_S = 1 / 30
-TTL_S = 0.1
-SWEEP_DEG = 4.5
-"""A setpoint further, for one joint: 135 degrees a second."""
+ONESHOT_S = 0.25
+"""Until a single command that is latched must have reached the wire."""
 PROVIDER = "strands_actors.testing.explore.askers:Sweep"
 
 
-class Numbers:
-    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint
-    it is."""
-
-    ROLL, FLEX = "wrist_roll", "wrist_flex"
-
-    def __init__(self, rng: random.Random) -> None:
-        self._rng = rng
-        self.given = 0
-
-    def next(self, far: bool) -> dict[str, float]:
-        self.given += 1
-        action = {self.ROLL: self.roll_deg(self.given), self.FLEX: self.flex_deg(self.given)}
-        action["shoulder_pan"] = abs((SWEEP_DEG * self.given + 80.0) % 320.0 - 160.0) - 80.0
-        if far:
-            action["shoulder_pan"] = self._rng.uniform(-90.0, 90.0)
-            action["elbow_flex"] = self._rng.uniform(-80.0, 80.0)
-        return action
-
-    @staticmethod
-    def roll_deg(number: int) -> float:
-        return -140.0 + 0.3 * ((number + 467) % 900)
-
-    @staticmethod
-    def flex_deg(number: int) -> float:
-        return -85.0 + 0.2 * ((number + 425) % 800)
-
-
 class Sweep:
-    """The policy of a rollout: a few actions at a time. ``numbers``: of the present run."""
+    """The policy of a rollout: a few actions at a time. ``actions``: of the present run."""
 
-    numbers: Numbers
+    actions: Actions
 
     def step(self, observation: Any) -> list[dict[str, float]]:
-        return [self.numbers.next(far=False) for _ in range(6)]
+        return [self.actions.next(far=False) for _ in range(6)]
 
 
 class Asker:
     """``events``: what it asks, and when since the world began."""
 
-    def __init__(self, world: World, name: str, events: list[Event], style: str, numbers: Numbers) -> None:
+    def __init__(
+        self, world: World, name: str, events: list[Event], style: str, actions: Actions, driver: Driver
+    ) -> None:
         self.world = world
         self.name = name
         self.events = events
         self.style = style
-        self.numbers = numbers
+        self.actions = actions
+        self.driver = driver
         self._lease: Lease | None = None
         self._stopped = 0
         self._child: Any = None
         self.start_root: Callable[[str], SimChild] | None = None
         """Of the caller: starts the tree for the node at that address."""
-        self.axes: tuple[str, ...] = ()
 
     async def main(self, process: Process) -> None:
         self.process = process
@@ -234,9 +207,10 @@ class Asker:
         if self._lease is None:
             await self._acquire()
         if self._lease is not None:
-            deadline_ns = self.node.clock.now_ns() + round(0.25e9)
-            action = self.numbers.next(far=True)
-            setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, latched=True)
+            lives_s = self.driver.timing.oneshot_ttl_s
+            deadline_ns = self.node.clock.now_ns() + round((lives_s or ONESHOT_S) * 1e9)
+            action = self.actions.next(far=True)
+            setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, latched=lives_s is None)
             await self._ask(self.gate, setpoint, ASK_S)
 
     async def _stream(self, for_s: float) -> None:
@@ -248,8 +222,8 @@ class Asker:
             lease = self._lease
             if lease is None:
                 return
-            deadline_ns = self.node.clock.now_ns() + round(TTL_S * 1e9)
-            action = self.numbers.next(far=False)
+            deadline_ns = self.node.clock.now_ns() + round(self.driver.timing.stream_ttl_s * 1e9)
+            action = self.actions.next(far=False)
             answer = await self._ask(
                 self.gate, Setpoint(lease.id, lease.epoch, deadline_ns, action, PERIOD_S), ASK_S
             )
@@ -261,7 +235,9 @@ class Asker:
             await self._acquire()
         if self._lease is None:
             return
-        rollout = Rollout(ROBOT, self.axes, "sweep", PERIOD_S, TTL_S, for_s, over=self._lease.id)
+        rollout = Rollout(
+            ROBOT, self.driver.axes, "sweep", PERIOD_S, self.driver.timing.stream_ttl_s, for_s, over=self._lease.id
+        )
         deadline_ns = self.node.clock.now_ns() + round(START_S * 1e9)
         if await self._ask(self.tasks, StartTask(PROVIDER, {}, rollout, deadline_ns), START_S) is None:
             await self._never_started()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.messages import Setpoint, Stop
 
 from .conversation import Asked, Conversation
-from .plan import Event
-from .servo_arm import Frame, ServoArm
+from .plan import AT_A_POINT, BUS, CONDITIONS, SERVICE, Event
+from .robot_model import Frame, RobotModel
 from .world import TREE, Process, World
 
 ALONE_S = 0.35
@@ -27,29 +27,32 @@ class Fault(NamedTuple):
 
 
 class Evidence:
-    """``motor_and_count``: what a servo is told, by the axis' name and value."""
+    """``mended_s``: since then nothing is wrong any more."""
 
-    def __init__(
-        self,
-        world: World,
-        arm: ServoArm,
-        events: tuple[Event, ...],
-        mended_s: float,
-        motor_and_count: Callable[[str, float], tuple[int, int]],
-    ) -> None:
+    def __init__(self, world: World, model: RobotModel, events: tuple[Event, ...], mended_s: float) -> None:
         self.world = world
-        self.frames: list[Frame] = arm.frames
-        self.torque_log = arm.torque_log
-        self.torque_at = arm.torque_at
+        self.model = model
+        self.frames = model.frames
+        self.energised_log = model.energised_log
+        self.energised_at = model.energised_at
         self.end_s = world.now_s
         self.mended_s = mended_s
         self._events = events
-        self._count = motor_and_count
         self._conversation: Conversation = world.conversation
 
     def s(self, t_s: float) -> str:
         """A time for people."""
         return f"{t_s - self.world.began_s:.4f} s"
+
+    def safe_states(self, *reasons: Reason) -> frozenset[str]:
+        """Return what the robot is brought to for these reasons."""
+        return frozenset(str(self.model.driver.fallbacks[reason]) for reason in reasons)
+
+    def ends_by(self, t_s: float) -> bool:
+        """Return whether the robot is on its way to its end by itself, as a drone that lands: the
+        last that it was told is what a stop leads to."""
+        last = next((frame for frame in reversed(self.frames) if frame.t_s <= t_s), None)
+        return last is not None and last.safe_state in self.safe_states(Reason.STOP, Reason.ESTOP)
 
     @property
     def asked(self) -> list[Asked]:
@@ -66,12 +69,12 @@ class Evidence:
     @cached_property
     def _setpoints(self) -> list[tuple[Frame, Asked | None]]:
         """Known by the marks on their wrists, where these were written; else by all that was."""
-        marked: dict[tuple[int, int], Asked] = {}
-        goals: list[tuple[Asked, dict[int, int]]] = []
+        marked: dict[tuple[int, float], Asked] = {}
+        goals: list[tuple[Asked, dict[int, float]]] = []
         for asked in self._conversation.setpoints:
             assert isinstance(asked.message, Setpoint)
-            action = {name: self._count(name, value) for name, value in asked.message.action.items()}
-            marked |= {mark: asked for name, mark in action.items() if name.startswith("wrist")}
+            action = {name: self.model.told(name, value) for name, value in asked.message.action.items()}
+            marked |= {mark: asked for name, mark in action.items() if self.model.marks(name)}
             goals.append((asked, dict(action.values())))
         motors = {motor for motor, _ in marked}
         found: list[tuple[Frame, Asked | None]] = []
@@ -94,7 +97,7 @@ class Evidence:
         """When a motor lost its torque that gets it back at ``t_s``."""
         since_s = self.world.began_s
         had = False
-        for at_s, motors in self.torque_log:
+        for at_s, motors in self.energised_log:
             if at_s >= t_s:
                 break
             if had and motor not in motors:
@@ -126,6 +129,14 @@ class Evidence:
             if fault.kind == "freeze" and fault.who == "caller":
                 continue  # what it commanded is held; what it did not command is not
             if not any(other is not fault and _near(fault.t_s, other) for other in self.faults):
+                yield fault
+
+    def lone_conditions(self) -> Iterator[Fault]:
+        """Of the robot itself, with nothing else wrong beside it."""
+        for fault in self.faults:
+            if fault.kind in CONDITIONS and not any(
+                other is not fault and _near(fault.t_s, other) for other in self.faults
+            ):
                 yield fault
 
     @property
@@ -165,18 +176,12 @@ class Evidence:
         return [process.role for process in self.world.processes if process.role in ours and process.left_over]
 
 
-_WRONG = frozenset(
-    {
-        "kill", "freeze", "lag", "lose replies", "lose requests", "mute", "late", "corrupt", "twice", "pull",
-        "unload", "brown out", "restart", "cut mesh", "slow mesh",
-    }
-)  # fmt: skip
+_WRONG = frozenset({"kill", "freeze", "lag", "restart", "cut mesh", "slow mesh", *BUS, *SERVICE, *CONDITIONS})
+_STILL_HEARS = ("lose replies", "mute", "late", "corrupt", "twice", *AT_A_POINT, "slow service", *CONDITIONS)
+_DEAF = _WRONG - {*_STILL_HEARS}
 
 
-_DEAF = _WRONG - {"lose replies", "mute", "late", "corrupt", "twice", "unload", "brown out"}
-
-
-def _last_that_fits(frame: Frame, goals: list[tuple[Asked, dict[int, int]]]) -> Asked | None:
+def _last_that_fits(frame: Frame, goals: list[tuple[Asked, dict[int, float]]]) -> Asked | None:
     for asked, told in reversed(goals):
         named = told.keys() & frame.goals.keys()
         if asked.at_s <= frame.t_s and named and all(told[motor] == frame.goals[motor] for motor in named):
@@ -189,9 +194,4 @@ def _near(t_s: float, fault: Fault) -> bool:
 
 
 def _lasts_s(fault: Fault) -> float:
-    return 0.0 if fault.kind in ("unload", "brown out") else fault.for_s if fault.kind != "kill" else 0.5
-
-
-def count_of(driver: Any) -> Callable[[str, float], tuple[int, int]]:
-    axes = {axis.key: axis for axis in driver.joints}
-    return lambda name, value: (axes[name].id, axes[name].count(value))
+    return 0.0 if fault.kind in AT_A_POINT else fault.for_s if fault.kind != "kill" else 0.5

@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from strands_actors.contract.driver import HOLDING_REASONS, Reason
 from strands_actors.supervisors.messages import Fence, Resume, Setpoint, StartTask, Stop, StopReport
 
 from .conversation import Asked
 from .evidence import Evidence
 
 NS = 1e9
-TOLERATED_COUNTS = 34
-"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within
-a degree."""
 LIMP_SEEN_S = 0.08
 """A servo that lost its torque before, and is heard, is known to be limp: it is read every 33
 ms."""
@@ -32,6 +30,8 @@ ORDER_S = 0.3
 """A stop waits for one message on the mesh, and cuts short what need not be finished."""
 WRITER_S = 1.3
 """A writer that is dead or frozen for so long has lost its lease (1 s)."""
+CONDITION_S = 0.4
+"""What a robot reads of itself, at its control rate, is acted on."""
 START_S = 1.1
 """By then who asked for a task has been told that it was not started."""
 
@@ -61,6 +61,7 @@ def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
     """A hold counts from its first frame: what is asked for while it is being confirmed is of its
     epoch."""
     asked_for = {id(frame): asked for frame, asked in seen.setpoints()}
+    holding = seen.safe_states(*HOLDING_REASONS)
     safe_s = float("-inf")
     holds = False
     for frame in seen.frames:
@@ -69,9 +70,9 @@ def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
             asked = asked_for.get(id(frame))
             if asked is not None and asked.at_s < safe_s:
                 yield frame.t_s, f"asked for at {seen.s(asked.at_s)}, safe frame at {seen.s(safe_s)}"
-        elif frame.safe_state and seen.counts(frame) and not (holds and frame.safe_state == "hold"):
+        elif frame.safe_state and seen.counts(frame) and not (holds and frame.safe_state in holding):
             safe_s = frame.t_s
-            holds = frame.safe_state == "hold"
+            holds = frame.safe_state in holding
 
 
 def nothing_is_executed_that_was_refused(seen: Evidence) -> Found:
@@ -83,6 +84,28 @@ def nothing_is_executed_that_was_refused(seen: Evidence) -> Found:
 def every_setpoint_was_asked_for(seen: Evidence) -> Found:
     for frame in seen.unknown():
         yield frame.t_s, f"{frame.role} writes goals that nobody asked for: {dict(frame.goals)}"
+
+
+def what_is_not_named_rests(seen: Evidence) -> Found:
+    """A velocity that an action does not name is no velocity; a position stays what it was told."""
+    for frame, asked in seen.setpoints():
+        assert isinstance(asked.message, Setpoint)
+        named = {seen.model.told(key, value)[0] for key, value in asked.message.action.items()}
+        for motor, rest in seen.model.rest.items():
+            if motor not in named and frame.goals.get(motor, rest) != rest:
+                yield frame.t_s, f"nobody asked motor {motor} for {frame.goals[motor]}"
+
+
+def a_condition_is_obeyed(seen: Evidence) -> Found:
+    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
+    for fault in seen.lone_conditions():
+        end_s = fault.t_s + CONDITION_S
+        if fault.for_s < CONDITION_S or not seen.energised_at(fault.t_s) or not seen.energised_at(end_s):
+            continue
+        if not seen.ends_by(end_s) and not any(
+            frame.safe_state in ends and fault.t_s < frame.t_s <= end_s for frame in seen.frames
+        ):
+            yield end_s, f"{fault.kind} since {seen.s(fault.t_s)}, and it still flies"
 
 
 def no_task_begins_that_failed_to_start(seen: Evidence) -> Found:
@@ -104,21 +127,22 @@ def a_hold_moves_no_joint(seen: Evidence) -> Found:
         if frame.kind != "safe":
             continue
         for motor, goal in frame.goals.items():
-            if motor not in frame.torque_before:
+            if motor not in frame.energised_before:
                 continue
-            here, before = frame.positions[motor], frame.before[motor]
-            aims = (here, before, frame.lost.get(motor, here))
-            low, high = min(aims) - TOLERATED_COUNTS, max(aims) + TOLERATED_COUNTS
+            low, high = seen.model.held_between(motor, frame)
             if not low <= goal <= high:
-                detail = f"motor {motor} at {here} with goal {before} is told to hold at {goal}"
+                here = f"at {frame.positions[motor]} with goal {frame.before[motor]}"
+                detail = f"motor {motor} {here} is told to hold at {goal}"
                 yield frame.t_s, detail
 
 
 def no_frame_energises_a_limp_motor(seen: Evidence) -> Found:
+    if not seen.model.KEEPS_TORQUE_BY_RESUME:
+        return
     for frame in seen.frames:
         if frame.kind != "setpoint" and frame.safe_state != "hold":
             continue
-        for motor in frame.torque - frame.torque_before:
+        for motor in frame.energised - frame.energised_before:
             since_s = seen.limp_since(motor, frame.t_s)
             known_s = LIMP_SEEN_S if seen.heard(since_s - LIMP_KNOWN_S, frame.t_s) else LIMP_KNOWN_S
             if frame.t_s - since_s > known_s:
@@ -126,13 +150,14 @@ def no_frame_energises_a_limp_motor(seen: Evidence) -> Found:
 
 
 def what_is_confirmed_is_so(seen: Evidence) -> Found:
+    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
     for asked in seen.asked:
         report = asked.answer
-        if not isinstance(report, StopReport) or not report.confirmed or report.safe_state != "limp":
+        if not isinstance(report, StopReport) or not report.confirmed or report.safe_state not in ends:
             continue
         at_s = report.at_ns / NS if report.motors else asked.answered_s
-        if on := seen.torque_at(at_s):
-            yield at_s, f"{asked.who} is told that all motors are limp, motors {sorted(on)} have torque"
+        if on := seen.energised_at(at_s):
+            yield at_s, f"{asked.who} is told that all motors are safe, motors {sorted(on)} are energised"
 
 
 def a_lock_is_obeyed(seen: Evidence) -> Found:
@@ -141,8 +166,8 @@ def a_lock_is_obeyed(seen: Evidence) -> Found:
         if not locks or not isinstance(asked.answer, StopReport):
             continue
         lifted_s = min((lift.at_s for lift in _lifts(seen, asked)), default=float("inf"))
-        before: frozenset[int] = seen.torque_at(asked.answered_s)
-        for t_s, motors in seen.torque_log:
+        before: frozenset[int] = seen.energised_at(asked.answered_s)
+        for t_s, motors in seen.energised_log:
             if asked.answered_s < t_s < lifted_s and motors - before:
                 yield t_s, f"motors {sorted(motors - before)} energised under the lock of {seen.s(asked.at_s)}"
             before = motors if t_s > asked.answered_s else before
@@ -161,11 +186,11 @@ def _lifts(seen: Evidence, locked: Asked) -> Iterator[Asked]:
 def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
     for fault in seen.lone_faults():
         bound_s = DEATH_S if fault.kind == "kill" else FREEZE_S
-        if not seen.torque_at(fault.t_s) or (fault.kind == "freeze" and fault.for_s < bound_s):
+        if not seen.energised_at(fault.t_s) or (fault.kind == "freeze" and fault.for_s < bound_s):
             continue
         end_s = fault.t_s + bound_s
-        limp = not seen.torque_at(end_s)
-        if not limp and not any(frame.safe_state and fault.t_s < frame.t_s <= end_s for frame in seen.frames):
+        safe = not seen.energised_at(end_s) or seen.ends_by(end_s)
+        if not safe and not any(frame.safe_state and fault.t_s < frame.t_s <= end_s for frame in seen.frames):
             yield end_s, f"{fault.kind} of {fault.who} at {seen.s(fault.t_s)}: no safe frame within {bound_s} s"
 
 
@@ -174,18 +199,24 @@ def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
     resumes = [asked for asked in seen.asked if isinstance(asked.message, Resume) and asked.who != "policy"]
     for frame in seen.frames:
         arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
-        if not arms or not frame.torque - frame.torque_before:
+        if not arms or not frame.energised - frame.energised_before:
             continue
         if not any(asked.at_s <= frame.t_s <= asked.answered_s for asked in resumes):
-            yield frame.t_s, f"motors {sorted(frame.torque - frame.torque_before)} are energised, nobody resumes"
+            yield (
+                frame.t_s,
+                f"motors {sorted(frame.energised - frame.energised_before)} are energised, nobody resumes",
+            )
 
 
 def an_order_to_stop_is_written(seen: Evidence) -> Found:
+    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
     for asked in seen.orders():
         end_s = asked.at_s + ORDER_S
-        if not seen.torque_at(asked.at_s) or not seen.torque_at(end_s) or end_s > seen.end_s:
+        if not seen.energised_at(asked.at_s) or not seen.energised_at(end_s) or end_s > seen.end_s:
             continue
-        if not any(frame.safe_state == "limp" and asked.at_s < frame.t_s <= end_s for frame in seen.frames):
+        if seen.ends_by(asked.at_s):
+            continue
+        if not any(frame.safe_state in ends and asked.at_s < frame.t_s <= end_s for frame in seen.frames):
             yield end_s, f"{asked.who} says stop at {seen.s(asked.at_s)}: no safe frame within {ORDER_S} s"
 
 
@@ -202,9 +233,9 @@ def no_writer_outlives_its_lease(seen: Evidence) -> Found:
 
 
 def nothing_stays_energised(seen: Evidence) -> Found:
-    if seen.torque_at(float("inf")) and not seen.excused:
+    if seen.energised_at(float("inf")) and not seen.excused:
         left = ", ".join(seen.alive()) or "no process"
-        yield seen.end_s, f"motors {sorted(seen.torque_at(float('inf')))} have torque, {left} is left"
+        yield seen.end_s, f"motors {sorted(seen.energised_at(float('inf')))} have torque, {left} is left"
 
 
 def a_tree_ends(seen: Evidence) -> Found:
@@ -216,6 +247,7 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-001 no setpoint past its deadline": no_setpoint_past_its_deadline,
     "SAF-002 no setpoint after a safe frame": no_setpoint_after_a_safe_frame,
     "SAF-003 a death is followed by a safe frame": a_death_is_followed_by_a_safe_frame,
+    "SAF-003 a condition is obeyed": a_condition_is_obeyed,
     "SAF-003 no process fails by itself": no_process_fails_by_itself,
     "SAF-004 no writer outlives its lease": no_writer_outlives_its_lease,
     "SAF-005 what is confirmed is so": what_is_confirmed_is_so,
@@ -223,6 +255,7 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-010 nothing is executed that was refused": nothing_is_executed_that_was_refused,
     "SAF-010 no task begins that failed to start": no_task_begins_that_failed_to_start,
     "SAF-014 every setpoint was asked for": every_setpoint_was_asked_for,
+    "SAF-014 what is not named rests": what_is_not_named_rests,
     "SAF-015 a tree ends": a_tree_ends,
     "SAF-018 a lock is obeyed": a_lock_is_obeyed,
     "SAF-018 nothing stays energised": nothing_stays_energised,

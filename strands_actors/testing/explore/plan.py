@@ -81,6 +81,17 @@ BUS = {
     "unload": 2,
     "brown out": 1,
 }
+CONDITIONS = {"low battery": 2}
+SERVICE = {"slow service": 3, "out of reach": 3}
+WIRE_FAULTS: dict[str, dict[str, int]] = {
+    "so101": BUS,
+    "fake_base": SERVICE,
+    "fake_drone": {**SERVICE, **CONDITIONS},
+    "fake_http": SERVICE,
+}
+"""By robot: what its wire does, and how often."""
+AT_A_POINT = ("unload", "brown out")
+"""What has no end."""
 SHORT_S = (0.002, 0.02, 0.06, 0.15, 0.3, 0.7)
 
 
@@ -127,6 +138,15 @@ RECIPES: tuple[Recipe, ...] = (
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )
+SERVICE_RECIPES: tuple[Recipe, ...] = (
+    (Step("out of reach", ("",), (0.05, 1.2)), Step("stop", ASKERS), (0.0, 0.6)),
+    (Step("out of reach", ("",), (0.05, 1.2)), Step("kill", ("wire", "root", CALLER)), (0.0, 0.6)),
+    (Step("slow service", ("",), (0.3, 1.5)), Step("stop", ASKERS), (0.0, 0.6)),
+    (Step("slow service", ("",), (0.3, 1.5)), Step("freeze", ("wire", "root", CALLER)), (0.0, 0.6)),
+    (Step("stop", ASKERS), Step("resume", ASKERS), (0.0, 0.4)),
+    (Step("kill", ("wire", "standby")), Step("resume", ASKERS), (0.0, 0.7)),
+    *(recipe for recipe in RECIPES if all(step.kind not in BUS for step in recipe if isinstance(step, Step))),
+)
 """Things that are dangerous beside each other, and how many seconds each comes after the one
 before."""
 
@@ -137,9 +157,9 @@ def plan_of(seed: int, robot: str) -> Plan:
     rng = random.Random(f"plan {seed} {robot}")
     events = [_ask(rng) for _ in range(rng.choice((0, 1, 2, 3, 5)))]
     events += [_fault(rng) for _ in range(rng.choice((0, 1, 1, 1, 2)))]
-    events += [_bus(rng) for _ in range(rng.choice((0, 0, 1, 1, 2)))]
+    events += [_of_the_wire(rng, robot) for _ in range(rng.choice((0, 0, 1, 1, 2)))]
     if rng.random() < 0.5:
-        events = events[: rng.randrange(3)] + _recipe(rng)
+        events = events[: rng.randrange(3)] + _recipe(rng, robot)
     elif events and rng.random() < 0.6:  # what is dangerous lies close together
         at_s = rng.choice(events).at_s
         near = _ask(rng) if rng.random() < 0.6 else _fault(rng)
@@ -148,8 +168,8 @@ def plan_of(seed: int, robot: str) -> Plan:
     return Plan(seed, robot, style, tuple(sorted(events, key=lambda event: event.at_s)))
 
 
-def _recipe(rng: random.Random) -> list[Event]:
-    recipe = rng.choice(RECIPES)
+def _recipe(rng: random.Random, robot: str) -> list[Event]:
+    recipe = rng.choice(RECIPES if WIRE_FAULTS[robot] is BUS else SERVICE_RECIPES)
     first, second, gap_s = recipe[0], recipe[1], recipe[2]
     at_s = BOOT_S + 0.9 * rng.random()
     steps = [(first, at_s), (second, at_s := max(0.0, at_s + rng.uniform(*gap_s)))]
@@ -195,9 +215,9 @@ def _fault(rng: random.Random) -> Event:
     return Event(_when_s(rng), kind, who, value)
 
 
-def _bus(rng: random.Random) -> Event:
-    kind = _pick(rng, BUS)
+def _of_the_wire(rng: random.Random, robot: str) -> Event:
+    kind = _pick(rng, WIRE_FAULTS[robot])
     value = round(rng.choice(SHORT_S) * (0.5 + 2 * rng.random()), 4)
-    if rng.random() < 0.3 and kind not in ("unload", "brown out"):
+    if rng.random() < 0.3 and kind not in AT_A_POINT:
         value = 0.0  # until the end
     return Event(_when_s(rng), kind, "", value, rng.randrange(1, 7))

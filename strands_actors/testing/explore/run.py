@@ -9,7 +9,6 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.loading import load
 from strands_actors.kernel.health.heartbeat import new_page, private_page
 from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.root import process as root
@@ -18,24 +17,21 @@ from strands_actors.supervisors.root.standby_keeper import ENTRY
 from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
 
-from .askers import ROBOT, Asker, Numbers, Sweep
+from .askers import ROBOT, Asker, Sweep
 from .attack import attack
 from .children import FORKED_S, SimAhead, SimChild, SimSpawner, Starter
-from .evidence import Evidence, count_of
+from .evidence import Evidence
 from .invariants import Violation, violations_of
 from .links import Net, Socket
 from .locks import SimLocks
-from .plan import ACTIVE_S, BOOT_S, CALLER, OPERATORS, Event, Plan
+from .plan import ACTIVE_S, AT_A_POINT, BOOT_S, CALLER, OPERATORS, Event, Plan
+from .robot_model import Effect, nothing, put
+from .robots import MODELS
 from .seams import seams
-from .servo_arm import PATH, ServoArm
 from .world import World
 
 LAST_S = BOOT_S + ACTIVE_S + 0.2
 """When everything is mended and the caller is killed, if it still lives."""
-SETTLE_S = 3.5
-"""What is left then to end by itself: the guardian's longest pause, and an attempt."""
-
-Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
 
 
 class Run:
@@ -46,8 +42,8 @@ class Run:
         self.world = world = World(plan.seed)
         self.violations: tuple[Violation, ...] = ()
         self.net = Net(world)
-        self.arm = ServoArm(world)
-        self.numbers = Sweep.numbers = Numbers(world.rng("actions"))
+        self.model = MODELS[plan.robot](world, plan.robot)
+        self.actions = Sweep.actions = self.model.actions()
         SimLocks.disk = {}
         self.starter = Starter(
             world,
@@ -58,7 +54,6 @@ class Run:
                 "strands_actors.supervisors.root.tasks:main": ("policy", tasks._main),  # type: ignore[dict-item]
             },
         )
-        self.driver = Feetech("so101", PATH, Feetech.resolve("so101", {}))
         for name in (CALLER, *OPERATORS):
             events = self._asks(name)
             if name == CALLER or events:
@@ -69,12 +64,12 @@ class Run:
 
     def go(self) -> None:
         world = self.world
-        with seams(world, self.net, self.starter, self.arm):
+        with seams(world, self.net, self.starter, self.model):
             world.run(world.began_s + LAST_S)
             self._mend()
-            world.run(world.began_s + LAST_S + SETTLE_S)
+            world.run(world.began_s + LAST_S + self.model.SETTLE_S)
             world.close()
-        seen = Evidence(world, self.arm, self.plan.events, world.began_s + LAST_S, count_of(self.driver))
+        seen = Evidence(world, self.model, self.plan.events, world.began_s + LAST_S)
         self.violations = violations_of(seen)
 
     def digest(self) -> str:
@@ -84,8 +79,7 @@ class Run:
     # -- the tree
 
     def _start_asker(self, name: str, events: list[Event]) -> None:
-        asker = Asker(self.world, name, events, self.plan.style, self.numbers)
-        asker.axes = self.driver.axes
+        asker = Asker(self.world, name, events, self.plan.style, self.actions, self.model.driver)
         asker.start_root = self._start_root
         self.world.start(name, asker.main, None)
 
@@ -116,26 +110,28 @@ class Run:
         self._start_asker(CALLER, self._asks(CALLER, now_s))
 
     def _start_root(self, caller: str) -> SimChild:
-        world = self.world
+        world, model = self.world, self.model
         page = new_page()
         world.pages[os.fstat(page).st_ino] = private_page()
         world.descriptors.append(page)
         args = {
             "robot": ROBOT,
-            "driver": describe_driver(Feetech, "so101", PATH, Feetech.resolve("so101", {})),
+            "driver": describe_driver(
+                model.driver_class, model.robot, model.PORT, model.driver_class.resolve(model.robot, {})
+            ),
             "caller_pid": world.current.pid,
             "caller": caller,
             "note": "",
             "twin_pid": 0,
             "locks": "",
-            "lock_port": PATH,
+            "lock_port": model.PORT,
             "listen": "root",
             "wire_listen": "wire",
             "policy_listen": "policy",
             "connect": ["caller"],
             "page": page,
             "label": "",
-            "standby": {"lock": "", "port": PATH, "report": ""},
+            "standby": {"lock": "", "port": model.PORT, "report": ""},
             "mesh": {"listen": [], "connect": [], "settings": {}},
         }
         return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
@@ -151,43 +147,20 @@ class Run:
         self.world.note("plan", event.kind, f"{event.who or event.motor} {event.value or ''}")
         begin, end = self._effect(event)
         begin()
-        if event.value and event.kind not in ("kill", "unload", "brown out"):
+        if event.value and event.kind not in ("kill", *AT_A_POINT):
             self.world.after(event.value, lambda: self._over(event, end))
 
     def _over(self, event: Event, end: Callable[[], None]) -> None:
         self.world.note("plan", "ends", event.kind)
         end()
 
-    def _effect(self, event: Event) -> tuple[Callable[[], None], Callable[[], None]]:
+    def _effect(self, event: Event) -> Effect:
         """What happens, and how it is undone."""
-        trouble, line, motor = self.arm.trouble, self.arm.line, event.motor
         victim = self.world.find(event.who)
-
-        def put(owner: object, name: str, value: object, before: object) -> tuple[Any, Any]:
-            return lambda: setattr(owner, name, value), lambda: setattr(owner, name, before)
-
-        def nothing() -> None:
-            pass
-
+        of_the_wire = self.model.effect(event)
+        if of_the_wire is not None:
+            return of_the_wire
         match event.kind:
-            case "lose replies":
-                return put(trouble, "replies_lost", True, False)
-            case "lose requests":
-                return put(trouble, "requests_lost", True, False)
-            case "mute":
-                return lambda: trouble.mute.add(motor), lambda: trouble.mute.discard(motor)
-            case "late":
-                return put(trouble, "late_s", 0.06, 0.0)
-            case "corrupt":
-                return put(trouble, "corrupt", 0.2, 0.0)
-            case "twice":
-                return put(trouble, "twice", 0.3, 0.0)
-            case "pull":
-                return line.pull, line.put_back
-            case "unload":
-                return lambda: self.arm.unload(motor), nothing
-            case "brown out":
-                return lambda: self.arm.brown_out(motor), nothing
             case "restart":
                 return self._restart, nothing
             case "attack":
@@ -213,11 +186,7 @@ class Run:
         """So that what is wrong afterwards is the tree's."""
         self.world.note("plan", "everything is mended")
         self.world.restarts = 0
-        trouble = self.arm.trouble
-        trouble.replies_lost = trouble.requests_lost = False
-        trouble.mute.clear()
-        trouble.late_s = trouble.corrupt = trouble.twice = 0.0
-        self.arm.line.put_back()
+        self.model.mend()
         self.net.cut.clear()
         for process in self.world.processes:
             process.lag_s = 0.0

@@ -14,7 +14,6 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.loading import load
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.supervisors import policy
 from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
@@ -24,12 +23,8 @@ from strands_actors.supervisors.wire import group
 from .children import SimOs, SimPeer, Starter, life_of, suspected, until_ended
 from .links import Net, SimLink, SimMesh
 from .locks import SimLocks
-from .servo_arm import ServoArm
+from .robot_model import RobotModel, Seam
 from .world import World
-
-Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
-FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
-StopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
 
 
 class NoPlace:
@@ -79,7 +74,7 @@ def _threads(world: World) -> Callable[..., Any]:
 
 
 @contextlib.contextmanager
-def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator[None]:
+def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterator[None]:
     """Put them in for one run."""
     system = SimOs(world)
 
@@ -98,9 +93,10 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         return found
 
     SimMesh.net = net
-    table: tuple[tuple[Any, str, Any], ...] = (
+    table: tuple[Seam, ...] = (
         (trio.to_thread, "run_sync", _threads(world)),
         (group, "os", system),
+        (group, "run_first", nothing),
         (group, "MonotonicClock", VirtualClock),
         (group, "Link", SimLink),
         (group, "ZenohMesh", SimMesh),
@@ -111,6 +107,7 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (group, "suspected", lambda pid: suspected(world, pid)),
         (group, "report_failure", report_failure),
         (process, "os", system),
+        (process, "run_first", nothing),
         (process, "MonotonicClock", VirtualClock),
         (process, "Link", SimLink),
         (process, "ZenohMesh", SimMesh),
@@ -126,6 +123,7 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (standby_keeper, "suspected", lambda pid: suspected(world, pid)),
         (standby_keeper, "report_failure", report_failure),
         (standby, "os", system),
+        (standby, "run_first", nothing),
         (standby, "MonotonicClock", VirtualClock),
         (standby, "Link", SimLink),
         (standby, "words_of", words_of),
@@ -142,13 +140,7 @@ def seams(world: World, net: Net, starter: Starter, robot: ServoArm) -> Iterator
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
         (policy, "heap", SimpleNamespace(left_alone=contextlib.nullcontext)),
-        (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver.config, clock, robot.line.open)),
-        (
-            Feetech,
-            "stop_channel",
-            lambda driver, fds, clock: StopChannel(driver.config, fds, clock, robot.line.open),
-        ),
-        (StopChannel, "adopt", lambda channel, fd: robot.line.adopt(fd)),
+        *model.seams(),
     )
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]
     try:

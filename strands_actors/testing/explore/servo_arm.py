@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from strands_actors.contract.loading import load
 
+from .plan import Event
 from .plant import Joints
+from .robot_model import Effect, Frame, RobotModel, Seam, nothing, put
 from .serial_line import SerialLine
 from .world import World
 
-PATH = "/dev/serial/by-id/explored"
 BAUD = 1_000_000
 BYTE_S = 10 / BAUD
 STS3215 = 777
 
 # By name, as the registry loads drivers.
 FeetechBus: Any = load("strands_actors.drivers.feetech.twin:FeetechBus")
+Feetech: Any = load("strands_actors.drivers.feetech.driver:Feetech")
+FeetechWire: Any = load("strands_actors.drivers.feetech.wire:FeetechWire")
+StopChannel: Any = load("strands_actors.drivers.feetech.wire:FeetechStopChannel")
 Decoder: Any = load("strands_actors.drivers.feetech.protocol:Decoder")
 SYNC_WRITE: int = load("strands_actors.drivers.feetech.protocol:SYNC_WRITE")
 rows_of: Any = load("strands_actors.drivers.feetech.protocol:rows_of")
 TABLES: Any = load("strands_actors.drivers.feetech.robots:TABLES")
-
-
-class Frame(NamedTuple):
-    """What the servos heard, and how it left them."""
-
-    t_s: float
-    role: str  # of the process that wrote it
-    kind: str  # as the twin's log names it
-    safe_state: str
-    goals: Mapping[int, int]  # of the frame, by motor
-    before: Mapping[int, int]  # goals before it
-    lost: Mapping[int, int]  # goals that were written since then and lost
-    positions: Mapping[int, int]  # counts, where the joints truly were
-    torque_before: frozenset[int]
-    torque: frozenset[int]
 
 
 @dataclass
@@ -52,21 +42,54 @@ class Trouble:
     twice: float = 0.0
 
 
-class ServoArm:
-    """``frames``: what the servos heard that asks for more than an answer."""
+TOLERATED_COUNTS = 34
+"""3 degrees: so far behind where it is may a hold place a joint. A position counts as known within
+a degree."""
+SWEEP_DEG = 4.5
+"""A setpoint further, for one joint: 135 degrees a second."""
 
-    def __init__(self, world: World, goal_energises: bool = True) -> None:
-        self.world = world
-        table = TABLES.table("so101")
+
+class ArmActions:
+    """Gives each setpoint joint angles that no other has: a frame on the wire tells which setpoint
+    it is."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+        self._given = 0
+
+    def next(self, far: bool) -> dict[str, float]:
+        self._given += 1
+        number = self._given
+        action = {
+            "wrist_roll": -140.0 + 0.3 * ((number + 467) % 900),
+            "wrist_flex": -85.0 + 0.2 * ((number + 425) % 800),
+            "shoulder_pan": abs((SWEEP_DEG * number + 80.0) % 320.0 - 160.0) - 80.0,
+        }
+        if far:
+            action["shoulder_pan"] = self._rng.uniform(-90.0, 90.0)
+            action["elbow_flex"] = self._rng.uniform(-80.0, 80.0)
+        return action
+
+
+class ServoArm(RobotModel):
+    """An so101."""
+
+    PORT = "/dev/serial/by-id/explored"
+    KEEPS_TORQUE_BY_RESUME = True
+
+    def __init__(self, world: World, robot: str, goal_energises: bool = True) -> None:
+        super().__init__(world, robot)
+        self.driver_class = Feetech
+        self.driver = self.make_driver(Feetech)
+        self._axes = {axis.key: axis for axis in Feetech(robot, self.PORT, Feetech.resolve(robot, {})).joints}
+        table = TABLES.table(robot)
         joints = table["joints"]
         self.ids = tuple(joint["id"] for joint in joints)
         self.plant = Joints([joint["key"] for joint in joints])
         models, volts = [STS3215] * len(joints), float(table["voltage_v"])
         self.bus = FeetechBus(self.plant, self.ids, models, volts, lambda: world.now_s, goal_energises)
-        self.line = SerialLine(world, PATH, self._hear)
+        self.line = SerialLine(world, self.PORT, self._hear)
         self.trouble = Trouble()
-        self.frames: list[Frame] = []
-        self.torque_log: list[tuple[float, frozenset[int]]] = [(world.now_s, frozenset())]
         self._rng = world.rng("bus")
         self._goal = load("strands_actors.drivers.feetech.protocol:GOAL_POSITION")
         self._torque = load("strands_actors.drivers.feetech.protocol:TORQUE_ENABLE")
@@ -80,13 +103,58 @@ class ServoArm:
         """Which motors have torque, by their registers."""
         return frozenset(servo.id for servo in self.bus.servos if servo.get(self._torque))
 
-    def torque_at(self, t_s: float) -> frozenset[int]:
-        last: frozenset[int] = frozenset()
-        for since_s, motors in self.torque_log:
-            if since_s > t_s:
-                break
-            last = motors
-        return last
+    def actions(self) -> ArmActions:
+        return ArmActions(self.world.rng("actions"))
+
+    def told(self, key: str, value: float) -> tuple[int, float]:
+        axis = self._axes[key]
+        return axis.id, axis.count(value)
+
+    def marks(self, key: str) -> bool:
+        return key.startswith("wrist")
+
+    def held_between(self, motor: int, frame: Frame) -> tuple[float, float]:
+        here, before = frame.positions[motor], frame.before[motor]
+        aims = (here, before, frame.lost.get(motor, here))
+        return min(aims) - TOLERATED_COUNTS, max(aims) + TOLERATED_COUNTS
+
+    def seams(self) -> tuple[Seam, ...]:
+        line = self.line
+        return (
+            (Feetech, "open_wire", lambda driver, clock: FeetechWire(driver.config, clock, line.open)),
+            (Feetech, "stop_channel", lambda driver, fds, clock: StopChannel(driver.config, fds, clock, line.open)),
+            (StopChannel, "adopt", lambda channel, fd: line.adopt(fd)),
+        )
+
+    def effect(self, event: Event) -> Effect | None:
+        trouble, motor = self.trouble, event.motor
+        match event.kind:
+            case "lose replies":
+                return put(trouble, "replies_lost", True, False)
+            case "lose requests":
+                return put(trouble, "requests_lost", True, False)
+            case "mute":
+                return lambda: trouble.mute.add(motor), lambda: trouble.mute.discard(motor)
+            case "late":
+                return put(trouble, "late_s", 0.06, 0.0)
+            case "corrupt":
+                return put(trouble, "corrupt", 0.2, 0.0)
+            case "twice":
+                return put(trouble, "twice", 0.3, 0.0)
+            case "pull":
+                return self.line.pull, self.line.put_back
+            case "unload":
+                return lambda: self.unload(motor), nothing
+            case "brown out":
+                return lambda: self.brown_out(motor), nothing
+        return None
+
+    def mend(self) -> None:
+        trouble = self.trouble
+        trouble.replies_lost = trouble.requests_lost = False
+        trouble.mute.clear()
+        trouble.late_s = trouble.corrupt = trouble.twice = 0.0
+        self.line.put_back()
 
     def unload(self, motor: int) -> None:
         """A servo protects itself: its torque is gone."""
@@ -142,7 +210,7 @@ class ServoArm:
                 yield at_s + late_s + 0.002 * rng.random(), data
 
     def _log(self, exchange: Any, role: str) -> None:
-        before, torque_before = self._before, self.torque_log[-1][1]
+        before, energised_before = self._before, self.energised_log[-1][1]
         now = self.torque
         goals = self._before = self._goals()
         frame = Frame(
@@ -154,7 +222,7 @@ class ServoArm:
             before,
             dict(self._lost),
             self.positions(),
-            torque_before,
+            energised_before,
             now,
         )
         self.frames.append(frame)
@@ -176,9 +244,7 @@ class ServoArm:
         return {servo.id: servo.get(self._goal) for servo in self.bus.servos}
 
     def _log_torque(self) -> None:
-        now = self.torque
-        if now != self.torque_log[-1][1]:
-            self.torque_log.append((self.world.now_s, now))
+        self.log_energised(self.torque)
 
     def _servo(self, motor: int) -> Any:
         return next(servo for servo in self.bus.servos if servo.id == motor)

@@ -456,6 +456,20 @@ async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> 
 
 
 @in_virtual_time
+async def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
+    world = World()
+    wire = await armed(world)
+    world.controller.plant.set_stuck(0, True)  # it never gets to its target: the hold is not confirmed
+    await wire.write(stepped(world, 0.2), Permission())
+    assert wire.interruptible
+    with trio.move_on_after(0.03) as cut:
+        await wire.make_safe("hold")
+    assert cut.cancelled_caught
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    assert world.controller.state == State.STOPPED
+
+
+@in_virtual_time
 async def test_after_a_stop_there_is_no_target_to_hold() -> None:
     world = World()
     wire = await armed(world)
