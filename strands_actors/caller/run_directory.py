@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -52,18 +53,40 @@ def run_dir() -> Path:
     """The directory, made if need be. Raise ``PermissionError`` when it is not ours alone."""
     named = os.environ.get("STRANDS_ACTORS_RUN")
     base = os.environ.get("XDG_RUNTIME_DIR")
-    path = (
-        Path(named)
-        if named
-        else Path(base) / "strands-actors"
-        if base
-        else Path(tempfile.gettempdir()) / f"strands-actors-{os.getuid()}"
-    )
+    if not named and not base:
+        return _shared_place(Path(tempfile.gettempdir()) / f"strands-actors-{os.getuid()}")
+    path = Path(named) if named else Path(base or "") / "strands-actors"
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    status = path.stat()
-    if status.st_uid != os.getuid() or status.st_mode & 0o077:
-        raise PermissionError(f"{path} is open to others: chmod 700 it, or set STRANDS_ACTORS_RUN to another place")
+    _check(path, path.stat())
     return path
+
+
+def _shared_place(path: Path) -> Path:
+    """As ``run_dir``, where others may have put something under that name before us: a link to a
+    directory of ours would lead sockets and notes there, and elsewhere while a robot runs."""
+    with contextlib.suppress(FileExistsError):
+        path.mkdir(mode=0o700)
+    parent = path.parent.stat().st_mode
+    if parent & 0o002 and not parent & stat.S_ISVTX:
+        raise PermissionError(f"{path.parent} lets others rename what is ours. {_ELSEWHERE}")
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError as error:
+        why = "is a link" if path.is_symlink() else f"cannot be opened ({error.strerror})"
+        raise PermissionError(f"{path} {why}: somebody else may have put it there. {_ELSEWHERE}") from None
+    try:
+        _check(path, os.fstat(fd))
+    finally:
+        os.close(fd)
+    return path
+
+
+def _check(path: Path, status: os.stat_result) -> None:
+    if status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise PermissionError(f"{path} is open to others: chmod 700 it. {_ELSEWHERE}")
+
+
+_ELSEWHERE = "Or set STRANDS_ACTORS_RUN to another place"
 
 
 def data_dir() -> Path:

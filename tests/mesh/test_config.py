@@ -32,6 +32,9 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (MeshConfig(listen="tcp/192.0.2.1:7447"), "leaves this host"),
         (MeshConfig(connect="tcp/robot.example:7447"), "leaves this host"),
         (MeshConfig(listen="tcp/[::]:7447"), "leaves this host"),
+        (MeshConfig(listen="tcp/127.0.0.1:7447"), "every user of this host"),
+        (MeshConfig(listen="tcp/localhost:0"), "every user of this host"),
+        (MeshConfig(connect="tcp/[::1]:7447"), "every user of this host"),
         (MeshConfig(listen="tls/0.0.0.0:7447"), "needs tls="),
         (MeshConfig(listen="udp/127.0.0.1:7447"), "no endpoint"),
         (MeshConfig(listen="7447"), "no endpoint"),
@@ -50,9 +53,20 @@ def test_tcp_beside_tls_is_a_way_around_it(keys: Path) -> None:
         MeshConfig(listen=["tls/0.0.0.0:7447", "tcp/127.0.0.1:7448"], tls=tls(keys, "robot")).check()
 
 
-def test_loopback_and_the_users_own_word_are_accepted(keys: Path) -> None:
+def test_a_key_that_others_may_read_is_refused(keys: Path) -> None:
+    config = MeshConfig(listen="tls/0.0.0.0:7447", tls=tls(keys, "robot"))
+    key = keys / "robot.key"
+    for mode in (0o644, 0o640, 0o604, 0o620):
+        key.chmod(mode)
+        with pytest.raises(ValueError, match=rf"can be read by others \(mode {mode:03o}\).*chmod 600"):
+            config.check()
+    key.chmod(0o600)
+    config.check()
+
+
+def test_the_users_own_word_is_accepted(keys: Path) -> None:
     MeshConfig().check()
-    MeshConfig(listen=["tcp/127.0.0.1:7447", "tcp/localhost:0", "tcp/[::1]:0"]).check()
+    MeshConfig(listen=["tcp/127.0.0.1:7447", "tcp/localhost:0", "tcp/[::1]:0"], insecure=True).check()
     MeshConfig(listen="tcp/0.0.0.0:7447", insecure=True).check()
     MeshConfig(listen="tls/0.0.0.0:7447", tls=tls(keys, "robot")).check()
 

@@ -13,6 +13,10 @@ has spoken to it: what is written from then on is heard. A sample is as old as i
 arrival, by the kernel's time. Everything is bounded: peers, remote endpoints, samples that came too
 early, fragments; what does not fit is counted.
 
+What counts in a peer's name comes from that peer's address, and its numbers go on from the last:
+one datagram from elsewhere ends nothing. Who forges the address, too, is believed: the protocol has
+no proof of it. Legs belong on a network of their own.
+
 Protocol 2.2, IPv4. No type information is sent: a peer of another generation stumbles over it. Not
 here: security, keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.
 """

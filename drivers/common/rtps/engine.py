@@ -17,10 +17,12 @@ from . import discovery, messages, parameters
 from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData
 from .matching import Matching
 from .messages import Data, Fragment, Heartbeat, Send
-from .reader import Reader, Sample
+from .places import Place
+from .reader import MAX_SAMPLE, Reader, Sample
 from .reassembly import Reassembly
 from .wire_types import (
     MAX_ENTITIES,
+    MULTICAST_GROUP,
     PARTICIPANT,
     PREFIX_SIZE,
     PUBLICATIONS_READER,
@@ -38,6 +40,8 @@ from .wire_types import (
 from .writer import Writer
 
 MAX_PEERS = 64
+RESERVED = 16
+"""Of them, for participants of hosts that were given as peers: strangers cannot fill the table."""
 EAGER = 20
 """Announcements at the quick pace, before the steady one."""
 EAGER_NS = 100_000_000
@@ -56,17 +60,25 @@ class Counters:
     malformed: int = 0  # datagrams, and discovery samples, that are not what they claim to be
     unmatched: int = 0  # samples of writers that no reader here hears
     strangers: int = 0  # announcements of participants that are none of ours to talk to
-    refused: int = 0  # peers and endpoints beyond the tables
+    misplaced: int = 0  # datagrams in a peer's name, from where that peer is not
+    refused: int = 0  # peers and endpoints beyond the tables, samples longer than their reader takes
     unsent: int = 0  # datagrams that the network did not take
 
 
 class _Peer:
-    def __init__(self, data: ParticipantData, host: str, own_host: str) -> None:
+    def __init__(self, data: ParticipantData, host: str, own_host: str, only: Place | None) -> None:
         self.data = data
         self.host = host  # from where it was heard
+        self._only = only
+        # With several addresses it may speak from each that it named, from one of them.
+        self._hosts = {host, *(its_host for its_host, _ in (*data.discovery, *data.user))}
         self.discovery = discovery.nearest(data.discovery, host, own_host)
         self.user = discovery.nearest(data.user, host, own_host)
         self.heard_ns = 0
+
+    def is_at(self, sender: Address) -> bool:
+        """Whether it speaks from there."""
+        return sender[0] in self._hosts if self._only is None else self._only.holds(sender)
 
 
 class Engine:
@@ -76,16 +88,17 @@ class Engine:
         announce_to: Sequence[Address],
         send: Send,
         on_match: Callable[[], object] = lambda: None,
-        only: Callable[[ParticipantData, str], bool] = lambda data, host: True,
+        only: Place | None = None,
     ) -> None:
         """``announce_to``: where strangers may be: the multicast group, the ports of configured
-        peers. ``on_match``: what is matched may have changed. Called often. ``only``: whether a
-        participant, which was heard from ``host``, may become a peer."""
+        peers. ``on_match``: what is matched may have changed. Called often. ``only``: where a
+        participant has to be, and to be heard from, to become a peer."""
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
         self._host = data.discovery[0][0]
         self._announce_to = tuple(announce_to)
+        self._given = {host for host, _ in announce_to if host != MULTICAST_GROUP}
         self._network = send
         self._on_match = on_match
         self._only = only
@@ -118,7 +131,13 @@ class Engine:
         return writer
 
     def reader(
-        self, topic: str, type_name: str, reliable: bool, transient_local: bool, on_sample: OnSample
+        self,
+        topic: str,
+        type_name: str,
+        reliable: bool,
+        transient_local: bool,
+        on_sample: OnSample,
+        max_bytes: int = MAX_SAMPLE,
     ) -> Reader:
         """As ``writer``."""
 
@@ -127,7 +146,7 @@ class Engine:
                 on_sample(sample.payload, sample.writer, sample.t_ns)
 
         data = self._endpoint(reader_id, topic, type_name, reliable, transient_local)
-        reader = Reader(data, self._send, deliver)
+        reader = Reader(data, self._send, deliver, max_bytes)
         reader.is_known_to = _acknowledging(self._subscriptions, SUBSCRIPTIONS_READER)
         self._matching.add_reader(reader)
         self._subscriptions.write(discovery.encode_endpoint(data))
@@ -159,20 +178,27 @@ class Engine:
 
     # -- what comes in
 
-    def receive(self, datagram: memoryview, host: str, now_ns: int) -> None:
-        """One datagram, from ``host``. ``datagram`` may be used again when this returns."""
+    def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> None:
+        """One datagram. It may be used again when this returns.
+
+        A name is no proof: anybody can read a participant's GUID. What counts in a peer's name has
+        come from where that peer is."""
         self.counters.datagrams += 1
+        peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
+        if peer is not None and not peer.is_at(sender):
+            self.counters.misplaced += 1
+            return
         try:
             parts = messages.decode(datagram, self._own)
         except MalformedFrame:
             self.counters.malformed += 1
             return
-        if peer := self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE])):
+        if peer is not None:
             peer.heard_ns = now_ns
         matching = self._matching
         for part in parts:
             if isinstance(part, Data):
-                self._on_data(part, host, now_ns)
+                self._on_data(part, sender, now_ns)
             elif isinstance(part, messages.AckNack):
                 if writer := matching.writers.get(part.writer):
                     writer.on_acknack(part)
@@ -184,16 +210,16 @@ class Engine:
                     if part.reader not in (UNKNOWN, reader.entity):
                         continue
                     if isinstance(part, Heartbeat):
-                        reader.on_heartbeat(part)
+                        reader.on_heartbeat(part, now_ns)
                         self._on_match()
                     else:
-                        reader.on_gap(part)
+                        reader.on_gap(part, now_ns)
 
-    def _on_data(self, part: Data, host: str, now_ns: int) -> None:
+    def _on_data(self, part: Data, sender: Address, now_ns: int) -> None:
         sample = Sample(part.payload, part.writer, now_ns, part.disposed, part.key)
         if part.writer[PREFIX_SIZE:] == SPDP_WRITER:
             try:
-                self._on_participant(sample, host)
+                self._on_participant(sample, sender)
             except MalformedFrame:
                 self.counters.malformed += 1
             return
@@ -209,10 +235,15 @@ class Engine:
         readers = [
             reader
             for reader in self._matching.hearing.get(part.writer, ())
-            if part.reader in (UNKNOWN, reader.entity) and reader.wants(part.writer, part.sequence)
+            if part.reader in (UNKNOWN, reader.entity) and reader.wants(part.writer, part.sequence, now_ns)
         ]
         if not readers:
             self.counters.unmatched += 1
+            return
+        # Before room is made for the whole of it.
+        readers = [reader for reader in readers if part.total <= reader.max_bytes]
+        if not readers:
+            self.counters.refused += 1
             return
         try:
             whole = self._reassembly.add(part, now_ns)
@@ -226,7 +257,7 @@ class Engine:
 
     # -- what peers say of themselves
 
-    def _on_participant(self, sample: Sample, host: str) -> None:
+    def _on_participant(self, sample: Sample, sender: Address) -> None:
         prefix = sample.writer[:PREFIX_SIZE]
         if sample.disposed:
             if discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID) == prefix + PARTICIPANT:
@@ -238,15 +269,16 @@ class Engine:
         known = self._peers.get(prefix)
         if known and known.data == data:
             return
-        if not self._only(data, host):
+        if self._only is not None and not self._only.has(data, sender):
             self.counters.strangers += 1
             return
         if known:
             self._part(prefix)
-        if len(self._peers) >= MAX_PEERS:
+        room = MAX_PEERS if sender[0] in self._given else MAX_PEERS - RESERVED
+        if len(self._peers) >= room:
             self.counters.refused += 1
             return
-        peer = self._peers[prefix] = _Peer(data, host, self._host)
+        peer = self._peers[prefix] = _Peer(data, sender[0], self._host, self._only)
         peer.heard_ns = sample.t_ns
         self._meet(prefix, peer.discovery)
 

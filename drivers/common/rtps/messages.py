@@ -1,7 +1,8 @@
 """RTPS messages to values and back (8.3, 9.4). Pure.
 
 A datagram is taken whole or not at all: one malformed submessage and nothing of it counts. What is
-addressed to another participant, or of a kind we have no use for, is left out.
+addressed to another participant, said in the name of another, or of a kind we have no use for, is
+left out.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
     if datagram[4] != _VERSION[0]:
         raise MalformedFrame(f"RTPS version {datagram[4]}.{datagram[5]}")
     source = bytes(datagram[8:HEADER_SIZE])
-    mine = source != own
+    mine = named = source != own
     found: list[Submessage] = []
     at = HEADER_SIZE
     while at < size:
@@ -124,10 +125,11 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
         at = end
         if kind == _INFO_DST:
             destination = bytes(_need(body, PREFIX_SIZE)[:PREFIX_SIZE])
-            mine = source != own and destination in (own, bytes(PREFIX_SIZE))
+            mine = named and destination in (own, bytes(PREFIX_SIZE))
         elif kind == _INFO_SRC:
-            source = bytes(_need(body, 20)[8:20])
-            mine = mine and source != own
+            # Who passes on what another says would speak in a name that is not its address's.
+            named = named and bytes(_need(body, 20)[8:20]) == source
+            mine = mine and named
         elif decoder := _DECODERS.get(kind):
             part = decoder(body, flags, order, source)
             if mine:

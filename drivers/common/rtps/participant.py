@@ -19,7 +19,8 @@ from strands_actors.kernel.clock import Clock, MonotonicClock
 from . import wire_types
 from .discovery import ParticipantData
 from .engine import Counters, Engine, OnSample
-from .reader import Reader
+from .places import parse_place
+from .reader import MAX_SAMPLE, Reader
 from .sockets import ANCILLARY, age_ns, is_host, open_sockets
 from .wire_types import Address, Buffer
 from .writer import Writer
@@ -61,8 +62,9 @@ class Participant:
     ) -> None:
         """``address``: the IPv4 address of ours to be reached at; it selects the interface.
         ``peers``: ``host`` or ``host:port`` of participants to look for by unicast. ``only``: have
-        no other peers than the participants of this ``host``, or the one at ``host:port``: on a
-        network of many robots, whoever finds us would hear what we write otherwise. Raise
+        no other peers than the participants of this ``host``, or the one at ``host:port``, and hear
+        nothing in their names from elsewhere: on a network of many robots, whoever finds us would
+        hear what we write otherwise, and whoever claims to be the robot would be believed. Raise
         ``ValueError`` for what cannot be meant, ``WireDown`` when the sockets cannot be had."""
         if not 0 <= domain <= wire_types.MAX_DOMAIN:
             raise ValueError(f"domain is {domain}. Give 0..{wire_types.MAX_DOMAIN}")
@@ -84,8 +86,8 @@ class Participant:
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = wire_types.VENDOR + os.urandom(wire_types.PREFIX_SIZE - len(wire_types.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
-        wanted = (lambda found, heard_from: _is_at(only, found, heard_from)) if only else (lambda *_: True)
-        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, wanted)
+        place = parse_place(only) if only else None
+        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, place)
         self._engine.tick(self._clock.now_ns())
 
     @property
@@ -127,11 +129,12 @@ class Participant:
         *,
         reliable: bool = False,
         transient_local: bool = False,
+        max_bytes: int = MAX_SAMPLE,
     ) -> Reader:
         """``on_sample(payload, writer_guid, t_ns)`` is called from ``run`` or ``poll``. The
         payload, with its encapsulation header, is valid during the call; what it raises ends
-        ``run``."""
-        return self._engine.reader(topic, type_name, reliable, transient_local, on_sample)
+        ``run``. A sample in fragments that would be longer than ``max_bytes`` is not begun."""
+        return self._engine.reader(topic, type_name, reliable, transient_local, on_sample, max_bytes)
 
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
         """Until each of them has ``n`` counterparts. The caller sets the deadline."""
@@ -203,7 +206,7 @@ class Participant:
                 return
             now_ns = self._clock.now_ns()
             age = age_ns(ancillary[0][2], now_ns - self._empty_ns[sock]) if ancillary else 0
-            self._engine.receive(self._view[:size], sender[0], now_ns - age)
+            self._engine.receive(self._view[:size], sender, now_ns - age)
             if ancillary and age < fresh_ns:
                 return
 
@@ -235,13 +238,6 @@ async def open_participant(
             nursery.cancel_scope.cancel()
     finally:
         participant.close()
-
-
-def _is_at(only: str, data: ParticipantData, heard_from: str) -> bool:
-    host, _, port = only.partition(":")
-    if port:
-        return (host, int(port)) in data.discovery
-    return heard_from == host or any(host == its_host for its_host, _ in data.discovery)
 
 
 def _peer(text: str, domain: int) -> list[Address]:

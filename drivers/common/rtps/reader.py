@@ -3,6 +3,10 @@ argument, answers leave through ``send``, samples through ``deliver``.
 
 Best effort: a sample newer than the last is taken, all else is dropped. Reliable: in order and
 complete, as long as the writer still has it; what arrives too early waits, within bounds.
+
+A number far from the last one is believed only when the writer has been silent: one datagram that
+leaps by 2^40 would make every true sample behind it an old one. And it is believed in both
+directions, so that a writer is heard again even if somebody has spoken in its name first.
 """
 
 from __future__ import annotations
@@ -19,6 +23,16 @@ WINDOW = 256
 """Sequence numbers beyond the next one that are waited for; as many as an ACKNACK can name."""
 MAX_WAITING = 1 << 20
 """Bytes of early samples, for each writer."""
+LEAP = WINDOW
+"""Numbers that may be missing between two samples of a writer that goes on speaking."""
+REORDERED = 16
+"""Numbers by which a network brings a sample late. What is older has been counted anew."""
+SILENT_NS = 100_000_000
+"""Without a sample that continues the last: then the writer may go on at any number."""
+ANEW_NS = 1_000_000_000
+"""The same, of a reliable writer that would count anew: what it had said may just be late."""
+MAX_SAMPLE = 1 << 18
+"""Bytes of a sample in fragments, unless its reader says otherwise."""
 GREETING_NS = 100_000_000
 """Between requests for a first heartbeat."""
 
@@ -42,19 +56,25 @@ class _Writer:
         self.entity = guid[PREFIX_SIZE:]
         self.address = address
         self.next = 1  # the lowest number that has neither come nor been declared gone
+        self.heard_ns: int | None = None  # when something continued the numbers so far; None: never
         self.early: dict[int, Sample | None] = {}  # None: will not come
         self.waiting = 0  # bytes in it
         self.serial: int | None = None  # of its last heartbeat
         self.answers = 0
 
+    def is_silent(self, now_ns: int, for_ns: int = SILENT_NS) -> bool:
+        return self.heard_ns is None or now_ns - self.heard_ns >= for_ns
+
 
 class Reader:
-    def __init__(self, data: EndpointData, send: Send, deliver: Deliver) -> None:
+    def __init__(self, data: EndpointData, send: Send, deliver: Deliver, max_bytes: int = MAX_SAMPLE) -> None:
         self.data = data
+        self.max_bytes = max_bytes
         self.mismatch = ""  # why the last writer of this topic did not fit
         self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
         """Whether a participant has acknowledged that we exist."""
         self.lost = 0  # samples that a writer has sent and that never came
+        self.leaps = 0  # numbers that were not believed
         self.entity = data.guid[PREFIX_SIZE:]
         self._deliver = deliver
         self._send = send
@@ -93,38 +113,55 @@ class Reader:
 
     # -- what it hears
 
-    def wants(self, guid: bytes, sequence: int) -> bool:
+    def wants(self, guid: bytes, sequence: int, now_ns: int) -> bool:
         """Whether this sample would still be taken."""
         writer = self._writers.get(guid)
-        if writer is None or sequence < writer.next:
+        if writer is None:
             return False
-        if not self._reliable:
+        if self._reliable:
+            return writer.next <= sequence < writer.next + WINDOW and sequence not in writer.early
+        if writer.next <= sequence <= writer.next + LEAP:
             return True
-        return sequence not in writer.early and sequence < writer.next + WINDOW
+        return not writer.next - REORDERED <= sequence < writer.next and writer.is_silent(now_ns)
 
     def on_sample(self, sequence: int, sample: Sample) -> None:
-        if not self.wants(sample.writer, sequence):
+        if not self.wants(sample.writer, sequence, sample.t_ns):
+            writer_or_none = self._writers.get(sample.writer)
+            if writer_or_none is not None and sequence > writer_or_none.next:
+                self.leaps += 1
             return
         writer = self._writers[sample.writer]
         if not self._reliable:
             if writer.next > 1:
-                self.lost += sequence - writer.next
+                self.lost += max(0, sequence - writer.next)
             writer.next = sequence + 1
+            writer.heard_ns = sample.t_ns
             self._deliver(sample)
         elif sequence == writer.next:
             writer.next += 1
+            writer.heard_ns = sample.t_ns
             self._deliver(sample)
             self._catch_up(writer)
         elif writer.waiting + len(sample.payload) <= MAX_WAITING:
             writer.waiting += len(sample.payload)
             writer.early[sequence] = sample._replace(payload=memoryview(bytes(sample.payload)))
 
-    def on_heartbeat(self, part: Heartbeat) -> None:
+    def on_heartbeat(self, part: Heartbeat, now_ns: int) -> None:
         writer = self._writers.get(part.writer)
         if writer is None or not self._reliable or part.serial == writer.serial:
             return
+        counts_anew = part.last < writer.next - 1 - REORDERED
+        leaps = part.first > writer.next + LEAP
+        if (counts_anew and not writer.is_silent(now_ns, ANEW_NS)) or (leaps and not writer.is_silent(now_ns)):
+            self.leaps += 1
+            return
         greeted = writer.serial is not None
         writer.serial = part.serial
+        writer.heard_ns = now_ns
+        if counts_anew:  # or another has spoken in its name
+            writer.early.clear()
+            writer.waiting = 0
+            writer.next = part.first
         if part.first > writer.next:
             if greeted:
                 self.lost += part.first - writer.next
@@ -137,9 +174,12 @@ class Reader:
         if missing or not part.final:
             self._answer(writer, missing, final=not missing)
 
-    def on_gap(self, part: Gap) -> None:
+    def on_gap(self, part: Gap, now_ns: int) -> None:
         writer = self._writers.get(part.writer)
         if writer is None or not self._reliable:
+            return
+        if part.base > writer.next + LEAP and not writer.is_silent(now_ns):
+            self.leaps += 1
             return
         end = writer.next + WINDOW
         if part.start <= writer.next:

@@ -47,7 +47,7 @@ class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's
-    own word."""
+    own word: whoever reaches the port commands, on this host alone (127.0.0.1) every user of it."""
 
     listen: Names = ()
     connect: Names = ()
@@ -96,20 +96,24 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                     f"mesh: the {what} {path} cannot be read. `strands-actors mesh keys DIR` makes a set of them"
                 )
 
+        _check_key(self.tls.key)
+
     def _check_endpoint(self, endpoint: str) -> None:
         protocol, _, address = endpoint.partition("/")
         if protocol not in PROTOCOLS or not address:
-            raise ValueError(
-                f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447 or tcp/127.0.0.1:7447"
-            )
+            raise ValueError(f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447")
         if protocol == "tls" and self.tls is None:
             raise ValueError(f"mesh: {endpoint} needs tls=TLS(ca, certificate, key)")
         if protocol == "tcp" and self.tls is not None:
             raise ValueError(f"mesh: {endpoint} beside tls= would be a way around it. use tls/ for all endpoints")
-        if protocol == "tcp" and not self.insecure and not _is_loopback(address):
+        if protocol == "tcp" and not self.insecure:
+            whom = (
+                "is open to every user of this host, who"
+                if _is_loopback(address)
+                else "leaves this host, and anybody there"
+            )
             raise ValueError(
-                f"mesh: {endpoint} leaves this host, and anybody there could move the robot. "
-                "use tls/ and tls=TLS(...), or say insecure=True"
+                f"mesh: {endpoint} {whom} could move the robot. use tls/ and tls=TLS(...), or say insecure=True"
             )
 
     def settings(self) -> dict[str, Any]:
@@ -133,6 +137,18 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return {}
         rules = access_control(_list(self.access.viewers), _list(self.access.operators))
         return {**self.settings(), "access_control": rules}
+
+
+def _check_key(path: str) -> None:
+    """Raise ``ValueError`` when others than its owner could copy it. A key of root's may be for a
+    group that we are in."""
+    status = os.stat(path)
+    others = 0o037 if status.st_uid == 0 and os.getuid() != 0 else 0o077
+    if status.st_mode & others:
+        raise ValueError(
+            f"mesh: the key {path} can be read by others (mode {status.st_mode & 0o777:03o}), who then are you. "
+            f"chmod 600 {path}"
+        )
 
 
 def _list(names: str | Sequence[str]) -> list[str]:

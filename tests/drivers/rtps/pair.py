@@ -67,7 +67,7 @@ class Network:
                 self.now_ns, _, sender, address, datagram = heapq.heappop(self._travelling)
                 if engine := self.engines.get(address[0]):
                     buffer = bytearray(datagram)
-                    engine.receive(memoryview(buffer), sender, self.now_ns)
+                    engine.receive(memoryview(buffer), (sender, 7410), self.now_ns)
                     buffer[:] = b"\xa5" * len(buffer)
             self.now_ns = due
             if due == end:

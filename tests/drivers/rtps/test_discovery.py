@@ -6,7 +6,7 @@ import pytest
 
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData, ParticipantData
-from strands_actors.drivers.common.rtps.engine import MAX_PEERS
+from strands_actors.drivers.common.rtps.engine import MAX_PEERS, RESERVED
 from strands_actors.drivers.common.rtps.matching import MAX_ENDPOINTS
 
 from .pair import A, B, C, Log, Pair, payloads, undisturbed
@@ -166,15 +166,25 @@ def test_a_reader_that_ends_is_written_to_no_more() -> None:
     assert pair.writer.write(payloads(1)[0]) == 0
 
 
-def test_a_peer_that_has_moved_is_met_anew() -> None:
-    pair = Pair()
-    pair.read()
-    moved = ParticipantData(pair.a.data.prefix, ((C, 7410),), ((C, 7411),), 10.0)
-    handshake = messages.data(
-        wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, discovery.encode_participant(moved)
+def announcement(prefix: bytes, host: str, lease_s: float = 10.0) -> bytes:
+    data = ParticipantData(prefix, ((host, 7410),), ((host, 7411),), lease_s)
+    return messages.header(prefix) + messages.data(
+        wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, discovery.encode_participant(data)
     )
+
+
+def test_a_peer_that_has_moved_is_met_anew_once_it_is_gone_from_where_it_was() -> None:
+    pair = Pair(lease_s=1.0)
+    pair.read()
+    moved = announcement(pair.a.data.prefix, C)
     pair.network.keep_sent = True
-    pair.network.arrive(C, (B, 7410), messages.header(moved.prefix) + handshake)
+    pair.network.arrive(C, (B, 7410), moved)
+    pair.network.run(0.01)
+    assert (C, 7410) not in {address for _, address in pair.network.sent}
+    assert pair.b.counters.misplaced == 1
+    del pair.network.engines[A]
+    pair.network.run(1.2)
+    pair.network.arrive(C, (B, 7410), moved)
     pair.network.run(0.01)
     assert (C, 7410) in {address for _, address in pair.network.sent}
     assert pair.b.peers == 1
@@ -184,14 +194,9 @@ def test_tables_are_bounded() -> None:
     pair = Pair()
     pair.read()
     for number in range(2 * MAX_PEERS):
-        prefix = number.to_bytes(12, "big")
-        data = ParticipantData(prefix, ((C, 7410),), (), 100.0)
-        handshake = messages.data(
-            wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, discovery.encode_participant(data)
-        )
-        pair.network.arrive(C, (B, 7410), messages.header(prefix) + handshake)
+        pair.network.arrive(C, (B, 7410), announcement(number.to_bytes(12, "big"), C, 100.0))
     pair.network.run(0.1)
-    assert pair.b.peers == MAX_PEERS
+    assert pair.b.peers == MAX_PEERS - RESERVED
     assert pair.b.counters.refused > MAX_PEERS - 2
     matching = pair.b._matching
     for number in range(2 * MAX_ENDPOINTS):

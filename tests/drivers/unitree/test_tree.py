@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,6 +14,10 @@ import trio
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.common.rtps import CDR, Participant, discovery, messages, wire_types
+from strands_actors.drivers.common.rtps.discovery import ParticipantData
+from strands_actors.drivers.common.rtps.places import parse_place
+from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.driver import G1Driver
 from strands_actors.drivers.unitree.protocol import CommandCodec
@@ -379,3 +384,46 @@ def test_nobody_there(tmp_path: Path) -> None:
     assert problem is not None and "127.9.8.7: nobody" in problem
     assert time.monotonic() - began_s < PATIENCE_S
     robot.cleanup()
+
+
+# -- strangers on the network
+
+
+def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_nothing(tmp_path: Path) -> None:
+    """One datagram with the robot's GUID and a sequence number far ahead made every true state an
+    old one: the robot was let go. And who listed the robot's address among its own was a peer."""
+    with legs(tmp_path) as g1:
+        knee = g1.robot.get_observation()["left_knee"]
+        stranger = Participant(0, "127.0.0.77", (g1.twin.port,), False)
+        stolen: list[bytes] = []
+        stranger.reader(p.COMMAND_TOPIC, p.command_type("hg"), lambda payload, *_: stolen.append(bytes(payload)))
+        states = stranger.reader(p.STATE_TOPIC, p.state_type("hg"), lambda *_: None)
+        heard = lambda: stranger.poll() or states.matched  # noqa: E731
+        wait_until(heard, "the stranger hears the robot, as anybody may")
+        (guid,) = states._writers
+        far = messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], 1 << 40, CDR + b"garbage!")
+        claim = ParticipantData(
+            stranger.guid_prefix,
+            (parse_place(g1.twin.port), *stranger._engine.data.discovery),
+            stranger._engine.data.user,
+            10.0,
+        )
+        claimed = messages.header(claim.prefix) + messages.data(
+            wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, discovery.encode_participant(claim)
+        )
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            out.bind(("127.0.0.77", 0))
+            for _ in range(5):
+                for port in range(7410, 7450):
+                    out.sendto(far, ("127.0.0.1", port))
+                    out.sendto(claimed, ("127.0.0.1", port))
+                stranger.poll()
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:  # as long as it took to be lost, and more
+            stranger.poll()
+            status = g1.status()
+            assert status["state"] == "armed" and 0 <= status["observation_age_s"] < 1.0, status
+            time.sleep(0.05)
+        assert g1.robot.send_action({"left_knee": knee})["status"] == "success"
+        assert not stolen
+        stranger.close()
