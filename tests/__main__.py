@@ -1,6 +1,8 @@
 """``python -m tests``: style, types, tests (two at a time: most of them wait for processes); stops
 at the first that fails. Arguments go to pytest.
 
+``python -m tests lerobot``: what needs LeRobot itself (``tests/lerobot``), and nothing else.
+
 A test that fails beside another is run once more, alone, and named: two robots on a machine that
 pauses may be late where one is not. Who fails alone fails.
 """
@@ -9,6 +11,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+
+if sys.argv[1:2] == ["lerobot"]:
+    from tests.lerobot.environments import main
+
+    sys.exit(main(sys.argv[2:]))
 
 STEPS = (
     ("ruff", "check", "."),

@@ -14,6 +14,9 @@ from hypothesis import HealthCheck, settings
 
 pytest_plugins = ["strands_actors.pytest_plugin"]  # as if the package were installed with its entry point
 
+collect_ignore = ["lerobot"]
+"""Asked for by itself: ``python -m tests lerobot``."""
+
 # Whoever runs the tests in the background may have had these ignored, and the processes under test
 # with them.
 signal.signal(signal.SIGINT, signal.default_int_handler)

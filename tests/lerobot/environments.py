@@ -1,0 +1,79 @@
+"""One environment for each version of LeRobot, made by pip, with this checkout in it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+PLUGIN = ROOT / "plugins" / "lerobot_robot_strands_actors"
+WHERE = "STRANDS_ACTORS_LEROBOT"
+ONLY = "--only="
+"""``--only=0.4.4``: that version alone. Other arguments are pytest's."""
+
+
+class Version(NamedTuple):
+    lerobot: str
+    python: str
+    extras: str  # what its commands, and its buses, need
+
+
+VERSIONS = (
+    Version("0.4.4", "3.11", "feetech,dynamixel"),
+    Version("0.6.1", "3.12", "core-scripts,feetech,dynamixel"),
+)
+
+
+def main(arguments: list[str]) -> int:
+    """Make what is missing, run the tests in each; the first exit code that is not 0."""
+    only = [text.removeprefix(ONLY) for text in arguments if text.startswith(ONLY)]
+    versions = [version for version in VERSIONS if not only or version.lerobot in only]
+    if not versions:
+        print(f"no version {', '.join(only)}. there are {', '.join(each.lerobot for each in VERSIONS)}")
+        return 2
+    rest = [text for text in arguments if not text.startswith(ONLY)]
+    codes = [_run(version, rest) for version in versions]
+    return next((code for code in codes if code), 0)
+
+
+def _run(version: Version, arguments: list[str]) -> int:
+    environment = folder() / version.lerobot
+    python = str(environment / "bin" / "python")
+    done = environment / "strands-actors"
+    if not done.exists():
+        found = interpreter(version.python)
+        if found is None:
+            print(f"lerobot {version.lerobot} needs Python {version.python}, and there is none here")
+            return 2
+        _do(found, "-m", "venv", str(environment))
+        _do(python, "-m", "pip", "install", f"lerobot[{version.extras}]=={version.lerobot}")
+        _do(python, "-m", "pip", "install", "-e", str(ROOT), "pytest>=8.3", "hypothesis>=6.120")
+        done.touch()
+    # Not editable: LeRobot has to find it as it finds what people install.
+    _do(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(PLUGIN))
+    print(f"$ lerobot {version.lerobot}, Python {version.python}", flush=True)
+    command = [python, "-m", "pytest", "-p", "no:cacheprovider", *(arguments or [str(Path(__file__).parent)])]
+    return subprocess.run(command, cwd=ROOT).returncode
+
+
+def folder() -> Path:
+    """Return where the environments are. Several gigabytes each."""
+    return Path(os.environ.get(WHERE) or Path("~/.cache/strands-actors/lerobot").expanduser())
+
+
+def interpreter(minor: str) -> str | None:
+    """Return a Python of this version: ours, one on the path, or pyenv's newest."""
+    if sys.version_info[:2] == tuple(map(int, minor.split("."))):
+        return sys.executable
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path("~/.pyenv").expanduser())
+    newest = sorted(pyenv.glob(f"versions/{minor}.*/bin/python"))
+    return shutil.which(f"python{minor}") or (str(newest[-1]) if newest else None)
+
+
+def _do(*command: str) -> None:
+    print("$", *command, flush=True)
+    subprocess.run(command, check=True)
