@@ -80,7 +80,9 @@ class _Stop:
         async with connected(self._host, p.SECONDARY_PORT) as stream:
             stream.write(p.STOP_SCRIPT)
             self.written = True
-            await trio.sleep(SCRIPT_S)  # closed at once, what was sent might be dropped unread
+            with trio.move_on_after(SCRIPT_S):  # closed at once, what was sent might be dropped unread
+                while True:  # and closed on the state that it tells, the connection is reset
+                    await stream.read()
             self.ordered = True
 
     async def watch(self) -> None:

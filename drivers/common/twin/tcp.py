@@ -41,6 +41,7 @@ class Connection:
         self._sock = sock
         self.log = log
         self.frost = frost
+        self._owed = b""  # what the client has not taken yet of an offer
 
     @property
     def peer_host(self) -> str:
@@ -83,6 +84,27 @@ class Connection:
         if sent != len(data):
             self.abort()
 
+    @property
+    def takes(self) -> bool:
+        """Whether the last offer was taken whole; what is left of it is sent first."""
+        if self._owed:
+            self._owed = self._owed[self._sent(self._owed) :]
+        return not self._owed
+
+    def offer(self, data: bytes) -> None:
+        """Send what a client may also not read, as those do that only came to say something: then
+        frames are left out, whole ones."""
+        if self.takes:
+            self._owed = data[self._sent(data) :]
+
+    def _sent(self, data: bytes) -> int:
+        try:
+            return self._sock.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return len(data)  # its end is read, too
+
     def heard(self, t_ns: int, kind: str, data: bytes) -> None:
         """Log a frame of the client's."""
         self.log.write(t_ns, "host", [(kind, data)])
@@ -91,6 +113,12 @@ class Connection:
         """Log and send a frame of the robot's."""
         self.log.write(time.monotonic_ns(), "robot", [(kind, data)])
         self.send(data)
+
+    def hang_up(self) -> None:
+        """End it in order: what was said arrives."""
+        if self._sock.fileno() >= 0:
+            trio.lowlevel.notify_closing(self._sock)
+            self._sock.close()
 
     def abort(self) -> None:
         """End it with a reset. Harmless when called again."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, Unpack
 
 import trio
@@ -16,10 +17,15 @@ from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, 
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, arm_of
 
+from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
 from .lines import Dashboard, ScriptPort
+from .outputs import Sample
 from .rtde import RtdeServer
+
+STATE_HZ = 10.0
+"""Of 30001 and 30002. The real-time port tells each tick."""
 
 OPTIONS = {
     "host": "address to serve at (default: one of its own in 127.0.0.0/8; the ports are fixed)",
@@ -51,21 +57,29 @@ class URServer(TcpServer):
     """Serves one controller at its ports, and makes its time pass."""
 
     def __init__(self, robot: str, log: WireLog, host: str | None, program_start_s: float) -> None:
-        def on_event(kind: str) -> None:
-            log.write(time.monotonic_ns(), "robot", [(kind, b"")])
+        def on_event(kind: str, text: str) -> None:
+            log.write(time.monotonic_ns(), "robot", [(kind, text.encode())])
+            if text and self._told:
+                self._state.tell(state_packets.error_message(self.controller.uptime_s, text))
+
+        self._told = False  # the controller is there before its ports
 
         self.controller = Controller(arm_of(robot), program_start_s=program_start_s, on_event=on_event)
         faults = Faults()
         self._rtde = RtdeServer(self.controller, faults)
         self._machine = Machine(self.controller, faults)
         self._body = URBody(self.controller)
-        scripts = ScriptPort(self.controller).handle
+        greeting = state_packets.version_message()
+        self._state = ScriptPort(self.controller, STATE_HZ, state_packets.state_message, greeting)
+        self._realtime = ScriptPort(self.controller, TICK_HZ, state_packets.realtime_message)
+        self._told = True
+        self._ticks = 0
         handlers = {
             p.RTDE_PORT: self._rtde.handle,
             p.DASHBOARD_PORT: Dashboard(self.controller, robot).handle,
-            p.PRIMARY_PORT: scripts,
-            p.SECONDARY_PORT: scripts,
-            p.REALTIME_PORT: scripts,
+            p.PRIMARY_PORT: self._state.handle,
+            p.SECONDARY_PORT: self._state.handle,
+            p.REALTIME_PORT: self._realtime.handle,
         }
         super().__init__(self._machine, handlers, log, host)
 
@@ -108,9 +122,17 @@ class URServer(TcpServer):
             await self._frost.thawed()
             await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
             self.controller.tick()
-            self._rtde.push(time.monotonic())
+            self._tell()
             due_s = max(due_s + period_s, trio.current_time() - period_s)
             await trio.sleep_until(due_s)
+
+    def _tell(self) -> None:
+        """To everybody what is due; what several want is computed once."""
+        self._ticks += 1
+        sample = cache(lambda: Sample(self.controller))
+        self._rtde.push(self._ticks, time.monotonic(), sample)
+        self._state.push(self._ticks, sample)
+        self._realtime.push(self._ticks, sample)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

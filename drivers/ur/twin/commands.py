@@ -14,7 +14,10 @@ REGISTERS = 48
 """Of each sort. 0 to 23 belong to fieldbus and PLC, 24 to 47 to RTDE clients."""
 UPPER_RANGE = 24
 
-STATUS_POWER_ON, STATUS_PROGRAM_RUNNING = 1, 2
+SINGLE_BITS = range(64, 128)
+"""Bit registers that have a name each; the first 64 are read and written 32 at once."""
+
+STATUS_POWER_ON, STATUS_PROGRAM_RUNNING, STATUS_TEACH = 1, 2, 4
 """Bits of ``robot_status_bits``."""
 
 SAFETY_BITS = {
@@ -39,23 +42,73 @@ class Command(enum.IntEnum):
 
     NONE = 0
     MOVE_J = 1
+    MOVE_J_IK = 2
+    MOVE_L = 3
+    MOVE_L_FK = 4
+    ZERO_FT_SENSOR = 8
     SPEED_J = 9
+    SPEED_L = 10
     SERVO_J = 11
     SPEED_STOP = 15
     SERVO_STOP = 16
     SET_PAYLOAD = 17
+    TEACH_MODE = 18
+    END_TEACH_MODE = 19
+    SERVO_L = 24
     GET_STEP_TIME = 26
+    SET_TCP = 29
+    GET_INVERSE_KINEMATICS_NEAR = 30
+    PROTECTIVE_STOP = 31
     STOP_L = 33
     STOP_J = 34
-    PROTECTIVE_STOP = 31
     SET_WATCHDOG = 35
     IS_POSE_WITHIN_LIMITS = 36
     ARE_JOINTS_WITHIN_LIMITS = 37
     GET_JOINT_TORQUES = 38
+    POSE_TRANS = 39
+    GET_TCP_OFFSET = 40
+    JOG_START = 41
+    JOG_STOP = 42
+    GET_FORWARD_KINEMATICS = 43
+    GET_FORWARD_KINEMATICS_OF = 44
+    MOVE_PATH = 45
+    GET_INVERSE_KINEMATICS = 46
     IS_STEADY = 47
+    FREEDRIVE = 52
+    END_FREEDRIVE = 53
+    GET_FREEDRIVE_STATUS = 54
+    GET_FLANGE_POSE = 58
+    SET_GRAVITY = 59
+    HAS_INVERSE_KINEMATICS = 60
+    HAS_INVERSE_KINEMATICS_NEAR = 61
+    SET_TARGET_PAYLOAD = 65
     KICK_WATCHDOG = 99
     STOP_SCRIPT = 255
 
+
+REFUSED = {
+    6: "force_mode",
+    7: "end_force_mode",
+    12: "servoc",
+    20: "force_mode_set_damping",
+    21: "force_mode_set_gain_scaling",
+    25: "tool_contact",
+    27: "get_actual_joint_positions_history",
+    28: "get_target_waypoint",
+    51: "tool_contact",
+    56: "ft_rtde_input_enable",
+    57: "enable_external_ft_sensor",
+    62: "tool_contact",
+    63: "tool_contact",
+    64: "tool_contact",
+    66: "direct_torque",
+    67: "get_mass_matrix",
+    68: "get_coriolis_and_centrifugal_torques",
+    69: "get_target_joint_accelerations",
+    70: "get_jacobian",
+    71: "get_jacobian_time_derivative",
+}
+"""What the control script does and this controller has not: the functions by their names."""
 
 READY, DONE = 1, 2
 """What the script answers."""
@@ -63,8 +116,8 @@ READY, DONE = 1, 2
 AT_ONCE = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58})
 """Real-time commands: answered READY without an execution."""
 
-MOTION = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14})
-"""Commands that move the arm; those this wire does not use by their neighbourhood [assumed]."""
+MOTION = frozenset({1, 2, 3, 4, 6, 9, 10, 11, 12, 18, 24, 41, 45, 51, 52, 66})
+"""Commands that move the arm, or let a hand move it."""
 
 STOPS = frozenset(
     {
@@ -72,6 +125,7 @@ STOPS = frozenset(
         Command.SERVO_STOP,
         Command.STOP_L,
         Command.STOP_J,
+        Command.JOG_STOP,
         Command.PROTECTIVE_STOP,
         Command.STOP_SCRIPT,
     }

@@ -5,12 +5,10 @@ Time passes in ticks, on the clock it is given; between them it only changes wha
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
-
-import numpy as np
 
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault
@@ -19,14 +17,19 @@ from strands_actors.drivers.ur.arms import JOINTS, Arm
 
 from . import commands as c
 from . import motion
+from .kinematics import Kinematics
 from .model import model_table
-from .motion import Motion
+from .motion import Motion, Unreachable
+from .pose import ORIGIN, Frame, between, scaled
 
 TICK_HZ = 500.0
 """Of these controllers."""
 
-ROOM_C, AMPERE_PER_NM = 30.0, 0.1
-"""[assumed]"""
+MOMENT_S = 1e-4
+"""For speeds of the tool."""
+
+LOG_LINES = 200
+"""Of the controller's own log, the newest."""
 
 SIX = range(len(JOINTS))
 
@@ -50,10 +53,13 @@ class Controller:
         *,
         program_start_s: float = 0.05,  # from a program's text to its first line [assumed]
         now_s: Callable[[], float] = time.monotonic,
-        on_event: Callable[[str], None] = lambda kind: None,
+        on_event: Callable[[str, str], None] = lambda kind, text: None,
     ) -> None:
-        """``on_event`` hears what the controller does by itself: ``watchdog``."""
+        """``on_event`` hears what the controller does by itself: ``watchdog``, ``error``; with what
+        its log says of it."""
         self.plant = Plant.from_table(model_table(arm))
+        self.arm = arm
+        self.kinematics = Kinematics(arm.dh_m, [(axis.low, axis.high) for axis in arm.axes])
         self.speed_rad_s = tuple(axis.speed for axis in arm.axes)
         self.program_start_s = program_start_s
         self.now_s = now_s
@@ -75,7 +81,17 @@ class Controller:
         self.paused = False
         self.speed_slider = 1.0
         self.payload_kg = 0.0
+        self.payload_cog_m: tuple[float, ...] = (0.0,) * 3
+        self.payload_inertia: tuple[float, ...] = (0.0,) * 6
+        self.gravity_m_s2: tuple[float, ...] = (0.0, 0.0, 9.82)
+        self.tcp = ORIGIN
         self.digital_out = 0
+        self.analog_out = [0.0, 0.0]
+        self.analog_types = 0b11  # bits: an output gives a voltage, not a current
+        self.tool_voltage = 0
+        self.bits_in = self.bits_out = 0
+        self.program_line = 0
+        self.log: deque[str] = deque(maxlen=LOG_LINES)
         self.int_in, self.int_out = [0] * c.REGISTERS, [0] * c.REGISTERS
         self.double_in, self.double_out = [0.0] * c.REGISTERS, [0.0] * c.REGISTERS
         self.program: Program | None = None
@@ -129,15 +145,42 @@ class Controller:
         self.stop_program()
         self.led = False
         self.halt()
-        if self.movable and self.remote:
+        if not self.movable:
+            self.note(f"a program is not started: {self.mode.name}, {self.safety.name}")
+        elif not self.remote:
+            self.note("a program is not started: the robot is in local control")
+        else:
             self._starting = self.now_s() + self.program_start_s, make
+
+    def run_beside(self, make: Callable[[], Program]) -> None:
+        """A secondary program: done at once, beside what runs. It can neither wait nor move."""
+        if self.mode is p.RobotMode.RUNNING and self.remote:
+            make().step()
+        else:
+            self.note(f"a secondary program is not run: {self.mode.name}, remote control {self.remote}")
 
     def stop_program(self) -> None:
         self._starting = None
         if self.program is not None:
             self.program = None
             self._watched.clear()
+            self.program_line = 0
             self.halt()
+
+    def note(self, text: str) -> None:
+        """Write a line into the controller's log."""
+        self.log.append(text)
+        self._on_event("error", text)
+
+    def fail(self, why: str) -> None:
+        """A runtime error: the program ends, and the log says why."""
+        self.stop_program()
+        self.note(f"runtime error: {why}")
+
+    def protect(self, why: str) -> None:
+        """Stop by itself, until somebody has looked."""
+        self.note(f"protective stop: {why}")
+        self.set_safety(p.SafetyMode.PROTECTIVE_STOP)
 
     @property
     def runtime_state(self) -> p.RuntimeState:
@@ -147,13 +190,47 @@ class Controller:
 
     def halt(self) -> float:
         """Come to a stand from whatever motion. Seconds that this takes."""
-        self.motion = motion.Hold()
-        self.motion.begin(self.plant)
+        target, limp = self.motion.target(self.plant), self.motion.limp
+        off_rad = max(abs(rad - at) for rad, at in zip(target, self.plant.position_rad, strict=True))
+        stands_there = self.is_steady() and not limp and off_rad < motion.ARRIVED_RAD
+        self.move(motion.Hold(target if stands_there else None))
         return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) / motion.BRAKING_RAD_S2
 
     def move(self, new: Motion) -> None:
+        if new.limp != self.motion.limp:
+            for joint in SIX:
+                self.plant.set_torque(joint, not new.limp)
         self.motion = new
         new.begin(self.plant)
+
+    def move_joints(
+        self, goal: Sequence[float], speed: float, acceleration: float, time_s: float = 0.0
+    ) -> motion.Trip:
+        """Raise ``Unreachable``."""
+        self.check_joints(goal)
+        trip = motion.MoveTo(self.plant.position_rad, goal, speed, acceleration, time_s)
+        self.move(trip)
+        return trip
+
+    def move_tool(self, goal: Frame, speed: float, acceleration: float, time_s: float = 0.0) -> motion.Trip:
+        """Raise ``Unreachable``."""
+        if self.joints_for(goal, self.plant.position_rad) is None:
+            raise Unreachable("no joints bring the tool there")
+        trip = motion.MoveLine(self.tool(), goal, self.follow, speed, acceleration, time_s)
+        self.move(trip)
+        return trip
+
+    def check_joints(self, joints: Sequence[float]) -> None:
+        """Raise ``Unreachable`` for joints that may not stand so."""
+        if not self.kinematics.within(joints):
+            raise Unreachable("a joint is to go beyond its range")
+
+    def solved(self, goal: Frame, near: Sequence[float]) -> Sequence[float]:
+        """As ``joints_for``. Raise ``Unreachable``."""
+        found = self.joints_for(goal, near)
+        if found is None:
+            raise Unreachable("no joints bring the tool there")
+        return found
 
     def watch(self, register: int, min_hz: float) -> None:
         """``rtde_set_watchdog``: stop the program when the register is not written at least so
@@ -168,21 +245,36 @@ class Controller:
     def write(self, values: Mapping[str, p.Value]) -> None:
         """What an RTDE client wrote."""
         for name, value in values.items():
-            stem, _, number = name.rpartition("_")
-            if stem == "input_int_register":
-                self.int_in[int(number)] = int(_scalar(value))
-                if int(number) in self._watched:
-                    self._watched[int(number)] = self._watched[int(number)][0], self.now_s()
-            elif stem == "input_double_register":
-                self.double_in[int(number)] = _scalar(value)
+            sort, number = INPUTS.get(name, ("", 0))
+            if sort == "int":
+                self.int_in[number] = value if isinstance(value, int) else int(_scalar(value))
+                if number in self._watched:
+                    self._watched[number] = self._watched[number][0], self.now_s()
+            elif sort == "double":
+                self.double_in[number] = _scalar(value)
+            elif sort == "bits":
+                self.bits_in = self.bits_in & ~(0xFFFFFFFF << number) | int(_scalar(value)) << number
+            elif sort == "bit":
+                self.bits_in = self.bits_in & ~(1 << number) | bool(value) << number
+        if not values.keys() <= INPUTS.keys():
+            self._write_panel(values)
+        if self.program is not None and not self.paused:
+            self.program.heard()
+
+    def _write_panel(self, values: Mapping[str, p.Value]) -> None:
+        """Slider and plugs: each with a mask of what is meant."""
         if values.get("speed_slider_mask"):
-            self.speed_slider = _scalar(values["speed_slider_fraction"])
+            self.speed_slider = max(0.0, min(1.0, _scalar(values.get("speed_slider_fraction", 1.0))))
         for bank, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
             mask = int(_scalar(values.get(f"{bank}_digital_output_mask", 0))) << shift
             bits = int(_scalar(values.get(f"{bank}_digital_output", 0))) << shift
             self.digital_out = self.digital_out & ~mask | bits & mask
-        if self.program is not None and not self.paused:
-            self.program.heard()
+        mask = int(_scalar(values.get("standard_analog_output_mask", 0))) & 0b11
+        types = int(_scalar(values.get("standard_analog_output_type", 0)))
+        self.analog_types = self.analog_types & ~mask | types & mask
+        for at in (0, 1):
+            if mask >> at & 1:
+                self.analog_out[at] = _scalar(values.get(f"standard_analog_output_{at}", 0.0))
 
     # -- time
 
@@ -198,117 +290,59 @@ class Controller:
         for period_s, written_s in list(self._watched.values()):
             if seen_s - written_s > period_s:
                 self.stop_program()
-                self._on_event("watchdog")
+                self.log.append("a program was stopped: its watchdog was not fed")
+                self._on_event("watchdog", "")
                 break
         if not self.paused:
             if self.program is not None:
                 self.program.step()
-            self.motion.advance(self.plant, elapsed_s)
+            try:
+                self.motion.advance(self.plant, elapsed_s * (self.speed_slider if self.motion.slowed else 1.0))
+            except Unreachable as unreachable:
+                self.protect(str(unreachable))
         self.plant.catch_up(now_s)
 
-    # -- outputs
+    # -- what it knows of itself
 
-    def outputs(self) -> dict[str, p.Value]:
-        """Every output with what it says now; what a twin has no use for is zero."""
-        plant = self.plant
-        position, velocity = tuple(plant.position_rad), tuple(plant.velocity_rad_s)
-        effort = tuple(plant.effort_nm)
-        current = tuple(nm * AMPERE_PER_NM for nm in effort)
-        target = tuple(self.motion.target(plant))
-        pose = self._pose()
-        running = self.program is not None
-        values: dict[str, p.Value] = {
-            **_ZERO,
-            "timestamp": self._ticked_s - self._booted_s,
-            "actual_execution_time": 0.0005,
-            "actual_q": position,
-            "actual_qd": velocity,
-            "target_q": target,
-            "target_qd": velocity,
-            "actual_current": current,
-            "target_current": current,
-            "target_moment": effort,
-            "joint_control_output": current,
-            "actual_current_as_torque": effort,
-            "actual_TCP_pose": pose,
-            "target_TCP_pose": pose,
-            "joint_temperatures": (ROOM_C,) * 6,
-            "joint_mode": (253 if self.mode is p.RobotMode.RUNNING else 239,) * 6,
-            "robot_mode": int(self.mode),
-            "safety_mode": int(self.safety),
-            "safety_status": int(self.safety),
-            "safety_status_bits": c.SAFETY_BITS[self.safety],
-            "robot_status_bits": (
-                c.STATUS_POWER_ON * (self.mode >= p.RobotMode.POWER_ON) | c.STATUS_PROGRAM_RUNNING * running
-            ),
-            "runtime_state": int(self.runtime_state),
-            "speed_scaling": 0.0 if self.paused else self.speed_slider,
-            "target_speed_fraction": self.speed_slider,
-            "payload": self.payload_kg,
-            "actual_digital_output_bits": self.digital_out,
-            "actual_main_voltage": 48.0,
-            "actual_robot_voltage": 48.0,
-        }
-        for number in range(c.REGISTERS):
-            values[f"output_int_register_{number}"] = self.int_out[number]
-            values[f"output_double_register_{number}"] = self.double_out[number]
-        return values
+    @property
+    def uptime_s(self) -> float:
+        return self._ticked_s - self._booted_s
 
-    def _pose(self) -> tuple[float, ...]:
-        """Of the flange in the base: metres, then a rotation vector."""
-        flange = self.plant.data.body("wrist_3")
-        matrix = np.asarray(flange.xmat).reshape(3, 3)
-        angle = math.acos(max(-1.0, min(1.0, (float(np.trace(matrix)) - 1) / 2)))
-        skew = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
-        norm = float(np.linalg.norm(skew))
-        rotation = skew * (angle / norm) if norm > 1e-9 else skew
-        return (*flange.xpos.tolist(), *rotation.tolist())
+    def tool(self) -> Frame:
+        """Where the tool's centre point is."""
+        return self.kinematics.flange(self.plant.position_rad).then(self.tcp)
+
+    def target_tool(self) -> Frame:
+        return self.kinematics.flange(self.motion.target(self.plant)).then(self.tcp)
+
+    def tool_speed(self) -> tuple[float, ...]:
+        """By where the joints are a moment later."""
+        position, velocity = self.plant.position_rad, self.plant.velocity_rad_s
+        later = [rad + rad_s * MOMENT_S for rad, rad_s in zip(position, velocity, strict=True)]
+        way, turn = between(self.tool(), self.kinematics.flange(later).then(self.tcp))
+        return (*scaled(way, 1 / MOMENT_S), *scaled(turn, 1 / MOMENT_S))
+
+    def joints_for(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
+        """Return the joints, nearest to ``near``, that bring the tool there. None: it cannot be."""
+        return self.kinematics.joints(tool.then(self.tcp.inverse()), near)
+
+    def follow(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
+        """As ``joints_for``, in the same posture."""
+        return self.kinematics.joints(tool.then(self.tcp.inverse()), near, follow=True)
 
     def is_steady(self) -> bool:
         return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) < motion.STANDING_RAD_S
 
 
+INPUTS = {
+    **{f"input_int_register_{number}": ("int", number) for number in range(c.REGISTERS)},
+    **{f"input_double_register_{number}": ("double", number) for number in range(c.REGISTERS)},
+    **{f"input_bit_register_{number}": ("bit", number) for number in c.SINGLE_BITS},
+    "input_bit_registers0_to_31": ("bits", 0),
+    "input_bit_registers32_to_63": ("bits", 32),
+}
+"""Registers, by the names that RTDE has for them."""
+
+
 def _scalar(value: p.Value) -> float:
     return float(value if isinstance(value, int | float) else value[0])
-
-
-OUTPUT_TYPES: dict[str, str] = {
-    name: kind
-    for kind, names in {
-        "DOUBLE": "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum "
-        "actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0 "
-        "standard_analog_input1 standard_analog_output0 standard_analog_output1 payload",
-        "VECTOR6D": "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current "
-        "joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed "
-        "joint_temperatures actual_joint_voltage ft_raw_wrench payload_inertia actual_current_as_torque",
-        "VECTOR3D": "actual_tool_accelerometer payload_cog",
-        "UINT64": "actual_digital_input_bits actual_digital_output_bits",
-        "UINT32": "runtime_state robot_status_bits safety_status_bits",
-        "INT32": "robot_mode safety_mode safety_status "
-        + " ".join(f"output_int_register_{number}" for number in range(c.REGISTERS)),
-        "VECTOR6INT32": "joint_mode",
-    }.items()
-    for name in names.split()
-} | {f"output_double_register_{number}": "DOUBLE" for number in range(c.REGISTERS)}
-
-INPUT_TYPES: dict[str, str] = {
-    "speed_slider_mask": "UINT32",
-    "speed_slider_fraction": "DOUBLE",
-    "external_force_torque": "VECTOR6D",
-    "standard_analog_output_mask": "UINT8",
-    "standard_analog_output_type": "UINT8",
-    "standard_analog_output_0": "DOUBLE",
-    "standard_analog_output_1": "DOUBLE",
-    **{
-        f"{bank}_digital_output{ending}": "UINT8"
-        for bank in ("standard", "configurable", "tool")
-        for ending in ("", "_mask")
-    },
-    **{f"input_int_register_{number}": "INT32" for number in range(c.REGISTERS)},
-    **{f"input_double_register_{number}": "DOUBLE" for number in range(c.REGISTERS)},
-}
-
-_SIZES = {"VECTOR6D": 6, "VECTOR3D": 3, "VECTOR6INT32": 6}
-_ZERO: dict[str, p.Value] = {
-    name: (0.0,) * _SIZES[kind] if kind in _SIZES else 0 for name, kind in OUTPUT_TYPES.items()
-}

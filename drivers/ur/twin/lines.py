@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.ur import protocol as p
 
 from . import commands as c
-from .controller import Controller
-from .script import program_of
+from .controller import TICK_HZ, Controller
+from .outputs import Sample
+from .script import Standing, run_text
+
+VERSION = "5.13.1.1253"
+PROGRAMS = frozenset({"rtde_control.urp", "hold.urp"})
+"""What is stored on the controller. Played, a program of these runs and moves nothing."""
+INSTALLATIONS = frozenset({"default.installation"})
+MODES = ("manual", "automatic")
+SUPPORT_FOLDER_ID = "1"
 
 BANNER = "Connected: Universal Robots Dashboard Server"
 POLYSCOPE = "URSoftware 5.13.1.0 (Nov 21 2023)"
 
+LONGEST_PROGRAM = 1_000_000
+
+Message = Callable[[Controller, Sample], bytes]
+
 _END_OF_PROGRAM = re.compile(rb"^end[ \t\r]*\n", re.MULTILINE)
+
+
+LAST_LINES = ("quit", "shutdown")
+"""After which the dashboard hangs up."""
 
 
 class Dashboard:
@@ -22,6 +39,8 @@ class Dashboard:
         self._controller = controller
         # the arm's model as the dashboard has it: without the series' letter [assumed]
         self._model = robot.upper().removesuffix("E")
+        self._program = ""
+        self._mode = ""
 
     async def handle(self, connection: Connection) -> None:
         connection.say("read", _line(BANNER))
@@ -33,6 +52,9 @@ class Dashboard:
                 text = line.decode("utf-8", "replace").strip()
                 connection.heard(t_ns, c.classify_dashboard(text), line + b"\n")
                 connection.say("read", _line(self.answer(text)))
+                if text.lower() in LAST_LINES:
+                    connection.hang_up()
+                    return
 
     def answer(self, line: str) -> str:
         """Do what a line says."""
@@ -55,7 +77,7 @@ class Dashboard:
             case "running":
                 return f"Program running: {str(controller.program is not None).lower()}"
             case "programstate":
-                return f"{controller.runtime_state.name} rtde_control.urp"
+                return f"{controller.runtime_state.name} {self._program or '<unnamed>'}"
             case "stop":
                 controller.stop_program()
                 return p.DASHBOARD_STOPPED
@@ -63,8 +85,7 @@ class Dashboard:
                 controller.paused = True
                 return "Pausing program"
             case "play":
-                controller.paused = False
-                return "Starting program"
+                return self._play()
             case "power on":
                 if controller.mode is p.RobotMode.POWER_OFF and controller.safety in p.MOVABLE_SAFETY:
                     controller.set_mode(p.RobotMode.IDLE)
@@ -84,26 +105,117 @@ class Dashboard:
                 return line.replace("close", "closing")
             case "quit":
                 return "Disconnected"
+            case "shutdown":
+                controller.set_mode(p.RobotMode.POWER_OFF)
+                return "Shutting down"
+            case "version":
+                return VERSION
+            case "get loaded program":
+                return f"Loaded program: /programs/{self._program}" if self._program else "No program loaded"
+            case "isprogramsaved":
+                return f"true {self._program or '<unnamed>'}"
+            case "restart safety":
+                return self._restart_safety()
+            case "get operational mode":
+                return self._mode.upper() or "NONE"
+            case "clear operational mode":
+                self._mode = ""
+                return "No longer controlling the operational mode. Current operational mode: 'NONE'."
+        word, _, rest = line.partition(" ")
+        return self._with_words(word.lower(), rest.strip(), line)
+
+    def _with_words(self, word: str, rest: str, line: str) -> str:
+        """Lines that say something of their own at the end."""
+        controller = self._controller
+        match word, *rest.split(maxsplit=2):
+            case "load", "installation", name:
+                return f"{'Loading installation' if name in INSTALLATIONS else 'File not found'}: {name}"
+            case "load", name:
+                if name.removeprefix("/programs/") not in PROGRAMS:
+                    return f"File not found: {name}"
+                self._program = name.removeprefix("/programs/")
+                return f"Loading program: {name}"
+            case "popup", *_:
+                controller.log.append(f"popup: {rest}")
+                return "showing popup"
+            case "addtolog", *_:
+                if rest:
+                    controller.log.append(rest)
+                return "Added log message" if rest else "No log message to add"
+            case "set", "operational", "mode", mode:
+                if mode.lower() not in MODES:
+                    return f"Failed setting operational mode '{mode}'"
+                self._mode = mode.lower()
+                return f"Operational mode '{self._mode}' is set"
+            case "setuserrole", role:
+                return f"Setting user role: {role}"
+            case "generate", "flight", "report", *_:
+                return f"Flight Report generated with id: {SUPPORT_FOLDER_ID}"
+            case "generate", "support", "file", *_:
+                return f"Completed successfully: /programs/{SUPPORT_FOLDER_ID}.zip"
         return f"could not understand: '{line}'"
+
+    def _play(self) -> str:
+        controller = self._controller
+        if controller.busy:
+            controller.paused = False
+            return "Starting program"
+        if not self._program:
+            return "Failed to execute: play"
+        controller.start_program(Standing)
+        return "Starting program" if controller.busy else "Failed to execute: play"
+
+    def _restart_safety(self) -> str:
+        """After a fault or a violation the robot is off, and whole."""
+        if self._controller.safety in (p.SafetyMode.FAULT, p.SafetyMode.VIOLATION):
+            self._controller.set_safety(p.SafetyMode.NORMAL)
+        self._controller.set_mode(p.RobotMode.POWER_OFF)
+        return "Restarting safety"
 
 
 class ScriptPort:
-    """A program is complete at an unindented ``end``; a line outside one is a program of its
-    own."""
+    """Takes programs, and tells the state unasked. A program is complete at an unindented ``end``;
+    a line outside one is a program of its own."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, hz: float, message: Message, greeting: bytes = b"") -> None:
         self._controller = controller
+        self._every = round(TICK_HZ / hz)
+        self._message, self._greeting = message, greeting
+        self._clients: set[Connection] = set()
 
     async def handle(self, connection: Connection) -> None:
+        connection.offer(self._greeting)
+        self._clients.add(connection)
+        try:
+            await self._serve(connection)
+        finally:
+            self._clients.discard(connection)
+
+    def push(self, tick: int, sample: Callable[[], Sample]) -> None:
+        """After a tick: the state, to whoever reads it, when it is due."""
+        if tick % self._every or not self._clients:
+            return
+        reading = [client for client in self._clients if client.takes]
+        if reading:
+            self.tell(self._message(self._controller, sample()))
+
+    def tell(self, message: bytes) -> None:
+        for client in self._clients:
+            client.offer(message)
+
+    async def _serve(self, connection: Connection) -> None:
         pending = b""
         while True:
             t_ns, data = await connection.receive()
             pending += data
+            if len(pending) > LONGEST_PROGRAM:
+                self._controller.note(f"compile error: a program longer than {LONGEST_PROGRAM} bytes")
+                return
             while (size := _complete(pending)) > 0:
                 text, pending = pending[:size], pending[size:]
                 if text.strip():
                     connection.heard(t_ns, c.classify_script(text), text)
-                    self._controller.start_program(program_of(text, self._controller))
+                    run_text(text, self._controller)
 
 
 def _complete(text: bytes) -> int:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 from strands_actors.drivers.common.physics import Plant
+
+from .pose import Frame, Vector, between, dot, moved, scaled
 
 STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
@@ -16,9 +19,28 @@ BRAKING_S = 0.05
 """A servo of the twin lags so far behind its target: where it halts from any speed without turning
 back."""
 
+TURN_PER_WAY_RAD_M = 4.0
+"""A tool that turns more than it goes: so much of a turn takes as long as a metre [assumed]."""
+
+LEAP_RAD = 0.1
+"""A joint that had to go so far in one tick cannot follow the tool."""
+
+Solve = Callable[[Frame, Sequence[float]], Sequence[float] | None]
+"""Which joints bring the tool there, near those that are given. None: it cannot be."""
+
+
+class Unreachable(Exception):
+    """The tool cannot be brought where it is to go."""
+
 
 class Motion:
     """Stands where it is told to begin; subclasses move on."""
+
+    limp = False
+    """Whether joints have no torque: a hand moves the arm."""
+
+    slowed = False
+    """Whether the speed slider slows it down."""
 
     def __init__(self) -> None:
         self._target: list[float] = []
@@ -27,6 +49,7 @@ class Motion:
         self._target = list(plant.position_rad)
 
     def advance(self, plant: Plant, seconds: float) -> None:
+        """Raise ``Unreachable``."""
         for joint, rad in enumerate(self._target):
             plant.set_target(joint, rad)
 
@@ -37,9 +60,26 @@ class Motion:
 class Hold(Motion):
     """Come to a stand and stay."""
 
+    def __init__(self, stand: Sequence[float] | None = None) -> None:
+        """``stand``: where to, when that is known."""
+        super().__init__()
+        self._stand = stand
+
     def begin(self, plant: Plant) -> None:
+        if self._stand is not None:
+            self._target = list(self._stand)
+            return
         columns = zip(plant.position_rad, plant.velocity_rad_s, strict=True)
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
+
+
+class Free(Motion):
+    """Whoever takes the arm by the hand moves it."""
+
+    limp = True
+
+    def target(self, plant: Plant) -> Sequence[float]:
+        return plant.position_rad
 
 
 class Servo(Motion):
@@ -66,23 +106,125 @@ class Speed(Motion):
         super().advance(plant, seconds)
 
 
-class MoveTo(Motion):
-    """Go to a goal at one speed and stand there."""
+def _led(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
+    """Which joints bring the tool there from these, in one tick. Raise ``Unreachable``."""
+    found = solve(frame, joints)
+    if found is None:
+        raise Unreachable("the tool is led to where the arm does not reach")
+    if max(abs(rad - was) for rad, was in zip(found, joints, strict=True)) > LEAP_RAD:
+        raise Unreachable("the tool is led through a singularity faster than the joints turn")
+    return list(found)
 
-    def __init__(self, goal: Sequence[float], speed_rad_s: float) -> None:
+
+class ToolSpeed(Motion):
+    """Move the tool at a constant velocity, for ever. ``own_axes``: as the tool's axes have it, not
+    the base's."""
+
+    def __init__(self, start: Frame, solve: Solve, velocity: Sequence[float], own_axes: bool = False) -> None:
         super().__init__()
-        self._goal = list(goal)
-        self._speed_rad_s = speed_rad_s
+        self._frame, self._solve = start, solve
+        self._velocity = tuple(velocity)
+        self._own_axes = own_axes
 
     def advance(self, plant: Plant, seconds: float) -> None:
-        step = self._speed_rad_s * seconds
-        self._target = [
-            rad + max(-step, min(step, goal - rad)) for rad, goal in zip(self._target, self._goal, strict=True)
-        ]
+        vx, vy, vz, wx, wy, wz = self._velocity
+        way, turn = scaled((vx, vy, vz), seconds), scaled((wx, wy, wz), seconds)
+        if self._own_axes:
+            way, turn = self._frame.turned(way), self._frame.turned(turn)
+        if any(way) or any(turn):
+            frame = moved(self._frame, way, turn)
+            self._target = _led(self._solve, frame, self._target)
+            self._frame = frame
         super().advance(plant, seconds)
 
+
+class Trip(Motion):
+    """Gets somewhere and stays there: speeds up, goes on, slows down."""
+
+    slowed = True
+
+    def __init__(self, way: float, speed: float, acceleration: float, duration_s: float) -> None:
+        """``duration_s``, where it is not 0, counts instead of the speed."""
+        super().__init__()
+        self._way = way
+        self._acceleration = max(acceleration, 1e-3)
+        self._speed = _peak(way, duration_s, self._acceleration) if duration_s > 0 else max(speed, 1e-6)
+        self._peak = min(self._speed, math.sqrt(way * self._acceleration))
+        self._ramp_s = self._peak / self._acceleration
+        self._cruise_s = (way - self._peak * self._ramp_s) / self._peak if way > 0 else 0.0
+        self._gone_s = 0.0
+
+    @property
+    def _share(self) -> float:
+        """Of the way that is behind us."""
+        ramp_s, gone_s = self._ramp_s, self._gone_s
+        left_s = 2 * ramp_s + self._cruise_s - gone_s
+        if left_s <= 0:
+            return 1.0
+        if gone_s < ramp_s:
+            return self._acceleration * gone_s**2 / 2 / self._way
+        if left_s < ramp_s:
+            return 1.0 - self._acceleration * left_s**2 / 2 / self._way
+        return self._peak * (gone_s - ramp_s / 2) / self._way
+
+    def advance(self, plant: Plant, seconds: float) -> None:
+        self._gone_s += seconds
+        self._go(plant, self._share)
+        super().advance(plant, seconds)
+
+    def _go(self, plant: Plant, share: float) -> None:
+        raise NotImplementedError
+
     def arrived(self, plant: Plant) -> bool:
-        there = zip(plant.position_rad, self._goal, strict=True)
+        if self._gone_s < 2 * self._ramp_s + self._cruise_s:
+            return False
+        there = zip(plant.position_rad, self._target, strict=True)
         return all(abs(rad - goal) < ARRIVED_RAD for rad, goal in there) and (
             max(abs(rad_s) for rad_s in plant.velocity_rad_s) < STANDING_RAD_S
         )
+
+
+class MoveTo(Trip):
+    """Go to a goal of the joints, which start and end together; the one that has the longest way
+    has the speed."""
+
+    def __init__(
+        self,
+        start: Sequence[float],
+        goal: Sequence[float],
+        speed: float,
+        acceleration: float,
+        duration_s: float = 0.0,
+    ) -> None:
+        ways = [rad - was for rad, was in zip(goal, start, strict=True)]
+        super().__init__(max(map(abs, ways)), speed, acceleration, duration_s)
+        self._start, self._ways = list(start), ways
+
+    def _go(self, plant: Plant, share: float) -> None:
+        self._target = [was + way * share for was, way in zip(self._start, self._ways, strict=True)]
+
+
+class MoveLine(Trip):
+    """Lead the tool on a straight line."""
+
+    def __init__(
+        self, start: Frame, goal: Frame, solve: Solve, speed: float, acceleration: float, duration_s: float = 0.0
+    ) -> None:
+        way, turn = between(start, goal)
+        super().__init__(max(_length(way), _length(turn) / TURN_PER_WAY_RAD_M), speed, acceleration, duration_s)
+        self._start, self._solve = start, solve
+        self._line = way, turn
+
+    def _go(self, plant: Plant, share: float) -> None:
+        way, turn = self._line
+        self._target = _led(self._solve, moved(self._start, scaled(way, share), scaled(turn, share)), self._target)
+
+
+def _length(v: Vector) -> float:
+    return math.sqrt(dot(v, v))
+
+
+def _peak(way: float, duration_s: float, acceleration: float) -> float:
+    """The speed that makes a trip last so long; one that cannot be had is the highest that can."""
+    half = acceleration * duration_s / 2
+    return max(1e-6, half - math.sqrt(max(0.0, half**2 - acceleration * way)))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 from strands_actors.drivers.ur import protocol as p
 
 from . import commands as c
-from .controller import INPUT_TYPES, OUTPUT_TYPES, TICK_HZ, Controller
+from .controller import TICK_HZ, Controller
+from .outputs import INPUT_TYPES, OUTPUTS, Sample
 
 VERSION = struct.pack(">4I", 5, 13, 1, 0)
 WRONG_BY_RAD = 0.5
@@ -25,7 +26,6 @@ class RtdeServer:
         self.faults = faults
         self.owners: dict[str, Client] = {}
         self._clients: set[Client] = set()
-        self._ticks = 0
 
     async def handle(self, connection: Connection) -> None:
         client = Client(self, connection)
@@ -37,14 +37,11 @@ class RtdeServer:
             for name in [name for name, owner in self.owners.items() if owner is client]:
                 del self.owners[name]
 
-    def push(self, now_s: float) -> None:
+    def push(self, tick: int, now_s: float, sample: Callable[[], Sample]) -> None:
         """After a tick: its sample, to whom it is due."""
-        self._ticks += 1
-        due = [client for client in self._clients if client.wants(self._ticks)]
-        values = self.controller.outputs() if due else {}
-        for client in due:
-            client.queue(values, now_s)
         for client in self._clients:
+            if client.wants(tick):
+                client.queue(sample(), now_s)
             client.flush(now_s)
 
 
@@ -65,9 +62,23 @@ class Client:
             t_ns, data = await self._connection.receive()
             try:
                 for packet in self._decoder.feed(data):
-                    self._handle(t_ns, packet)
-            except MalformedFrame:
+                    self._try(t_ns, packet)
+            except MalformedFrame as malformed:  # where the next packet begins is not known any more
+                self._refuse(t_ns, data, str(malformed))
+                self._connection.hang_up()
                 return
+
+    def _try(self, t_ns: int, packet: p.Packet) -> None:
+        try:
+            self._handle(t_ns, packet)
+        except MalformedFrame as malformed:
+            self._refuse(t_ns, p.frame(*packet), str(malformed))
+
+    def _refuse(self, t_ns: int, raw: bytes, why: str) -> None:
+        """Log what is not understood, in the controller's log too, and tell who sent it."""
+        self._connection.heard(t_ns, "malformed", raw)
+        self._server.controller.note(f"RTDE: {why}")
+        self._connection.say("read", p.frame(p.Kind.TEXT, p.text_message(f"RTDE: {why}")))
 
     def wants(self, tick: int) -> bool:
         return self._started and self._outputs is not None and tick % self._every == 0
@@ -106,8 +117,7 @@ class Client:
     def _take(self, t_ns: int, raw: bytes, payload: bytes) -> None:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None:
-            self._connection.heard(t_ns, "other", raw)
-            return
+            raise MalformedFrame("data of a recipe that was not agreed")
         values = recipe.unpack(payload)
         number = next((values[name] for name in COMMAND_REGISTERS if name in values), None)
         kind = c.classify_command(number) if isinstance(number, int) else "config"
@@ -131,12 +141,16 @@ class Client:
             case p.Kind.PAUSE:
                 self._started = False
                 return b"\x01"
-        return None
+            case p.Kind.TEXT:
+                return None  # said to the controller, which keeps it to itself
+        raise MalformedFrame(f"a packet of kind {packet.kind}, which no client sends")
 
     def _agree_outputs(self, payload: bytes) -> bytes:
+        if len(payload) < 8:
+            raise MalformedFrame(f"{len(payload)} bytes of asked outputs, the rate alone has 8")
         (hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        types = [OUTPUT_TYPES.get(name, c.NOT_FOUND) for name in names]
+        types = [OUTPUTS[name][0] if name in OUTPUTS else c.NOT_FOUND for name in names]
         if c.NOT_FOUND not in types:
             self._outputs = p.Recipe(1, names, types)
             self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1

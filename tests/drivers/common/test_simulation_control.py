@@ -38,7 +38,7 @@ from strands_actors.drivers.ur.arms import TABLES as UR
 from strands_actors.drivers.ur.arms import arm_of
 from strands_actors.drivers.ur.twin.body import URBody
 from strands_actors.drivers.ur.twin.controller import Controller
-from strands_actors.drivers.ur.twin.script import Foreign
+from strands_actors.drivers.ur.twin.script import Standing
 from strands_actors.testing import WireLog as ReadLog
 
 ANSWER_S = 20.0
@@ -190,7 +190,7 @@ def test_an_arm_whose_controller_runs_a_program_follows_the_program() -> None:
     body.take(True)
     body.aim([0.4, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.1)
-    controller.start_program(Foreign)
+    controller.start_program(Standing)
     assert set(body.felt().hands) == {Hand.WIRE}
     time.run(0.5)
     stood = body.felt().position[0]

@@ -146,3 +146,41 @@ def test_two_clients_cannot_write_the_same_input(host: str) -> None:
         await second.aclose()
 
     trio.run(run)
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        p.frame(p.Kind.OUTPUTS, b"\0\0"),
+        p.frame(p.Kind.DATA, b"\x07\0\0\0\0"),
+        p.frame(ord("x")),
+        b"\0\x01V",
+    ],
+    ids=["outputs without a rate", "a recipe that was not agreed", "an unknown kind", "a size that cannot be"],
+)
+def test_a_malformed_request_is_logged_and_told(host: str, twin: Twin, packet: bytes) -> None:
+    async def run() -> bytes:
+        async with await trio.open_tcp_stream(host, p.RTDE_PORT) as stream:
+            await stream.send_all(packet)
+            with trio.fail_after(10):
+                return await stream.receive_some(4096)
+
+    began_ns = time.monotonic_ns()
+    (told,) = p.Decoder().feed(trio.run(run))
+    assert told.kind == p.Kind.TEXT and b"RTDE" in told.payload
+    entries = list(twin.log.entries(began_ns))
+    assert [entry.data for entry in entries if entry.kind == "malformed"] == [packet]
+    assert [entry.kind for entry in entries if entry.kind == "error"]
+
+
+def test_the_dashboard_hangs_up_when_told_to(host: str) -> None:
+    async def run() -> bytes:
+        said = b""
+        async with await trio.open_tcp_stream(host, p.DASHBOARD_PORT) as stream:
+            await stream.send_all(b"quit\n")
+            with trio.fail_after(10):
+                while chunk := await stream.receive_some(4096):
+                    said += chunk
+        return said
+
+    assert trio.run(run).endswith(b"Disconnected\n")

@@ -7,48 +7,11 @@ from collections.abc import Iterator
 import pytest
 
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.arms import arm_of
 from strands_actors.drivers.ur.twin import commands as c
-from strands_actors.drivers.ur.twin.controller import Controller
 from strands_actors.drivers.ur.twin.lines import Dashboard
 from strands_actors.drivers.ur.twin.model import HOME_RAD
 from strands_actors.drivers.ur.twin.script import program_of
-
-SCRIPT = b"def rtde_control():\n    global reg_offset_int = # int register offset\n24\nend\n"
-COMMAND = c.UPPER_RANGE
-TICK_S = 0.002
-
-
-class World:
-    def __init__(self) -> None:
-        self.now_s = 100.0
-        self.events: list[str] = []
-        self.controller = Controller(arm_of("ur5e"), now_s=lambda: self.now_s, on_event=self.events.append)
-
-    def run(self, seconds: float, feed: bool = False) -> None:
-        for _ in range(round(seconds / TICK_S)):
-            self.now_s += TICK_S
-            if feed:
-                self.command(c.Command.NONE)
-            self.controller.tick()
-
-    def command(self, number: int, *doubles: float) -> None:
-        values: dict[str, p.Value] = {f"input_int_register_{COMMAND}": number}
-        values |= {f"input_double_register_{COMMAND + at}": value for at, value in enumerate(doubles)}
-        self.controller.write(values)
-
-    def start(self) -> None:
-        self.controller.start_program(program_of(SCRIPT, self.controller))
-        self.run(0.1)
-        assert self.controller.runtime_state == p.RuntimeState.PLAYING
-
-    @property
-    def answer(self) -> int:
-        return self.controller.int_out[COMMAND]
-
-    @property
-    def pan(self) -> float:
-        return self.controller.plant.position_rad[0]
+from tests.drivers.ur.world import SCRIPT, World
 
 
 @pytest.fixture
@@ -100,7 +63,7 @@ def test_move_is_done_when_it_is_there(world: World) -> None:
     world.command(c.Command.MOVE_J, 0.3, *HOME_RAD[1:], 1.0, 1.0)
     world.run(0.1)
     assert world.answer == c.READY
-    world.run(1.0)
+    world.run(2.0)
     assert world.answer == c.DONE
     assert abs(world.pan - 0.3) < 0.005
 
@@ -182,3 +145,34 @@ def test_local_control_takes_no_programs(world: World) -> None:
     world.controller.start_program(program_of(SCRIPT, world.controller))
     world.run(0.2)
     assert world.controller.runtime_state == p.RuntimeState.STOPPED
+    assert "local control" in world.controller.log[-1]
+
+
+def test_the_dashboard_knows_the_rest_of_its_lines(world: World) -> None:
+    dashboard = Dashboard(world.controller, "ur5e")
+    assert dashboard.answer("get loaded program") == "No program loaded"
+    assert dashboard.answer("play") == "Failed to execute: play"
+    assert dashboard.answer("load none.urp") == "File not found: none.urp"
+    assert dashboard.answer("load hold.urp") == "Loading program: hold.urp"
+    assert dashboard.answer("get loaded program") == "Loaded program: /programs/hold.urp"
+    assert dashboard.answer("isProgramSaved") == "true hold.urp"
+    assert dashboard.answer("play") == "Starting program"
+    world.run(0.1)
+    assert dashboard.answer("programState") == "PLAYING hold.urp"
+    assert dashboard.answer("popup look here") == "showing popup"
+    assert dashboard.answer("addToLog said so") == "Added log message"
+    assert list(world.controller.log)[-2:] == ["popup: look here", "said so"]
+    assert dashboard.answer("addToLog") == "No log message to add"
+    assert dashboard.answer("get operational mode") == "NONE"
+    assert dashboard.answer("set operational mode automatic") == "Operational mode 'automatic' is set"
+    assert dashboard.answer("get operational mode") == "AUTOMATIC"
+    assert "Failed" in dashboard.answer("set operational mode sideways")
+    assert "NONE" in dashboard.answer("clear operational mode")
+    assert dashboard.answer("load installation default.installation").startswith("Loading installation")
+    assert dashboard.answer("version").startswith("5.")
+    assert dashboard.answer("setUserRole operator") == "Setting user role: operator"
+    assert dashboard.answer("generate flight report all").startswith("Flight Report generated")
+    assert dashboard.answer("generate support file /programs").startswith("Completed successfully")
+    assert dashboard.answer("restart safety") == "Restarting safety"
+    assert dashboard.answer("robotmode") == "Robotmode: POWER_OFF"
+    assert dashboard.answer("shutdown") == "Shutting down"

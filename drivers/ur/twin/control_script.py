@@ -1,0 +1,270 @@
+"""The control script that ur-rtde uploads. It is recognised, and its handshake is played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from . import commands as c
+from .controller import Controller
+from .functions import ScriptError
+from .motion import Free, Servo, Speed, ToolSpeed, Unreachable
+from .pose import Frame, frame_of
+from .urscript import Script, Statement
+
+RUNNING_BIT, COUNT_BITS, OPERATION_BITS = 1 << 15, 16, 24
+"""Of the register that tells how far an asynchronous move is: progress in the lowest 15 bits."""
+
+PROTECTIVE_STOP_S = 0.01
+"""From the call until the stop: the script has said meanwhile that the call is done [assumed]."""
+
+
+class ControlScript:
+    """Reads its command in the first integer register of its range, answers in the first output
+    register: READY, then for a command that takes its time DONE until the command is taken away.
+
+    What it cannot do ends it, with an error in the controller's log, as on a controller.
+    """
+
+    def __init__(self, controller: Controller, offset: int, path: Sequence[Statement] = ()) -> None:
+        """``path``: the moves that were put into the script."""
+        self._controller = controller
+        self._offset = offset
+        self._path = path
+        self._busy_with = c.Command.NONE.value
+        self._over: Callable[[], bool] | None = None  # whether what was begun is done
+        self._aside: Callable[[], bool] | None = None  # the same of what goes on beside
+        self._operation = self._written = 0
+        self._stops_s: float | None = None  # when the stop that the program asked for begins
+        controller.int_in[offset] = c.Command.NONE
+        self._answer(c.READY)
+
+    def step(self) -> None:
+        if self._stops_s is not None and self._controller.now_s() >= self._stops_s:
+            self._controller.protect("the program asked for it")
+            return
+        try:
+            if self._over is not None and self._over():
+                self._over = None
+                self._answer(c.DONE)
+            if self._aside is not None and self._aside():
+                self._aside = None
+                self._tell_progress(-1)
+        except Unreachable as unreachable:
+            self._controller.protect(str(unreachable))
+        except ScriptError as error:
+            self._controller.fail(str(error))
+
+    def heard(self) -> None:
+        number = self._controller.int_in[self._offset]
+        if number in c.AT_ONCE:
+            self._do(number)
+            if self._controller.program is self:
+                self._answer(c.READY)
+        elif number in (c.Command.NONE, c.Command.KICK_WATCHDOG):
+            self._busy_with = c.Command.NONE
+            if self._over is None:
+                self._answer(c.READY)
+        elif number != self._busy_with:
+            self._busy_with = number
+            self._do(number)
+            if self._over is None and self._controller.program is self:
+                self._answer(c.DONE)
+
+    def _do(self, number: int) -> None:
+        if number in c.REFUSED:
+            self._controller.fail(f"{c.REFUSED[number]} is not available on this controller")
+            return
+        act = _ACTS.get(number)
+        if act is None:
+            return  # as the script does: a number it does not know is done at once
+        try:
+            act(self)
+        except Unreachable as unreachable:
+            if number in c.MOTION:
+                self._controller.protect(str(unreachable))
+            else:
+                self._controller.fail(str(unreachable))
+
+    # -- moves
+
+    def _move_j(self) -> None:
+        goal = self._six()
+        self._begin(lambda: self._controller.move_joints(goal, self._double(6), self._double(7)).arrived)
+
+    def _move_j_ik(self) -> None:
+        goal = self._controller.solved(self._frame(), self._controller.plant.position_rad)
+        self._begin(lambda: self._controller.move_joints(goal, self._double(6), self._double(7)).arrived)
+
+    def _move_l(self) -> None:
+        goal = self._frame()
+        self._begin(lambda: self._controller.move_tool(goal, self._double(6), self._double(7)).arrived)
+
+    def _move_l_fk(self) -> None:
+        joints = self._six()
+        self._controller.check_joints(joints)
+        goal = self._controller.kinematics.flange(joints).then(self._controller.tcp)
+        self._begin(lambda: self._controller.move_tool(goal, self._double(6), self._double(7)).arrived)
+
+    def _move_path(self) -> None:
+        script = Script(self._controller, self._path, self._tell_progress)
+        self._begin(lambda: lambda plant: script.advance())
+
+    def _begin(self, move: Callable[[], Callable[..., bool]]) -> None:
+        arrived, plant = move(), self._controller.plant
+        if not self._int(1):
+            self._over, self._aside = (lambda: arrived(plant)), None
+            return
+        self._over, self._aside = None, (lambda: arrived(plant))
+        self._tell_progress(0)
+
+    def _speed_l(self) -> None:
+        controller = self._controller
+        controller.move(ToolSpeed(controller.target_tool(), controller.follow, self._six()))
+
+    def _servo_j(self) -> None:
+        goal = self._six()
+        self._controller.check_joints(goal)
+        self._controller.move(Servo(goal))
+
+    def _servo_l(self) -> None:
+        controller = self._controller
+        controller.move(Servo(controller.solved(self._frame(), controller.motion.target(controller.plant))))
+
+    def _jog(self) -> None:
+        controller, feature = self._controller, round(self._double(6))
+        velocity: Sequence[float] = self._six()
+        if feature == 2:  # a frame of the caller's
+            axes = self._frame(8)
+            vx, vy, vz, wx, wy, wz = velocity
+            velocity = (*axes.turned((vx, vy, vz)), *axes.turned((wx, wy, wz)))
+        controller.move(ToolSpeed(controller.target_tool(), controller.follow, velocity, own_axes=feature == 1))
+
+    def _halt(self) -> None:
+        controller = self._controller
+        stands_s = controller.now_s() + controller.halt()
+        if self._aside is not None:
+            self._aside = None
+            self._tell_progress(-1)
+        self._over = lambda: controller.now_s() >= stands_s
+
+    def _protect(self) -> None:
+        self._stops_s = self._controller.now_s() + PROTECTIVE_STOP_S
+
+    def _free(self) -> None:
+        self._controller.move(Free())
+
+    def _end_free(self) -> None:
+        if self._controller.motion.limp:
+            self._controller.halt()
+
+    # -- questions
+
+    def _has_solution(self, near: Sequence[float]) -> None:
+        self._say(self._controller.joints_for(self._frame(), near) is not None)
+
+    def _forward(self) -> None:
+        self._out(self._controller.target_tool().pose())
+
+    def _forward_of(self) -> None:
+        self._out(self._controller.kinematics.flange(self._six()).then(self._frame(6)).pose())
+
+    def _inverse(self) -> None:
+        self._out(self._controller.solved(self._frame(), self._controller.plant.position_rad))
+
+    def _inverse_near(self) -> None:
+        self._out(self._controller.solved(self._frame(), self._six(6)))
+
+    # -- settings
+
+    def _payload(self) -> None:
+        self._controller.payload_kg = self._double(0)
+        if any(self._six(1)[:3]):  # the script keeps the one before when it is told the origin
+            self._controller.payload_cog_m = tuple(self._six(1)[:3])
+
+    def _target_payload(self) -> None:
+        self._payload()
+        self._controller.payload_inertia = tuple(self._six(4))
+
+    def _set_tcp(self) -> None:
+        self._controller.tcp = self._frame()
+
+    def _set_gravity(self) -> None:
+        self._controller.gravity_m_s2 = tuple(self._six()[:3])
+
+    # -- registers
+
+    def _answer(self, word: int) -> None:
+        self._controller.int_out[self._offset] = word
+
+    def _say(self, yes: bool) -> None:
+        self._controller.int_out[self._offset + 1] = int(yes)
+
+    def _tell_progress(self, value: int) -> None:
+        """0: an asynchronous move begins; -1: it is over."""
+        self._written = (self._written + 1) % 128
+        self._operation = (self._operation + (value == 0)) % 128
+        register = self._written << COUNT_BITS | self._operation << OPERATION_BITS
+        self._controller.int_out[self._offset + 2] = register | (value | RUNNING_BIT if value >= 0 else 0)
+
+    def _out(self, values: Sequence[float]) -> None:
+        self._controller.double_out[self._offset : self._offset + len(values)] = values
+
+    def _int(self, at: int) -> int:
+        return self._controller.int_in[self._offset + at]
+
+    def _double(self, at: int) -> float:
+        return self._controller.double_in[self._offset + at]
+
+    def _six(self, at: int = 0) -> list[float]:
+        return self._controller.double_in[self._offset + at : self._offset + at + 6]
+
+    def _frame(self, at: int = 0) -> Frame:
+        return frame_of(self._six(at))
+
+
+_ACTS: dict[int, Callable[[ControlScript], None]] = {
+    c.Command.MOVE_J: ControlScript._move_j,
+    c.Command.MOVE_J_IK: ControlScript._move_j_ik,
+    c.Command.MOVE_L: ControlScript._move_l,
+    c.Command.MOVE_L_FK: ControlScript._move_l_fk,
+    c.Command.MOVE_PATH: ControlScript._move_path,
+    c.Command.SPEED_J: lambda script: script._controller.move(Speed(script._six())),
+    c.Command.SPEED_L: ControlScript._speed_l,
+    c.Command.SERVO_J: ControlScript._servo_j,
+    c.Command.SERVO_L: ControlScript._servo_l,
+    c.Command.JOG_START: ControlScript._jog,
+    c.Command.TEACH_MODE: ControlScript._free,
+    c.Command.FREEDRIVE: ControlScript._free,
+    c.Command.END_TEACH_MODE: ControlScript._end_free,
+    c.Command.END_FREEDRIVE: ControlScript._end_free,
+    c.Command.GET_FREEDRIVE_STATUS: lambda script: script._say(False),  # not near a singularity
+    **dict.fromkeys(
+        (c.Command.SERVO_STOP, c.Command.SPEED_STOP, c.Command.STOP_J, c.Command.STOP_L, c.Command.JOG_STOP),
+        ControlScript._halt,
+    ),
+    c.Command.SET_PAYLOAD: ControlScript._payload,
+    c.Command.SET_TARGET_PAYLOAD: ControlScript._target_payload,
+    c.Command.SET_TCP: ControlScript._set_tcp,
+    c.Command.SET_GRAVITY: ControlScript._set_gravity,
+    c.Command.GET_TCP_OFFSET: lambda script: script._out(script._controller.tcp.pose()),
+    c.Command.GET_FLANGE_POSE: lambda script: script._out(
+        script._controller.kinematics.flange(script._controller.plant.position_rad).pose()
+    ),
+    c.Command.POSE_TRANS: lambda script: script._out(script._frame().then(script._frame(6)).pose()),
+    c.Command.GET_FORWARD_KINEMATICS: ControlScript._forward,
+    c.Command.GET_FORWARD_KINEMATICS_OF: ControlScript._forward_of,
+    c.Command.GET_INVERSE_KINEMATICS: ControlScript._inverse,
+    c.Command.GET_INVERSE_KINEMATICS_NEAR: ControlScript._inverse_near,
+    c.Command.HAS_INVERSE_KINEMATICS: lambda script: script._has_solution(script._controller.plant.position_rad),
+    c.Command.HAS_INVERSE_KINEMATICS_NEAR: lambda script: script._has_solution(script._six(6)),
+    c.Command.IS_POSE_WITHIN_LIMITS: lambda script: script._has_solution(script._controller.plant.position_rad),
+    c.Command.ARE_JOINTS_WITHIN_LIMITS: lambda script: script._say(
+        script._controller.kinematics.within(script._six())
+    ),
+    c.Command.GET_STEP_TIME: lambda script: script._out((0.002,)),
+    c.Command.GET_JOINT_TORQUES: lambda script: script._out(script._controller.plant.effort_nm),
+    c.Command.IS_STEADY: lambda script: script._say(script._controller.is_steady()),
+    c.Command.SET_WATCHDOG: lambda script: script._controller.watch(script._offset, script._double(0)),
+    c.Command.PROTECTIVE_STOP: ControlScript._protect,
+    c.Command.STOP_SCRIPT: lambda script: script._controller.stop_program(),
+}

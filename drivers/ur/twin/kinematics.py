@@ -1,0 +1,128 @@
+"""Where the flange is, and which joints bring it there: closed forms of an arm whose second, third
+and fourth axis are parallel and whose last three meet no common point.
+
+``z`` of a step is the axis of the joint after it. See ``tests/drivers/ur/test_kinematics.py`` for
+what it is held against: the DH chain, and the body in MuJoCo.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .pose import Frame, Vector, dot, plus, scaled
+
+TURN = 2.0 * math.pi
+
+STRAIGHT = 1e-6
+"""Sine below which a wrist is straight: then the first and the last joint turn the same way."""
+
+ROUNDING = 1e-6
+"""How far beyond what an arm reaches rounding may bring a pose."""
+
+
+class Kinematics:
+    def __init__(self, dh_m: Sequence[float], ranges_rad: Sequence[tuple[float, float]]) -> None:
+        """``dh_m``: d1 a2 a3 d4 d5 d6."""
+        self._d1, self._a2, self._a3, self._d4, self._d5, self._d6 = dh_m
+        self._ranges_rad = tuple(ranges_rad)
+
+    def within(self, joints: Sequence[float]) -> bool:
+        """Return whether each joint may stand so."""
+        return all(low <= rad <= high for rad, (low, high) in zip(joints, self._ranges_rad, strict=True))
+
+    def flange(self, joints: Sequence[float]) -> Frame:
+        q1, q2, q3, q4, q5, q6 = joints
+        c1, s1 = math.cos(q1), math.sin(q1)
+        c5, s5, c6, s6 = math.cos(q5), math.sin(q5), math.cos(q6), math.sin(q6)
+        q23 = q2 + q3
+        c, s = math.cos(q23 + q4), math.sin(q23 + q4)
+        side = (s1, -c1, 0.0)  # the axis of the three parallel joints
+        along = (c1 * c, s1 * c, s)
+        down = (c1 * s, s1 * s, -c)  # of the fifth joint
+        x5 = (c5 * along[0] + s5 * side[0], c5 * along[1] + s5 * side[1], c5 * along[2])
+        ahead = (-s5 * along[0] + c5 * side[0], -s5 * along[1] + c5 * side[1], -s5 * along[2])
+        out = self._a2 * math.cos(q2) + self._a3 * math.cos(q23)
+        up = self._a2 * math.sin(q2) + self._a3 * math.sin(q23)
+        d4, d5, d6 = self._d4, self._d5, self._d6
+        return Frame(
+            (
+                c1 * out + d4 * side[0] + d5 * down[0] + d6 * ahead[0],
+                s1 * out + d4 * side[1] + d5 * down[1] + d6 * ahead[1],
+                self._d1 + up + d5 * down[2] + d6 * ahead[2],
+            ),
+            (c6 * x5[0] - s6 * down[0], c6 * x5[1] - s6 * down[1], c6 * x5[2] - s6 * down[2]),
+            (-s6 * x5[0] - c6 * down[0], -s6 * x5[1] - c6 * down[1], -s6 * x5[2] - c6 * down[2]),
+            ahead,
+        )
+
+    def elbow(self, joints: Sequence[float]) -> Vector:
+        """Where the third joint is."""
+        out = self._a2 * math.cos(joints[1])
+        return out * math.cos(joints[0]), out * math.sin(joints[0]), self._d1 + self._a2 * math.sin(joints[1])
+
+    def joints(self, flange: Frame, near: Sequence[float], follow: bool = False) -> tuple[float, ...] | None:
+        """Return the joints nearest to ``near``, within their ranges, that bring the flange there.
+        ``follow``: without going over to another posture. None: it cannot be."""
+        best: tuple[float, ...] | None = None
+        least = math.inf
+        wrist = plus(flange.place, scaled(flange.z, -self._d6))
+        distance = math.hypot(wrist[0], wrist[1])
+        if distance < ROUNDING or abs(self._d4) > distance + ROUNDING:
+            return None  # in the pillar over the base, where no shoulder can be
+        bearing, offset = math.atan2(wrist[1], wrist[0]), math.asin(max(-1.0, min(1.0, self._d4 / distance)))
+        shoulders: tuple[float, ...] = (bearing + offset, bearing + math.pi - offset)
+        if follow:
+            shoulders = (min(shoulders, key=lambda rad: abs(math.remainder(rad - near[0], TURN))),)
+        for q1 in shoulders:
+            side = (math.sin(q1), -math.cos(q1), 0.0)
+            c5 = dot(flange.z, side)
+            if abs(c5) > 1.0 + ROUNDING:
+                continue
+            for sign in (math.copysign(1.0, math.sin(near[4])),) if follow else (1.0, -1.0):
+                q5 = sign * math.acos(max(-1.0, min(1.0, c5)))
+                for found in self._bent(flange, q1, q5, side, near, follow):
+                    change = sum(abs(rad - was) for rad, was in zip(found, near, strict=True))
+                    if change < least:
+                        least, best = change, found
+        return best
+
+    def _bent(
+        self, flange: Frame, q1: float, q5: float, side: Vector, near: Sequence[float], follow: bool
+    ) -> list[tuple[float, ...]]:
+        """What the other joints may be."""
+        s5 = math.sin(q5)
+        q6 = math.atan2(-dot(flange.y, side) / s5, dot(flange.x, side) / s5) if abs(s5) > STRAIGHT else near[5]
+        c6, s6 = math.cos(q6), math.sin(q6)
+        down = scaled(plus(scaled(flange.x, s6), scaled(flange.y, c6)), -1.0)
+        radial = (math.cos(q1), math.sin(q1), 0.0)
+        q234 = math.atan2(dot(down, radial), -down[2])
+        place = flange.place
+        d4, d5, d6 = self._d4, self._d5, self._d6
+        rest = (
+            place[0] - d4 * side[0] - d5 * down[0] - d6 * flange.z[0],
+            place[1] - d4 * side[1] - d5 * down[1] - d6 * flange.z[1],
+            place[2] - self._d1 - d5 * down[2] - d6 * flange.z[2],
+        )
+        out, up = dot(rest, radial), rest[2]
+        a2, a3 = self._a2, self._a3
+        c3 = (out * out + up * up - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
+        if abs(c3) > 1.0 + ROUNDING:
+            return []
+        bend = math.acos(max(-1.0, min(1.0, c3)))
+        solutions = []
+        for q3 in (math.copysign(bend, math.sin(near[2])),) if follow else (bend, -bend):
+            q2 = math.atan2(up, out) - math.atan2(a3 * math.sin(q3), a2 + a3 * math.cos(q3))
+            raw = (q1, q2, q3, q234 - q2 - q3, q5, q6)
+            wound = [self._wound(at, rad, near[at]) for at, rad in enumerate(raw)]
+            whole = [rad for rad in wound if rad is not None]
+            if len(whole) == len(raw):
+                solutions.append(tuple(whole))
+        return solutions
+
+    def _wound(self, joint: int, rad: float, near: float) -> float | None:
+        """The same angle, as many turns on as bring it next to ``near`` within the range."""
+        low, high = self._ranges_rad[joint]
+        nearest = rad + TURN * round((near - rad) / TURN)
+        fitting = [turned for turned in (nearest, nearest - TURN, nearest + TURN) if low <= turned <= high]
+        return min(fitting, key=lambda turned: abs(turned - near), default=None)
