@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 EXTRAS: dict[str, tuple[str, ...]] = {
+    "dataset": ("pyarrow", "av"),
     "demo": ("matplotlib",),
     "mcp": ("mcp",),
     "pictures": ("OpenGL", "glfw"),

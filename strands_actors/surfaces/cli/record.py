@@ -15,7 +15,7 @@ from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.file import Info, RecordingFile, read
 from strands_actors.surfaces.recording.player import Difference, Outcome
 from strands_actors.surfaces.recording.player import replay as play
-from strands_actors.surfaces.recording.recorder import Summary, record_until_told
+from strands_actors.surfaces.recording.to_file import Summary, record_until_told
 from strands_actors.version import __version__
 
 from .errors import Problem

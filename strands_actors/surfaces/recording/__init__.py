@@ -7,13 +7,32 @@ with record(robot, "run.mcap"):
 outcome = replay(read(Path("run.mcap")))
 """
 
-from strands_actors.contract.extras import require
+from __future__ import annotations
 
-require("record", "a recording")  # before the import below says only which module is not there
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from .errors import RecordingError  # noqa: E402
-from .file import Recording, read  # noqa: E402
-from .player import Difference, Outcome, replay  # noqa: E402
-from .script import record  # noqa: E402
+from .errors import RecordingError
+
+if TYPE_CHECKING:
+    from .file import Recording, read
+    from .player import Difference, Outcome, replay
+    from .script import record
+
+_WHERE = {
+    "Difference": "player",
+    "Outcome": "player",
+    "Recording": "file",
+    "read": "file",
+    "record": "script",
+    "replay": "player",
+}
 
 __all__ = ["Difference", "Outcome", "Recording", "RecordingError", "read", "record", "replay"]
+
+
+def __getattr__(name: str) -> Any:
+    # Lazy: who records into something else than a file of this kind needs none of its packages.
+    if name in _WHERE:
+        return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

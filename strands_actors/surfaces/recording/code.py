@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from strands_actors.contract import driver as contract
 from strands_actors.contract.driver import Driver
@@ -17,7 +18,9 @@ from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.wire import watchdog
 
 from .errors import RecordingError
-from .file import Info
+
+if TYPE_CHECKING:
+    from .file import Info
 
 SUFFIXES = (".py", ".toml")
 

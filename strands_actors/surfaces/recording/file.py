@@ -11,19 +11,24 @@ from pathlib import Path
 from typing import IO, Any
 
 import msgspec
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel as McapChannel
-from mcap.records import Message, Metadata
-from mcap.stream_reader import StreamReader
-from mcap.writer import Writer
 
-from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry
-from strands_actors.version import __version__
+from strands_actors.contract.extras import require
 
-from .errors import RecordingError
-from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema
-from .views import Row, View
+require("record", "a recording")  # before the imports below say only which module is not there
+
+import zstandard  # noqa: E402
+from mcap.exceptions import McapError  # noqa: E402
+from mcap.records import Channel as McapChannel  # noqa: E402
+from mcap.records import Message, Metadata  # noqa: E402
+from mcap.stream_reader import StreamReader  # noqa: E402
+from mcap.writer import Writer  # noqa: E402
+
+from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry  # noqa: E402
+from strands_actors.version import __version__  # noqa: E402
+
+from .errors import RecordingError  # noqa: E402
+from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
+from .views import Row, View  # noqa: E402
 
 METADATA = "strands-actors"
 CHUNK_BYTES = 64 * 1024

@@ -46,6 +46,7 @@ class Seen(msgspec.Struct):
     velocity: dict[str, float | None]
     sensors: dict[str, list[float | None]]
     faults: dict[str, str]
+    oldest_ns: int = 0  # when the oldest of these positions was read
 
 
 class Motor(msgspec.Struct):

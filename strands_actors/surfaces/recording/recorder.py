@@ -1,22 +1,22 @@
-"""The recorder: a process of its own that attaches to a running robot and writes what it is told.
+"""The recorder: a process of its own that attaches to a running robot and feeds a sink with what it
+is told: a file to look at and to replay (``to_file``), or episodes to learn from
+(``surfaces.dataset``).
 
 The robot owes it nothing. When it is slow, frozen or dead the robot's instruments fill up or close
-by themselves; when the robot's processes die it says so in the file, and attaches again as soon as
+by themselves; when the robot's processes die it tells the sink, and attaches again as soon as
 there is somebody to attach to.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 import msgspec
 import trio
 
-from strands_actors.caller.background import open_background
 from strands_actors.caller.nodes import open_node
 from strands_actors.caller.run_directory import notes
 from strands_actors.kernel.actor import Actor, Cell
@@ -35,9 +35,7 @@ from strands_actors.supervisors.instrument import (
     InstrumentKeeper,
 )
 
-from .code import driver_class_of, fingerprint
 from .errors import RecordingError
-from .file import RecordingFile, new_info
 
 SOURCES = ("wire", "root")
 FIRST_S = 5.0
@@ -50,17 +48,31 @@ DETACH_S = 1.0
 FLUSH_S = 1.0
 
 
-class Summary(msgspec.Struct):
-    path: str
-    robot: str
+class Sink(Protocol):
+    """What is recorded goes in here, in order. Raise ``OSError`` or ``RecordingError``: that ends
+    the recording, with its reason, and nothing else."""
+
+    def add(self, source: str, batch: Batch) -> None: ...
+
+    def lost(self, source: str, why: str) -> None:
+        """Nothing came any more from there."""
+        ...
+
+    def flush(self) -> None:
+        """Once a second."""
+        ...
+
+    def close(self) -> None: ...
+
+
+SomeSink = TypeVar("SomeSink", bound=Sink)
+
+
+class Ending(msgspec.Struct, frozen=True):
+    """How long a recording ran, and why it ended."""
+
     seconds: float
-    bytes: int
-    commands: int
-    refusals: int
-    observations: int
-    safe: int
-    gaps: int
-    ended: str  # why the recording ended
+    why: str
 
 
 class Source(Actor):
@@ -157,23 +169,22 @@ class Source(Actor):
                 self._on_lost(self._name, "it did not say good-bye")
 
 
-class Recorder:
-    """Writes one robot's recording. ``on_started``: it is under way. ``on_progress``: once a
-    second, with the seconds it runs."""
+class Recorder(Generic[SomeSink]):
+    """Feeds a sink with all that one robot is told, decides and does. ``open_sink`` is called when
+    the wire process has presented itself; ``on_progress`` once a second, with the seconds it
+    runs."""
 
     def __init__(
         self,
         robot: str,
-        path: Path,
-        on_started: Callable[[], None] = lambda: None,
-        on_progress: Callable[[float, RecordingFile], None] = lambda seconds, file: None,
+        open_sink: Callable[[Attached], SomeSink],
+        on_progress: Callable[[float, SomeSink], None] = lambda seconds, sink: None,
     ) -> None:
         self._robot = robot
-        self._path = path
-        self._on_started = on_started
+        self._open_sink = open_sink
         self._on_progress = on_progress
         self._early: list[tuple[str, Batch]] = []  # what came before the wire process had presented itself
-        self._file: RecordingFile | None = None
+        self._sink: SomeSink | None = None
         self._failure: Exception | None = None
         self._ended = ""
         self._over = trio.Event()
@@ -184,7 +195,7 @@ class Recorder:
         self._ended = self._ended or why
         self._over.set()
 
-    async def run(self, node: Node, seconds: float | None = None) -> Summary:
+    async def run(self, node: Node, seconds: float | None = None) -> Ending:
         """Until ``seconds`` are over, ``end`` is called, or the robot is gone. Raise
         ``RecordingError`` or ``OSError``."""
         try:
@@ -202,7 +213,9 @@ class Recorder:
                 nursery.cancel_scope.cancel()
         finally:
             self._close()
-        return self._summary()
+        if self._sink is None:
+            raise RecordingError(f"{self._robot}: {self._ended} before anything was recorded")
+        return Ending(round(trio.current_time() - self._began, 3), self._ended)
 
     def _cell(self, node: Node, name: str) -> Cell:
         instrument = f"{PREFIX}/{addresses.of(self._robot).instrument(name)}"
@@ -214,12 +227,12 @@ class Recorder:
         while True:
             await trio.sleep(FLUSH_S)
             now = trio.current_time()
-            if self._file is None:
+            if self._sink is None:
                 if now > self._began + FIRST_S:
-                    self._fail(RecordingError(f"{self._robot}: its wire process does not answer"))
+                    self.fail(RecordingError(f"{self._robot}: its wire process does not answer"))
                 continue
-            self._written(self._file.flush)
-            self._on_progress(now - self._began, self._file)
+            self._written(self._sink.flush)
+            self._on_progress(now - self._began, self._sink)
             if not any(source.attached for source in self._sources):
                 heard_at = max(source.heard_at for source in self._sources)
                 if now > heard_at + GONE_S:
@@ -229,77 +242,50 @@ class Recorder:
 
     def _attached(self, name: str, answer: Attached | Refused) -> None:
         if isinstance(answer, Refused):
-            if self._file is None:
-                self._fail(RecordingError(f"{self._robot}: {answer.text}"))
-        elif name == "wire" and self._file is None and self._failure is None:
+            if self._sink is None:
+                self.fail(RecordingError(f"{self._robot}: {answer.text}"))
+        elif name == "wire" and self._sink is None and self._failure is None:
             self._written(self._start, answer)
 
     def _start(self, attached: Attached) -> None:
-        try:
-            code = fingerprint(driver_class_of(attached.driver))
-        except RecordingError:
-            code = ""  # driven by a class that is not registered: the rows are there, a replay is not
-        self._file = file = RecordingFile(self._path, new_info(self._robot, code, attached))
-        self._on_started()
+        self._sink = sink = self._open_sink(attached)
         for name, batch in self._early:
-            file.add(name, batch)
+            sink.add(name, batch)
         self._early.clear()
 
     def _batch(self, name: str, batch: Batch) -> None:
-        if self._file is None:
+        if self._sink is None:
             self._early.append((name, batch))
         else:
-            self._written(self._file.add, name, batch)
+            self._written(self._sink.add, name, batch)
 
     def _lost(self, name: str, why: str) -> None:
         self._early = [(source, batch) for source, batch in self._early if source != name]
-        if self._file is not None:
-            self._written(self._file.lost, name, why)
+        if self._sink is not None:
+            self._written(self._sink.lost, name, why)
 
-    # -- the file
+    # -- the sink
 
     def _written(self, write: Callable[..., None], *args: object) -> None:
-        """A full disk ends the recording, with its reason, and nothing else."""
+        """A full disk ends the recording and nothing else."""
         if self._failure is None:
             try:
                 write(*args)
-            except OSError as failure:
-                self._fail(failure)
+            except (OSError, RecordingError) as failure:
+                self.fail(failure)
 
-    def _fail(self, failure: Exception) -> None:
+    def fail(self, failure: Exception) -> None:
         self._failure = failure
         self._over.set()
 
     def _close(self) -> None:
-        if self._file is not None:
+        if self._sink is not None:
             try:
-                self._file.close()
-            except OSError as failure:
+                self._sink.close()
+            except (OSError, RecordingError) as failure:
                 self._failure = self._failure or failure
         if self._failure is not None:
             raise self._failure
-
-    def _summary(self) -> Summary:
-        if self._file is None:
-            raise RecordingError(f"{self._robot}: {self._ended} before anything was recorded")
-        counts = self._file.counts
-        return Summary(
-            str(self._path),
-            self._robot,
-            round(trio.current_time() - self._began, 3),
-            self._path.stat().st_size,
-            counts["command"],
-            counts["refusal"],
-            counts["observation"],
-            counts["safe"],
-            counts["gap"],
-            self._ended,
-        )
-
-
-def _require_free(path: Path) -> None:
-    if path.exists():
-        raise RecordingError(f"{path} is there already. give another name, or remove it")
 
 
 @asynccontextmanager
@@ -312,24 +298,3 @@ async def visit(robot: str) -> AsyncIterator[Node]:
         raise RecordingError(f"no robot {robot!r} of this user is running{there}")
     async with open_node(f"recorder.{os.getpid()}", connect=running[robot].endpoints) as (node, _):
         yield node
-
-
-async def record_until_told(
-    robot: str,
-    path: Path,
-    seconds: float | None,
-    on_started: Callable[[], None],
-    on_progress: Callable[[float, RecordingFile], None],
-) -> Summary:
-    """Until Ctrl-C, SIGTERM, or as ``Recorder.run``. In the main thread."""
-    _require_free(path)
-    with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        async with visit(robot) as node, open_background() as nursery:
-            recorder = Recorder(robot, path, on_started, on_progress)
-
-            async def listen() -> None:
-                async for _ in signals:
-                    recorder.end("interrupted")
-
-            nursery.start_soon(listen)
-            return await recorder.run(node, seconds)

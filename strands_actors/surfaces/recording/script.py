@@ -15,7 +15,7 @@ import trio
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import RecordingError
-from .recorder import record_until_told
+from .to_file import record_until_told
 
 END_S = 15.0
 STARTED = "recording"

@@ -203,6 +203,7 @@ class View:
             self._by_axis(observation.velocity),
             {name: list(row) for name, row in observation.sensors.items()},
             dict(observation.faults),
+            min((stamp for stamp in observation.stamp_ns if stamp), default=0),
         )
 
     def _by_axis(self, values: Sequence[float]) -> dict[str, float | None]:

@@ -1,0 +1,6 @@
+"""Datasets of demonstrations in LeRobot's format, recorded beside a robot by a process of its
+own."""
+
+from strands_actors.contract.extras import require
+
+require("dataset", "a dataset")  # before an import below says only which module is not there

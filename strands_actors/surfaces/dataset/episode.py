@@ -1,0 +1,151 @@
+"""What one finished episode is in the dataset: its rows, its figures, its line in the index."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from .layout import VECTORS, Layout, Place
+from .staging import GAP, STALE, Staged
+from .statistics import Figures, PictureFigures, of_column
+from .video import pictures_of
+
+MARKS = b"strands_actors"
+"""In the metadata of the index's files: the marks of each episode, by its number."""
+
+
+class Marks(msgspec.Struct, frozen=True):
+    """What is wrong with an episode. ``gaps``: frames that are missing; ``stale``: frames in which
+    the state, or a camera, was older than 1.5 periods; ``repaired``: its recorder did not finish
+    it."""
+
+    gaps: int = 0
+    stale: dict[str, int] = {}
+    repaired: bool = False
+    began: str = ""
+
+    @property
+    def told(self) -> str:
+        """In words; empty: nothing is wrong."""
+        said = [f"{self.gaps} frames missing"] if self.gaps else []
+        said += [f"{name} late in {count} frames" for name, count in self.stale.items()]
+        return ", ".join([*said, "repaired"] if self.repaired else said)
+
+
+def marks_of(staged: Staged, table: pa.Table) -> Marks:
+    """Of the rows that the episode has."""
+    stale = Counter(name for row in table[STALE].to_pylist() for name in row)
+    gaps = sum(table[GAP].to_pylist())
+    finished = staged.finished
+    if finished is not None:
+        gaps += finished.gap + finished.frames - table.num_rows
+    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began)
+
+
+def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: int) -> dict[str, NDArray[Any]]:
+    """Every column of an episode, a row a frame. ``first``: the number of its first frame in the
+    dataset."""
+    count = table.num_rows
+    frames = np.arange(count, dtype=np.int64)
+    columns: dict[str, NDArray[Any]] = {name: _rows(table, name, layout.width_of(name)) for name in VECTORS}
+    return columns | {
+        "timestamp": (frames / layout.fps).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full(count, episode, np.int64),
+        "index": frames + first,
+        "task_index": np.full(count, task, np.int64),
+    }
+
+
+def _rows(table: pa.Table, name: str, width: int) -> NDArray[np.float32]:
+    values = [chunk.flatten().to_numpy(zero_copy_only=False) for chunk in table[name].chunks]
+    return np.concatenate(values).reshape(-1, width).astype(np.float32)
+
+
+def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
+    """As LeRobot has it: a vector of one number is a number."""
+    return pa.table(
+        {
+            name: pa.array(values.ravel())
+            if values.ndim == 1 or values.shape[1] == 1
+            else pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+            for name, values in columns.items()
+        }
+    )
+
+
+def figures_of(staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layout) -> dict[str, Figures]:
+    found = {name: of_column(values) for name, values in columns.items()}
+    for camera in layout.cameras:
+        pictures = PictureFigures()
+        if staged.finished is not None:
+            pictures.seen = np.array(staged.finished.levels[camera.name], np.int64)
+            pictures.pictures = staged.finished.frames
+        else:
+            for picture in pictures_of(staged.video(camera.name)):
+                pictures.add(picture)
+        found[camera.key] = pictures.figures()
+    return found
+
+
+def index_row(
+    episode: int, task: str, first: int, frames: int, place: Place, layout: Layout, figures: Mapping[str, Figures]
+) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "episode_index": episode,
+        "tasks": [task],
+        "length": frames,
+        "data/chunk_index": place.chunk,
+        "data/file_index": place.file,
+        "dataset_from_index": first,
+        "dataset_to_index": first + frames,
+    }
+    for camera in layout.cameras:
+        row |= {
+            f"videos/{camera.key}/chunk_index": place.chunk,
+            f"videos/{camera.key}/file_index": place.file,
+            f"videos/{camera.key}/from_timestamp": 0.0,
+            f"videos/{camera.key}/to_timestamp": frames / layout.fps,
+        }
+    row |= {"meta/episodes/chunk_index": place.chunk, "meta/episodes/file_index": place.file}
+    for feature, values in figures.items():
+        row |= {f"stats/{feature}/{name}": value for name, value in values.items()}
+    return row
+
+
+def index_table(rows: list[dict[str, Any]], marks: Mapping[int, Marks]) -> pa.Table:
+    schema = pa.schema([(name, _kind(name, rows[0][name])) for name in rows[0]])
+    encoded = msgspec.json.encode({str(number): mark for number, mark in marks.items()})
+    return pa.Table.from_pylist(rows, schema=schema.with_metadata({MARKS: encoded}))
+
+
+def marks_in(table: pa.Table) -> dict[int, Marks]:
+    """Of a file of the index; empty for one that another program wrote."""
+    encoded = (table.schema.metadata or {}).get(MARKS, b"{}")
+    return msgspec.json.decode(encoded, type=dict[int, Marks], strict=False)
+
+
+def _kind(name: str, value: Any) -> pa.DataType:
+    """The same for every episode, whatever its values are."""
+    if isinstance(value, list):
+        return pa.list_(_kind(name, value[0]))
+    if isinstance(value, str):
+        return pa.string()
+    is_count = name.endswith("/count") or not (name.startswith("stats/") or name.endswith("_timestamp"))
+    return pa.int64() if is_count else pa.float64()
+
+
+def figures_in(row: Mapping[str, Any]) -> dict[str, Figures]:
+    """Of a row of the index."""
+    found: dict[str, Figures] = {}
+    for name, value in row.items():
+        if name.startswith("stats/") and value is not None:
+            feature, _, figure = name.removeprefix("stats/").rpartition("/")
+            found.setdefault(feature, {})[figure] = value
+    return found

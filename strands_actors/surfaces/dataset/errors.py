@@ -1,0 +1,9 @@
+"""What a dataset refuses."""
+
+from __future__ import annotations
+
+from strands_actors.surfaces.recording.errors import RecordingError
+
+
+class DatasetError(RecordingError):
+    """One line: what cannot be recorded, repaired, merged or read, and why."""

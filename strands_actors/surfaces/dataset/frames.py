@@ -1,0 +1,210 @@
+"""From what the robot was told and did to frames, one a period. Pure.
+
+A frame is due at a moment. Its state is the newest that was read by then; its action is what was in
+force one period later, that is what was decided with this state in sight. So a frame is made when
+the journal has come as far as the next one.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeVar
+
+import msgspec
+
+from strands_actors.surfaces.recording.lines import Command, Gap, Lifecycle, Safe, Seen
+from strands_actors.surfaces.recording.views import Row as JournalRow
+
+from .staging import Picture, Row
+
+NS = 1_000_000_000
+MEMORY_S = 5.0
+STALE_PERIODS = 1.5
+"""A state or a picture that is older than so many periods marks its frame."""
+LOST_S = 0.5
+"""Without a state that is younger there is no frame."""
+PATIENCE_S = 1.0
+"""How long a frame waits for the journal; then it is made of what there is."""
+MOVING = ("armed",)
+"""The modes in which a target is in force. In every other the robot stays, or is limp."""
+
+
+class Axes(msgspec.Struct, frozen=True):
+    """The robot's axes, in order. ``velocities``: those whose number is a speed."""
+
+    keys: tuple[str, ...]
+    velocities: frozenset[str] = frozenset()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return tuple(f"{key}.{'vel' if key in self.velocities else 'pos'}" for key in self.keys)
+
+
+class Due(msgspec.Struct, frozen=True):
+    """A moment for which there shall be a frame, with the pictures of then."""
+
+    at_ns: int
+    pictures: dict[str, Picture]
+    age_ms: dict[str, float]  # of the pictures
+
+
+class Made(msgspec.Struct, frozen=True):
+    row: Row
+    pictures: dict[str, Picture]
+
+
+class _Wanted(msgspec.Struct, frozen=True):
+    """What is in force from a moment on; None: nothing, the robot stays where it is."""
+
+    target: dict[str, float] | None
+    requested: dict[str, float]
+
+
+_STAYS = _Wanted(None, {})
+Value = TypeVar("Value")
+
+
+class _History(deque[tuple[int, Value]]):
+    """Values by time. Out of order by a little is put in order."""
+
+    def put(self, at_ns: int, value: Value) -> None:
+        later: list[tuple[int, Value]] = []
+        while self and self[-1][0] > at_ns:
+            later.append(self.pop())
+        self.append((at_ns, value))
+        self.extend(reversed(later))
+        while len(self) > 1 and self[1][0] < self[-1][0] - MEMORY_S * NS:
+            self.popleft()
+
+    def at(self, at_ns: int) -> tuple[int, Value] | None:
+        """The newest that is not younger."""
+        return next((entry for entry in reversed(self) if entry[0] <= at_ns), None)
+
+
+class Assembler:
+    """Makes the frames of one recording. ``period_s``: from one to the next."""
+
+    def __init__(self, axes: Axes, period_s: float) -> None:
+        self._axes = axes
+        self._period_ns = round(period_s * NS)
+        self._states: _History[tuple[dict[str, float], int]] = _History()  # with when the oldest was read
+        self._wanted: _History[_Wanted] = _History()
+        self._lease = 0
+        self._heard_ns = 0
+        self._due: deque[Due] = deque()
+        self._gap = 0
+
+    @property
+    def waiting(self) -> int:
+        """Frames that are due and not yet made."""
+        return len(self._due)
+
+    # -- the journal
+
+    def hear(self, rows: Iterable[JournalRow]) -> None:
+        """What the wire process has told."""
+        for _, at_ns, row in rows:
+            match row:
+                case Seen():
+                    self._see(row)
+                case Command():
+                    self._command(at_ns, row)
+                case Safe(what="ordered"):
+                    self._wanted.put(at_ns, _STAYS)
+                case Lifecycle(what="state") if row.mode not in MOVING:
+                    self._wanted.put(at_ns, _STAYS)
+                case Gap():
+                    self._wanted.put(max(at_ns, self._heard_ns), _STAYS)  # what was said in between is not known
+                case _:
+                    continue
+            self._heard_ns = max(self._heard_ns, at_ns)
+
+    def _see(self, row: Seen) -> None:
+        known = {key: value for key, value in row.position.items() if value is not None}
+        if all(key in known for key in self._axes.keys):
+            self._states.put(row.t_ns, (known, row.oldest_ns or row.t_ns))
+
+    def _command(self, at_ns: int, row: Command) -> None:
+        if row.what == "acquire" and row.outcome == "accepted":
+            self._lease = row.lease
+        if row.what != "setpoint" or (self._lease and row.lease != self._lease):
+            return
+        before = self._wanted[-1][1] if self._wanted else _STAYS
+        asked = {key.removesuffix(".pos"): float(value) for key, value in row.action.items() if _is_number(value)}
+        if row.outcome == "accepted":
+            self._lease = row.lease
+            target = {key: value for key, value in row.target.items() if value is not None}
+            self._wanted.put(at_ns, _Wanted(target, target | asked))
+        elif before.target is not None or asked:
+            self._wanted.put(at_ns, _Wanted(before.target, before.requested | asked))
+
+    # -- frames
+
+    def due(self, at_ns: int, pictures: Mapping[str, Picture], age_ms: Mapping[str, float]) -> None:
+        self._due.append(Due(at_ns, dict(pictures), dict(age_ms)))
+
+    def miss(self, count: int = 1) -> None:
+        """Frames that were due, and cannot be."""
+        self._gap += count
+
+    def take_gap(self) -> int:
+        """Return how many are missing since the last frame, and begin anew."""
+        gap, self._gap = self._gap, 0
+        return gap
+
+    def made(self, now_ns: int) -> Iterator[Made]:
+        """The frames that can be made by now, in order."""
+        while self._due:
+            due = self._due[0]
+            end_ns = due.at_ns + self._period_ns
+            if self._heard_ns < end_ns and now_ns < end_ns + PATIENCE_S * NS:
+                return
+            self._due.popleft()
+            made = self._make(due, end_ns)
+            if made is None:
+                self._gap += 1
+            else:
+                yield made
+
+    def _make(self, due: Due, end_ns: int) -> Made | None:
+        found = self._states.at(due.at_ns)
+        if found is None or due.at_ns - found[1][1] > LOST_S * NS:
+            return None
+        state, oldest_ns = found[1]
+        age_ms = {"state": (due.at_ns - oldest_ns) / 1e6} | due.age_ms
+        late_ms = STALE_PERIODS * self._period_ns / 1e6
+        wanted = self._wanted.at(end_ns)
+        target, requested = (_STAYS.target, {}) if wanted is None else (wanted[1].target, wanted[1].requested)
+        stays = {key: 0.0 if key in self._axes.velocities else state[key] for key in self._axes.keys}
+        action = stays if target is None else stays | target
+        row = Row(
+            self._row(state),
+            self._row(action),
+            self._row(action | requested),
+            tuple(age_ms.values()),
+            self.take_gap(),
+            tuple(name for name, age in age_ms.items() if age > late_ms),
+        )
+        return Made(row, due.pictures)
+
+    def _row(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        return tuple(values[key] for key in self._axes.keys)
+
+    def begin(self) -> None:
+        """An episode begins: what was due for the last one is forgotten."""
+        self._due.clear()
+        self._gap = 0
+
+
+def missed(at_ns: int, last_ns: int, period_ns: int) -> int:
+    """Return how many frames lie between two that were due."""
+    return max(0, round((at_ns - last_ns) / period_ns) - 1) if last_ns else 0
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+
+
+def axes_from(keys: Sequence[str], velocities: Iterable[str]) -> Axes:
+    return Axes(tuple(keys), frozenset(velocities) & frozenset(keys))

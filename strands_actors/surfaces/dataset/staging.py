@@ -1,0 +1,189 @@
+"""The episode that runs: streams that can be read up to the moment in which their writer died.
+
+An episode's folder has ``episode.json`` (what it is), ``frames.arrows`` (an Arrow stream, a batch
+each half second), a fragmented MP4 for each camera, and, once somebody has finished it,
+``finished.json``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from .errors import DatasetError
+from .layout import ACTION, AGE, REQUESTED, STATE, Layout
+from .statistics import PictureFigures
+from .storage import Storage
+from .video import FRAGMENT_S, Encoder, require_codec
+
+ABOUT = "episode.json"
+FINISHED = "finished.json"
+FRAMES = "frames.arrows"
+GAP = "gap"
+STALE = "stale"
+
+Picture = NDArray[np.uint8]
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One frame, but for its pictures. ``gap``: frames that are missing before it; ``stale``: what
+    in it is older than it may be."""
+
+    state: tuple[float, ...]
+    action: tuple[float, ...]
+    requested: tuple[float, ...]
+    age_ms: tuple[float, ...]  # of each of ``Layout.sources``
+    gap: int = 0
+    stale: tuple[str, ...] = ()
+
+
+class About(msgspec.Struct, frozen=True):
+    layout: Layout
+    task: str
+    began: str  # a date
+
+
+class Finished(msgspec.Struct, frozen=True):
+    """``levels``: of each camera, how often each level of each colour was seen; ``gap``: frames
+    that are missing after the last."""
+
+    frames: int
+    gap: int
+    levels: dict[str, list[list[int]]]
+
+
+class Staged(msgspec.Struct, frozen=True):
+    """An episode as its folder has it."""
+
+    folder: Path
+    about: About
+    finished: Finished | None
+    table: pa.Table
+
+    def video(self, camera: str) -> Path:
+        return self.folder / f"{camera}.mp4"
+
+
+def schema_of(layout: Layout) -> pa.Schema:
+    vectors = {name: pa.list_(pa.float32(), layout.width_of(name)) for name in (STATE, ACTION, REQUESTED, AGE)}
+    return pa.schema({**vectors, GAP: pa.int64(), STALE: pa.list_(pa.string())})
+
+
+class StagedEpisode:
+    """Writes one. Raise ``OSError``; after that, as after a kill, what has been written can be
+    repaired."""
+
+    def __init__(self, storage: Storage, folder: Path, layout: Layout, task: str) -> None:
+        require_codec(layout.codec, layout.cameras)
+        self.folder = folder
+        self.layout = layout
+        self.frames = 0
+        self._storage = storage
+        self._rows: list[Row] = []
+        self._batch = max(1, round(layout.fps * FRAGMENT_S))
+        began = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        storage.write(folder / ABOUT, msgspec.json.encode(About(layout, task, began)))
+        self._file = storage.create(folder / FRAMES)
+        self._stream = pa.ipc.new_stream(pa.PythonFile(self._file, "w"), schema_of(layout))
+        self._encoders: dict[str, Encoder] = {}
+        self._levels: dict[str, PictureFigures] = {}
+        for camera in layout.cameras:
+            self._encoders[camera.name] = Encoder(folder / f"{camera.name}.mp4", camera, layout.fps, layout.codec)
+            self._levels[camera.name] = PictureFigures()
+        self._threads = ThreadPoolExecutor(max(1, len(layout.cameras)), "encoder")
+
+    def add(self, row: Row, pictures: Mapping[str, Picture]) -> None:
+        """One frame. Its cameras are encoded side by side."""
+        for _ in self._threads.map(self._encode, pictures.items()):
+            pass
+        self._rows.append(row)
+        self.frames += 1
+        if len(self._rows) >= self._batch:
+            self._write()
+
+    def _encode(self, one: tuple[str, Picture]) -> None:
+        camera, picture = one
+        self._levels[camera].add(picture)
+        self._encoders[camera].add(picture)
+
+    def _write(self) -> None:
+        rows, self._rows = self._rows, []
+        columns = [
+            *(
+                pa.FixedSizeListArray.from_arrays(pa.array(np.array(values, np.float32).ravel()), len(values[0]))
+                for values in (
+                    [row.state for row in rows],
+                    [row.action for row in rows],
+                    [row.requested for row in rows],
+                    [row.age_ms for row in rows],
+                )
+            ),
+            pa.array([row.gap for row in rows], pa.int64()),
+            pa.array([list(row.stale) for row in rows], pa.list_(pa.string())),
+        ]
+        self._stream.write_batch(pa.record_batch(columns, schema=schema_of(self.layout)))
+        self._file.flush()
+
+    def finish(self, gap: int = 0) -> None:
+        """The episode is complete: from here on it is not lost."""
+        if self._rows:
+            self._write()
+        self._stream.close()
+        self._storage.sync(self._file)
+        for camera, encoder in self._encoders.items():
+            encoder.finish()
+            self._storage.sync_path(self.folder / f"{camera}.mp4")
+        levels = {camera: figures.seen.tolist() for camera, figures in self._levels.items()}
+        self._storage.write(self.folder / FINISHED, msgspec.json.encode(Finished(self.frames, gap, levels)))
+        self._storage.sync_path(self.folder)
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Close what is open; what has been written stays."""
+        self._threads.shutdown()
+        for encoder in self._encoders.values():
+            encoder.abandon()
+        self._file.close()
+
+
+def read_staged(folder: Path) -> Staged:
+    """Return what is in a folder. Raise ``DatasetError`` when it is nothing of ours, or damaged."""
+    try:
+        about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
+        finished = None
+        if (folder / FINISHED).exists():
+            finished = msgspec.json.decode((folder / FINISHED).read_bytes(), type=Finished)
+    except (OSError, msgspec.MsgspecError) as damage:
+        raise DatasetError(f"{folder} is no episode: {' '.join(str(damage).split())}") from damage
+    return Staged(folder, about, finished, _read_frames(folder / FRAMES, about.layout))
+
+
+def _read_frames(path: Path, layout: Layout) -> pa.Table:
+    """All batches that are whole."""
+    batches: list[pa.RecordBatch] = []
+    schema = schema_of(layout)
+    try:
+        with path.open("rb") as file, pa.ipc.open_stream(file) as stream:
+            if not stream.schema.equals(schema):
+                raise DatasetError(f"{path} has other columns than its episode")
+            for batch in stream:
+                batches.append(batch)
+    except (pa.ArrowInvalid, FileNotFoundError, EOFError, OSError):
+        pass  # it was cut off here
+    return pa.Table.from_batches(batches, schema)
+
+
+def staged_folders(staging: Path) -> Sequence[Path]:
+    """Oldest first."""
+    return sorted(path for path in staging.glob("episode-*") if path.is_dir())
+
+
+def new_folder(staging: Path) -> Path:
+    return staging / f"episode-{time.time_ns()}"

@@ -1,0 +1,88 @@
+"""Recording into a file, MCAP."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import trio
+
+from strands_actors.caller.background import open_background
+from strands_actors.supervisors.instrument import Attached
+
+from .code import driver_class_of, fingerprint
+from .errors import RecordingError
+from .file import RecordingFile, new_info
+from .recorder import Ending, Recorder, visit
+
+
+class Summary(msgspec.Struct):
+    path: str
+    robot: str
+    seconds: float
+    bytes: int
+    commands: int
+    refusals: int
+    observations: int
+    safe: int
+    gaps: int
+    ended: str  # why the recording ended
+
+
+async def record_until_told(
+    robot: str,
+    path: Path,
+    seconds: float | None,
+    on_started: Callable[[], None],
+    on_progress: Callable[[float, RecordingFile], None],
+) -> Summary:
+    """Until Ctrl-C, SIGTERM, or as ``Recorder.run``. In the main thread."""
+    _require_free(path)
+    files: list[RecordingFile] = []
+
+    def open_file(attached: Attached) -> RecordingFile:
+        files.append(RecordingFile(path, new_info(robot, _fingerprint(attached), attached)))
+        on_started()
+        return files[0]
+
+    with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        async with visit(robot) as node, open_background() as nursery:
+            recorder = Recorder(robot, open_file, on_progress)
+
+            async def listen() -> None:
+                async for _ in signals:
+                    recorder.end("interrupted")
+
+            nursery.start_soon(listen)
+            ending = await recorder.run(node, seconds)
+    return _summary(robot, files[0], ending)
+
+
+def _require_free(path: Path) -> None:
+    if path.exists():
+        raise RecordingError(f"{path} is there already. give another name, or remove it")
+
+
+def _fingerprint(attached: Attached) -> str:
+    try:
+        return fingerprint(driver_class_of(attached.driver))
+    except RecordingError:
+        return ""  # driven by a class that is not registered: the rows are there, a replay is not
+
+
+def _summary(robot: str, file: RecordingFile, ending: Ending) -> Summary:
+    counts = file.counts
+    return Summary(
+        str(file.path),
+        robot,
+        ending.seconds,
+        file.path.stat().st_size,
+        counts["command"],
+        counts["refusal"],
+        counts["observation"],
+        counts["safe"],
+        counts["gap"],
+        ending.why,
+    )

@@ -1,0 +1,305 @@
+"""The files: LeRobot's names, types and times; whole or not there; what is not counted is put
+aside."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from strands_actors.surfaces.dataset.dataset import ASIDE, Dataset, Index
+from strands_actors.surfaces.dataset.errors import DatasetError
+from strands_actors.surfaces.dataset.layout import CameraShape, Layout
+from strands_actors.surfaces.dataset.staging import FINISHED, Row, StagedEpisode
+from strands_actors.surfaces.dataset.statistics import PictureFigures, aggregate, of_column
+from strands_actors.surfaces.dataset.storage import Storage
+from strands_actors.surfaces.dataset.video import CODECS, DEFAULT
+
+from .made import FRONT, LAYOUT, add_episode, begin, check, fill, info_of, row, scene
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return tmp_path / "set"
+
+
+def files(root: Path) -> set[str]:
+    return {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file()}
+
+
+def test_each_episode_is_one_parquet_one_video_a_camera_and_one_row(root: Path) -> None:
+    dataset = Dataset(root)
+    for frames, task in ((20, "put the cube down"), (31, "wave"), (7, "put the cube down")):
+        add_episode(dataset, frames, task)
+    dataset.close()
+    assert check(root) == 3
+    numbered = [f"chunk-000/file-{number:03d}" for number in range(3)]
+    assert files(root) == {
+        "meta/info.json", "meta/stats.json", "meta/tasks.parquet",
+        *(f"data/{name}.parquet" for name in numbered),
+        *(f"meta/episodes/{name}.parquet" for name in numbered),
+        *(f"videos/observation.images.{camera}/{name}.mp4" for name in numbered for camera in ("front", "wrist")),
+    }  # fmt: skip
+    info = info_of(root)
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (3, 58, 2)
+    assert info["codebase_version"] == "v3.0" and info["splits"] == {"train": "0:3"} and info["fps"] == 30
+    assert info["robot_type"] == "strands_so101"
+    assert info["features"]["observation.images.front"]["info"]["video.codec"] == DEFAULT
+
+
+def test_what_was_given_is_what_is_read(root: Path) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 40)
+    table = pq.read_table(root / "data/chunk-000/file-000.parquet")
+    for number, each in enumerate(table.to_pylist()):
+        given = row(number)
+        for name, values in (
+            ("observation.state", given.state),
+            ("action", given.action),
+            ("action.requested", given.requested),
+            ("observation.age_ms", given.age_ms),
+        ):
+            assert each[name] == [np.float32(value) for value in values]
+    assert table.schema.field("action").type == pa.list_(pa.float32(), 3)
+    assert info_of(root)["features"]["observation.age_ms"]["names"] == ["state", "front", "wrist"]
+
+
+def test_no_time_drifts_however_long_a_dataset_becomes(root: Path) -> None:
+    dataset = Dataset(root)
+    for _ in range(3):
+        add_episode(dataset, 33)
+    for number in range(3):
+        table = pq.read_table(root / f"data/chunk-000/file-{number:03d}.parquet")
+        assert table["timestamp"].to_pylist() == [np.float32(frame / 30) for frame in range(33)]
+        (found,) = pq.read_table(root / f"meta/episodes/chunk-000/file-{number:03d}.parquet").to_pylist()
+        assert found["videos/observation.images.front/from_timestamp"] == 0.0
+        assert found["videos/observation.images.front/to_timestamp"] == 33 / 30
+
+
+def test_a_robot_with_one_axis_and_no_camera_has_numbers_for_vectors(root: Path) -> None:
+    """As LeRobot has it, whose loader wants it so."""
+    dataset = Dataset(root)
+    episode = begin(dataset, layout=Layout("strands_gripper", 10, ("gripper.pos",)))
+    for number in range(5):
+        episode.add(Row((number,), (number,), (number,), (1.0,)), {})
+    episode.finish()
+    dataset.commit(episode.folder)
+    table = pq.read_table(root / "data/chunk-000/file-000.parquet")
+    assert table.schema.field("action").type == pa.float32()
+    assert table.schema.field("observation.age_ms").type == pa.float32()
+    assert table["action"].to_pylist() == [0, 1, 2, 3, 4]
+    assert check(root) == 1
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_every_codec_keeps_every_picture(root: Path, codec: str) -> None:
+    dataset = Dataset(root)
+    episode = begin(dataset, layout=Layout("strands_so101", 30, LAYOUT.joints, (FRONT,), codec))
+    for number in range(25):
+        each = row(number)
+        episode.add(Row(each.state, each.action, each.requested, each.age_ms[:2]), {"front": scene(FRONT, number)})
+    episode.finish()
+    dataset.commit(episode.folder)
+    assert check(root) == 1
+    assert info_of(root)["features"]["observation.images.front"]["info"]["video.codec"] == codec
+
+
+@pytest.mark.parametrize(
+    ("camera", "codec", "told"),
+    [
+        (CameraShape("a", 480, 641), "av1", "even sides"),
+        (CameraShape("a", 48, 64), "av1", "64 pixels or more"),
+        (CameraShape("a", 64, 64), "h264", "use av1 or mpeg4"),
+    ],
+)
+def test_what_no_encoder_takes_is_refused(root: Path, camera: CameraShape, codec: str, told: str) -> None:
+    with pytest.raises(DatasetError, match=told):
+        begin(Dataset(root), layout=Layout("r", 30, ("a.pos",), (camera,), codec))
+
+
+def test_marks_say_what_is_missing_and_what_was_late(root: Path) -> None:
+    dataset = Dataset(root)
+    episode = begin(dataset)
+    fill(episode, [row(0), row(1, gap=4), row(2, stale=("wrist",)), row(3, stale=("state", "wrist"))])
+    episode.finish(gap=2)
+    dataset.commit(episode.folder)
+    add_episode(dataset, 5)
+    dataset.close()
+    first, second = Index(root).episodes
+    assert (first.marks.gaps, first.marks.stale, first.marks.repaired) == (6, {"state": 1, "wrist": 2}, False)
+    assert first.marks.told == "6 frames missing, state late in 1 frames, wrist late in 2 frames"
+    assert second.marks.told == "" and second.marks.began
+
+
+# -- figures
+
+
+def test_figures_of_a_column_and_of_all_episodes() -> None:
+    rng = np.random.default_rng(3)
+    parts = [rng.normal(at, 2.0, (count, 2)) for at, count in ((0.0, 50), (5.0, 200))]
+    merged = aggregate([{"a": of_column(part)} for part in parts])["a"]
+    whole = of_column(np.concatenate(parts))
+    for name in ("min", "max", "mean", "std", "count"):
+        assert np.allclose(merged[name], whole[name]), name
+
+
+def test_figures_of_pictures_are_those_of_their_pixels() -> None:
+    rng = np.random.default_rng(4)
+    pictures = [rng.integers(10, 200, (60, 80, 3), dtype=np.uint8) for _ in range(3)]
+    figures = PictureFigures()
+    for picture in pictures:
+        figures.add(picture)
+    pixels = np.concatenate([picture.reshape(-1, 3) for picture in pictures]) / 255
+    found = figures.figures()
+    assert np.allclose(np.ravel(found["mean"]), pixels.mean(0)) and np.allclose(
+        np.ravel(found["std"]), pixels.std(0)
+    )
+    assert np.allclose(np.ravel(found["min"]), pixels.min(0)) and np.allclose(np.ravel(found["max"]), pixels.max(0))
+    assert np.allclose(np.ravel(found["q50"]), np.quantile(pixels, 0.5, axis=0), atol=0.006)
+    assert np.array(found["mean"]).shape == (3, 1, 1) and found["count"] == [3]
+
+
+# -- what is not counted
+
+
+class PowerCut(Storage):
+    """Ends when the n-th file would get its name."""
+
+    def __init__(self, after: int) -> None:
+        self.after = after
+
+    def place(self, staged: Path, final: Path) -> None:
+        self.after -= 1
+        if self.after < 0:
+            raise KeyboardInterrupt
+        super().place(staged, final)
+
+
+@pytest.mark.parametrize("after", range(10))
+def test_a_commit_that_was_cut_off_anywhere_loses_nothing_and_leaves_nothing(root: Path, after: int) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 12)
+    episode = begin(dataset, "wave")
+    fill(episode, [row(number) for number in range(9)])
+    episode.finish()
+    dataset.storage = PowerCut(after)
+    counted = 1
+    try:
+        dataset.commit(episode.folder)
+        counted = 2
+    except KeyboardInterrupt:
+        assert info_of(root)["total_episodes"] == 1
+    dataset.close()
+
+    again = Dataset(root)
+    assert len(again.episodes) == 2 and len(again.recovered) == 2 - counted
+    assert check(root) == 2
+    assert not any(again.staging.rglob("*")), "nothing is left"
+    add_episode(again, 4)
+    again.close()
+    assert check(root) == 3 and not (root / ".staging").exists()
+    assert json.loads((root / "meta/stats.json").read_bytes())["action"]["count"] == [25]
+
+
+def test_what_is_not_counted_is_not_there_for_lerobot_before_the_next_episode_is(root: Path) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 12)
+    dataset.close()
+    stranger = root / "data/chunk-000/file-001.parquet"
+    os.link(root / "data/chunk-000/file-000.parquet", stranger)
+    again = Dataset(root)
+    assert again.swept == ["data/chunk-000/file-001.parquet"] and not stranger.exists()
+    assert (root / ".staging" / ASIDE / "data/chunk-000/file-001.parquet").exists(), "not ours: kept"
+    assert check(root) == 1
+
+
+def test_a_folder_of_an_episode_that_is_counted_already_goes(root: Path) -> None:
+    class Keeps(Storage):
+        def remove(self, path: Path) -> None:
+            raise KeyboardInterrupt
+
+    dataset = Dataset(root)
+    episode = begin(dataset)
+    fill(episode, [row(0), row(1)])
+    episode.finish()
+    dataset.storage = Keeps()
+    with pytest.raises(KeyboardInterrupt):
+        dataset.commit(episode.folder)
+    dataset.close()
+    assert info_of(root)["total_episodes"] == 1 and episode.folder.exists()
+    again = Dataset(root)
+    assert len(again.episodes) == 1 and not again.recovered and not episode.folder.exists()
+
+
+def test_an_unfinished_episode_stays_in_staging(root: Path) -> None:
+    dataset = Dataset(root)
+    fill(episode := begin(dataset), [row(number) for number in range(40)])
+    episode.abandon()
+    dataset.close()
+    again = Dataset(root)
+    assert again.unfinished() == [episode.folder] and again.episodes == []
+    assert not (episode.folder / FINISHED).exists()
+
+
+# -- who may write
+
+
+def test_one_writer_at_a_time(root: Path) -> None:
+    dataset = Dataset(root)
+    with pytest.raises(DatasetError, match="another process writes"):
+        Dataset(root)
+    dataset.close()
+    Dataset(root).close()
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        (Layout("strands_koch", 30, LAYOUT.joints, LAYOUT.cameras), "robot_type strands_so101, this"),
+        (Layout("strands_so101", 20, LAYOUT.joints, LAYOUT.cameras), "fps 30, this would be 20"),
+        (Layout("strands_so101", 30, LAYOUT.joints, (FRONT,)), "other features"),
+        (Layout("strands_so101", 30, ("a.pos", "b.pos", "c.pos"), LAYOUT.cameras), "other features: action is"),
+    ],
+)  # fmt: skip
+def test_another_kind_of_episode_is_refused(root: Path, other: Layout, told: str) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    with pytest.raises(DatasetError, match=told):
+        dataset.require(other)
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda root: (root / "meta/info.json").write_bytes(b"{"), "damaged"),
+        (lambda root: (root / "meta/info.json").write_text('{"codebase_version": "v2.1"}'), "version v2.1"),
+        (lambda root: (root / "data/chunk-000/file-000.parquet").unlink(), "is missing"),
+        (lambda root: (root / "meta/episodes/chunk-000/file-000.parquet").unlink(), "the index has 0"),
+        (lambda root: (root / "meta/tasks.parquet").write_bytes(b"PAR1"), "cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_damaged_dataset_is_refused_and_not_touched(root: Path, damage: object, told: str) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    dataset.close()
+    damage(root)  # type: ignore[operator]
+    before = files(root)
+    with pytest.raises(DatasetError, match=told):
+        Dataset(root)
+    assert files(root) == before
+    with pytest.raises(DatasetError, match=told):  # the lock is free again
+        Dataset(root)
+
+
+def test_an_episode_of_no_frame_is_refused(root: Path) -> None:
+    dataset = Dataset(root)
+    episode = StagedEpisode(dataset.storage, dataset.staging / "episode-1", LAYOUT, "nothing")
+    episode.finish()
+    with pytest.raises(DatasetError, match="no complete frame"):
+        dataset.commit(episode.folder)
+    assert not dataset.episodes and episode.folder.exists()
