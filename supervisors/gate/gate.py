@@ -61,6 +61,10 @@ _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
 
 
+OBSERVATION_S = 1.0
+"""A reading is shown for so long at least: on a busy machine the next may be late."""
+
+
 class Gate(Actor):
     """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it
     had. ``cause``: what led there. ``no_standby``: why nothing may be energised, until the root
@@ -153,7 +157,7 @@ class Gate(Actor):
             case Release():
                 return self._release(message)
             case GetObservation():
-                return self._observation or Refused("no_observation", "observe: nothing was read yet")
+                return self._newest_observation()
             case GetStatus():
                 return self._status()
             case Perform():
@@ -346,6 +350,18 @@ class Gate(Actor):
         if self._state != before:
             self._tell_state()
         return makes_safe
+
+    def _newest_observation(self) -> Observation | Refused:
+        """Return it while it says where the robot is: not what was read before the link was lost."""
+        seen = self._observation
+        if seen is None:
+            return Refused("no_observation", "observe: nothing was read yet", "wait for the first observation")
+        old_s = (self.context.received_ns - seen.t_ns) / NS
+        longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
+        if old_s <= longest_s:
+            return seen
+        why = f"observe: the newest reading is {old_s:.1f} s old"
+        return Refused("stale", why, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s")
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation

@@ -62,6 +62,9 @@ def test_unplugged_while_moving_and_put_back(arm: RealRobot, twin: Twin, mover: 
     assert why(arm.resume()).startswith("resume: ")
     unreached = arm.stop()
     assert all(f"{name} (id {servo})" in why(unreached) for name, servo in IDS.items())
+    until(
+        lambda: arm.get_observation() == {}, "what was read before the loss is no observation any more"
+    )  # SAF-012
 
     plugged_ns = time.monotonic_ns()
     twin.plug()
