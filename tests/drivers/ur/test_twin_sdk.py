@@ -192,3 +192,55 @@ def test_two_twins_side_by_side(twin: Twin, tmp_path: Any) -> None:
         assert run(other, "receive = Receive(host)\nuntil(lambda: receive.getTimestamp() > 0)\nend(ok=True)") == {
             "ok": True
         }
+
+
+def test_poses_kinematics_and_what_it_has_not(twin: Twin) -> None:
+    told = run(
+        twin,
+        """
+receive = Receive(host, 125.0)
+control = Control(host)
+until(lambda: receive.getRuntimeState() == 2)
+start, joints = receive.getActualTCPPose(), receive.getActualQ()
+lower = [*start[:2], start[2] - 0.05, *start[3:]]
+moved = control.moveL(lower, 0.5, 2.0)
+fell = start[2] - receive.getActualTCPPose()[2]
+forward = control.getForwardKinematics()
+inverse = control.getInverseKinematics(start, joints)
+back = control.moveJ([[*joints, 1.0, 2.0, 0.0], [*joints, 1.0, 2.0, 0.0]])
+limits = [control.isJointsWithinSafetyLimits([9.0] * 6), control.isPoseWithinSafetyLimits(start)]
+control.setTcp([0, 0, 0.1, 0, 0, 0])
+offset = control.getTCPOffset()
+control.setTcp([0] * 6)
+forced = control.zeroFtSensor() and control.forceModeSetDamping(0.1)
+until(lambda: receive.getRuntimeState() == 1)
+again = control.reuploadScript()
+until(lambda: receive.getRuntimeState() == 2)
+stopped = control.triggerProtectiveStop()
+until(lambda: receive.getSafetyMode() == 3)
+from dashboard_client import DashboardClient
+dashboard = DashboardClient(host)
+dashboard.connect()
+dashboard.loadURP("hold.urp")
+loaded, mode = dashboard.getLoadedProgram(), dashboard.robotmode()
+dashboard.popup("look")
+dashboard.closePopup()
+dashboard.addToLog("said")
+dashboard.unlockProtectiveStop()
+until(lambda: receive.getSafetyMode() == 1)
+end(moved=moved, fell=fell, forward=forward, lower=lower, inverse=inverse, joints=joints, back=back, limits=limits,
+    offset=offset, forced=forced, again=again, stopped=stopped, loaded=loaded)
+""",
+    )
+    assert told["moved"] and told["back"] and told["again"] and told["stopped"]
+    assert abs(told["fell"] - 0.05) < 0.003
+    assert max(abs(a - b) for a, b in zip(told["forward"][:3], told["lower"][:3], strict=True)) < 0.003
+    assert max(abs(a - b) for a, b in zip(told["inverse"], told["joints"], strict=True)) < 1e-3
+    assert told["limits"] == [False, True]
+    assert told["offset"][2] == 0.1
+    assert told["forced"] is False
+    assert "hold.urp" in told["loaded"]
+    until(
+        lambda: [e for e in twin.log.entries() if e.kind == "error" and b"force_mode_set_damping" in e.data],
+        "its log says why",
+    )

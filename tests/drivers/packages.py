@@ -1,0 +1,63 @@
+"""Clients of others that cannot be installed beside ours: their module has the name of another's,
+or they want versions of their own.
+
+Each is fetched once by pip, checked against a hash, and kept beside the interpreter; a program that
+uses it runs in a process whose path begins there.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+KEPT = Path(sys.prefix) / "share" / "strands-actors"
+
+URX = {
+    "urx==0.11.0": "sha256:8ccfb101ec2c424bbbf8c7550819c2d6d9dbaaa693580d55187f0c4e0f900b82",
+    "math3d==4.0.0": "sha256:83df636403c97a995fe4e422f34cb1561b44cfbe7aa19350143eb6e0247286c9",
+}
+"""LGPL and GPL, therefore never imported here; without what they draw with."""
+
+FTSERVO = {
+    "ftservo-python-sdk==2.0.1": "sha256:4d1ae104f1b34f845aaf8483386af0c00bbb83dc3cd33f692ca3200d4d780271",
+}
+"""Its module is called as that of feetech-servo-sdk."""
+
+
+def run_with(packages: Mapping[str, str], program: str, *arguments: str, timeout_s: float = 120.0) -> str:
+    """What a program prints that runs with these packages first. Raise ``AssertionError`` with all
+    it said when it fails, ``RuntimeError`` when a package cannot be had."""
+    path = os.pathsep.join([str(_directory(packages)), os.environ.get("PYTHONPATH", "")])
+    ran = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    return ran.stdout
+
+
+def _directory(packages: Mapping[str, str]) -> Path:
+    kept = KEPT / next(iter(packages))
+    if kept.exists():
+        return kept
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=kept.parent) as directory:
+        wanted, new = Path(directory) / "requirements.txt", Path(directory) / "packages"
+        wanted.write_text("".join(f"{release} --hash={hashed}\n" for release, hashed in packages.items()))
+        command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--require-hashes"]
+        done = subprocess.run([*command, "--target", str(new), "-r", str(wanted)], capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"cannot fetch {', '.join(packages)}, clients of others: {done.stderr.strip()}")
+        try:
+            new.rename(kept)
+        except OSError:  # another test was first
+            shutil.rmtree(new)
+    return kept
