@@ -14,3 +14,5 @@ class UnitreeConfig(msgspec.Struct, frozen=True):
     interface: str = ""
     """Ours on its network, by name or address; empty: the one that leads there."""
     domain: int = 0
+    simulator: bool = False
+    """Unitree's own: its states may have no checksum, and it has no services."""

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
+from msgspec import Meta
 
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
@@ -43,7 +44,17 @@ class LegsOptions(DriverOptions, frozen=True):
     battery_floor_pct: Annotated[
         float, option("charge under which nothing is commanded, 0 to 100 percent", ge=0, le=100)
     ] = BATTERY_FLOOR_PCT
-    domain: Annotated[int, option("DDS domain of the robot, 0 to 232", ge=0, le=232)] = 0
+    domain: Annotated[
+        Annotated[int, Meta(ge=0, le=232)] | None,
+        option("DDS domain, 0 to 232; None: 0, which robots speak in, or 1 of a simulator"),
+    ] = None
+    simulator: Annotated[
+        bool,
+        option(
+            "True or False: whether it is Unitree's own simulator, unitree_mujoco. It has no mode and no FSM "
+            "that could be asked, and its states may come without checksum: never of a robot"
+        ),
+    ] = False
     network_interface: Annotated[
         str,
         option(
@@ -97,18 +108,26 @@ class _Legs(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        return plain(read_options(robot, LegsOptions, options))
+        chosen = read_options(robot, LegsOptions, options)
+        if chosen.simulator and chosen.domain == 0:
+            raise ValueError(
+                f"{robot}: simulator=True, but domain 0 is the robots' own. Let the simulator speak in another "
+                "(DOMAIN_ID in its config.py, 1 as delivered) and give that"
+            )
+        return plain(chosen)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        chosen = read_options(robot, LegsOptions, options)
+        chosen = read_options(robot, LegsOptions, self.resolve(robot, options))
         model = model_of(robot)
         self.robot = model.name
         if self.robot not in self.SUPPORTED_ROBOTS:
             raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
-        self.config = UnitreeConfig(model, port, chosen.network_interface, chosen.domain)
+        simulator = chosen.simulator
+        domain = int(simulator) if chosen.domain is None else chosen.domain
+        self.config = UnitreeConfig(model, port, chosen.network_interface, domain, simulator)
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
-        self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s)
+        self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s, simulator)
         self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
 

@@ -24,8 +24,13 @@ BATTERY_FLOOR_PCT = 15.0
 # -- of the robot: asked before every setpoint, and all the time while one is live
 
 
-def conditions(model: Model, floor_pct: float, state_ttl_s: float) -> tuple[Condition, ...]:
-    """In the order in which they are asked: the first that refuses answers."""
+def conditions(
+    model: Model, floor_pct: float, state_ttl_s: float, simulator: bool = False
+) -> tuple[Condition, ...]:
+    """In the order in which they are asked: the first that refuses answers. ``simulator``: it has
+    nothing that could be asked but its states."""
+    if simulator:
+        return (Condition(stale(state_ttl_s)),)
     handshake = fsm if model.handshake == "fsm" else sport_mode
     checks = (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
     return tuple(Condition(check) for check in checks)

@@ -6,6 +6,7 @@ Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -18,7 +19,7 @@ from strands_actors.kernel.clock import Clock
 from . import protocol as p
 from . import rpc
 from .config import UnitreeConfig
-from .protocol import CommandCodec, State, StateCodec
+from .protocol import CommandCodec, State, StateCodec, WrongChecksum
 
 FIND_S = 4.0
 """For both sides to find each other, and the first state."""
@@ -37,6 +38,11 @@ class Service:
         self._reader = participant.reader(
             rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
         )
+
+    @property
+    def found(self) -> bool:
+        """Whether anybody there serves it."""
+        return self._writer.matched > 0 or self._reader.matched > 0
 
     @property
     def matched(self) -> bool:
@@ -74,9 +80,10 @@ class Link:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        self.garbled = 0
+        self.discarded: Counter[str] = Counter()
+        """States that were not taken, by why not, since the link was opened."""
         self._codec = CommandCodec(model)
-        self._decode = StateCodec(model).decode
+        self._decode = StateCodec(model, unsealed=config.simulator).decode
         self.commands = self.participant.writer(p.COMMAND_TOPIC, p.command_type(model.family))
         count = len(model.joints)
         self._limp = (0.0,) * (5 * count)
@@ -90,6 +97,16 @@ class Link:
     def listen(self) -> None:
         """To the robot's state, from now on."""
         self.participant.reader(p.STATE_TOPIC, p.state_type(self.model.family), self._on_state)
+
+    @property
+    def unusable(self) -> str:
+        """Why there is no state, in words."""
+        count = self.discarded.total()
+        if not count:
+            return "no LowState comes"
+        whys = [f"{number} {why}" for why, number in self.discarded.items()]
+        what = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
+        return f"{count} LowStates come, {what}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True"
 
     def poll(self) -> None:
         self.participant.poll()
@@ -120,7 +137,9 @@ class Link:
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         try:
             self.state = self._decode(payload[4:])
-        except MalformedFrame:
-            self.garbled += 1
+        except WrongChecksum:
+            self.discarded["with a wrong checksum"] += 1
+        except MalformedFrame as malformed:
+            self.discarded[f"that cannot be read ({malformed})"] += 1
         else:
             self.state_ns = t_ns

@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .robots import Model
@@ -185,22 +186,28 @@ class CommandCodec:
         return Command(int(flat[1]) if self._family == "hg" else 0, *rows)
 
 
+class WrongChecksum(MalformedFrame):
+    """All of a frame is there, but its checksum does not belong to it."""
+
+
 class StateCodec:
     """LowState of one robot."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, unsealed: bool = False) -> None:
+        """``unsealed``: a state without a checksum, 0 in its place, is taken, too."""
+        self._unsealed = unsealed
         self._family: Family = model.family
         self._first_motor = _FIRST_MOTOR[self._family, "state"]
         if self._family == "hg":
             # skipped of a motor: ddq, second temperature, volt, sensor, motorstate, reserve
             motors = _motors(model, "Bx2f4xfh34x", "B3x2f4xfh34x", 56)
-            code = f"<9xB2xI10f12xh{motors}56xI"
-            self._stride, self._start = 5, 13
+            code = f"<9xB2xI13fh{motors}56xI"
+            self._stride, self._start = 5, 16
         else:
             # skipped: ddq, the raw three, lost, reserve
             motors = _motors(model, "B2x2f4xf12xB15x", "B3x2f4xf12xB15x", 48)
-            code = f"<24x10f12xB{motors}3xB56xI72xI"
-            self._stride, self._start = 5, 11
+            code = f"<24x13fB{motors}3xB56xI72xI"
+            self._stride, self._start = 5, 14
         self._struct = struct.Struct(code)
         assert self._struct.size == STATE_BYTES[self._family]
         self._order = sorted(range(len(model.joints)), key=model.slots.__getitem__)
@@ -215,13 +222,14 @@ class StateCodec:
             raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")
         flat = self._struct.unpack(body)
         if self._family == "hg":
-            if checksum(bytes(body), self._first_motor) != flat[-1]:
-                raise MalformedFrame("the checksum of the LowState is wrong")
+            unsealed = self._unsealed and flat[-1] == 0
+            if not unsealed and checksum(bytes(body), self._first_motor) != flat[-1]:
+                raise WrongChecksum("the checksum of the LowState is wrong")
             machine, tick, soc = flat[0], flat[1], None
-            imu = flat[2:12]
+            imu = flat[2:]
         else:
             machine, tick, soc = 0, flat[-2], flat[-3]
-            imu = flat[:10]
+            imu = flat
         end = self._start + self._stride * self._joints
         rows = [flat[self._start + offset : end : self._stride] for offset in range(1, 5)]
         if not self._in_order:
@@ -235,7 +243,8 @@ class StateCodec:
         motors: list[float] = [0] * (self._stride * self._joints)
         for offset, column in enumerate(columns):
             motors[offset :: self._stride] = column if self._in_order else [column[at] for at in self._order]
-        imu = (*state.quaternion, *state.gyroscope, *state.accelerometer)
+        rpy = roll_pitch_yaw(state.quaternion)  # read by other clients; ours takes the quaternion
+        imu = (*state.quaternion, *state.gyroscope, *state.accelerometer, *rpy)
         temperature = 40  # of the inertial unit
         if self._family == "hg":
             body = bytearray(self._struct.pack(state.machine, state.tick, *imu, temperature, *motors, 0))

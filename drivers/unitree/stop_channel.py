@@ -30,6 +30,8 @@ class UnitreeStopChannel(StopChannel):
         async with trio.open_nursery() as nursery:
             await nursery.start(link.participant.run)
             link.state = await self._one_state()
+            if link.state is None:  # a frame without the robot's mode_machine is none to it
+                raise WireDown(f"{self._config.port}: no LowState came to the root")
             with trio.move_on_after(FIND_S):
                 await link.participant.wait_matched(link.commands)
             if not link.heard:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any, ClassVar
 
 import trio
@@ -34,6 +35,15 @@ REACH_S = 0.6
 """For a robot that is to be stopped, and does not know us yet."""
 SILENT_S = 1.0
 """Without a state for so long the link counts as lost."""
+ENOUGH = 50
+"""States that cannot be used, and none that can: then none will be."""
+STRANGER_S = 1.0
+"""In which the services of a robot that was called a simulator are found. They are looked for as long
+as the link is up."""
+REAL = (
+    "simulator=True, but a motion_switcher answers there: that is a robot, or its twin. Connect without "
+    "simulator=, so that its mode and its battery are looked at"
+)
 
 
 class _Session:
@@ -45,7 +55,9 @@ class _Session:
         link.listen()
         self.clock = clock
         self.modes = Service(link.participant, rpc.MOTION_SWITCHER, clock)
-        self.fsm = Service(link.participant, model.service, clock) if model.handshake == "fsm" else None
+        self._simulator = config.simulator
+        asks = model.handshake == "fsm" and not config.simulator
+        self.fsm = Service(link.participant, model.service, clock) if asks else None
         if model.family == "hg":
             link.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
         self.mode: tuple[str, float] | None = None  # and when it was read, seconds
@@ -53,12 +65,17 @@ class _Session:
         self.battery: tuple[float, float] | None = None
         self._asked_ns = 0
         self._seen_ns = -1
+        self.discarded_before = 0
+        """States that were not taken before the newest one that was."""
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
 
     def poll(self, now_ns: int) -> None:
         """Take in what came, ask for what is due."""
         self.link.poll()
-        if now_ns - self._asked_ns >= ASK_EVERY_NS:
+        if self._simulator:
+            if self.modes.found:  # the gates that a robot has are not in force
+                raise WireDown(REAL)
+        elif now_ns - self._asked_ns >= ASK_EVERY_NS:
             self._asked_ns = now_ns
             if self.fsm is not None:
                 self.fsm.ask(rpc.GET_FSM_ID, self._on_fsm)
@@ -74,6 +91,7 @@ class _Session:
         if link.state is None or link.state_ns == self._seen_ns:
             return self._observation
         self._seen_ns = link.state_ns
+        self.discarded_before = link.discarded.total()
         state = link.state
         sensors: dict[str, tuple[float, ...]] = {
             "torque_nm": state.tau,
@@ -84,6 +102,8 @@ class _Session:
             "acceleration_m_s2": state.accelerometer,
             "mode_machine": (state.machine,),
         }
+        if link.discarded:
+            sensors["discarded_states"] = (float(link.discarded.total()),)
         faults: dict[str, str] = {}
         if state.soc is not None:
             sensors["battery_pct"] = (float(state.soc),)
@@ -123,10 +143,8 @@ class _Session:
             self.mode = rpc.mode_name(response), self.clock.now_ns() / NS
 
     def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        try:
+        with suppress(MalformedFrame):  # what cannot be read is not known, and that is refused
             self.battery = float(p.decode_battery(payload[4:])), t_ns / NS
-        except MalformedFrame:
-            self.link.garbled += 1
 
 
 class UnitreeWire(Wire):
@@ -145,7 +163,12 @@ class UnitreeWire(Wire):
         link, where = session.link, self._config.port
         await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
         await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
-        await self._until(lambda: link.state is not None, FIND_S, f"{where}: no LowState comes")
+        await self._look(lambda: link.state is not None or link.discarded.total() >= ENOUGH, FIND_S)
+        if link.state is None:
+            raise WireDown(f"{where}: {link.unusable}")
+        if self._config.simulator:
+            await self._look(lambda: False, STRANGER_S)  # a robot's services would be found meanwhile
+            return self._opened(link.state, "none: a simulator")
         services = [service for service in (session.modes, session.fsm) if service is not None]
         for service in services:
             await self._until_served(service)
@@ -156,11 +179,14 @@ class UnitreeWire(Wire):
         await self._look(lambda: "battery_pct" in session.observation().sensors, BATTERY_S)
         await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
+        return self._opened(link.state, session.mode[0] or "released")
+
+    def _opened(self, state: p.State, mode: str) -> dict[str, Any]:
         return {
-            "address": where,
-            "family": f"unitree_{link.model.family}",
-            "mode_machine": link.state.machine,
-            "onboard_mode": session.mode[0] or "released",
+            "address": self._config.port,
+            "family": f"unitree_{self._config.model.family}",
+            "mode_machine": state.machine,
+            "onboard_mode": mode,
         }
 
     async def arm(self, permit: Permit) -> Observation:
@@ -182,7 +208,9 @@ class UnitreeWire(Wire):
         session.poll(now_ns)
         silent_s = (now_ns - session.link.state_ns) / NS
         if silent_s > SILENT_S:
-            raise WireDown(f"read: no LowState for {silent_s:.1f} s. Check the robot and the network")
+            more = session.link.discarded.total() - session.discarded_before
+            but = f", but {more} that could not be used" if more else ""
+            raise WireDown(f"read: no LowState for {silent_s:.1f} s{but}. Check the robot and the network")
         return session.observation()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -213,7 +241,8 @@ class UnitreeWire(Wire):
             link.state = self._last
             link.listen()
             with trio.move_on_after(REACH_S):
-                while not link.heard:
+                # a frame without the robot's mode_machine is none to it, and a state has it
+                while not link.heard or link.state is None:
                     link.poll()
                     await trio.sleep(CONTROL_S)
             return await bring_down(link, safe_state)
@@ -223,6 +252,10 @@ class UnitreeWire(Wire):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``release_sport_mode``: ask until the robot says that no onboard mode is active."""
         session = self._session()
+        if self._config.simulator:
+            return Refused(
+                "sport_mode", f"{service}: a simulator has no onboard mode", "command its joints", "", ""
+            )
         attempts = int(arguments.get("attempts", ATTEMPTS))
         for attempt in range(1, attempts + 1):
             name = await self._fresh_mode(session)

@@ -2,9 +2,9 @@
 behind them.
 
 The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
-``garbled`` when its checksum is wrong) and every request; of the robot's side the answers and what
-it does by itself: ``fsm``, ``mode``, ``fell``, ``stood``. LowStates are not in it: a megabyte a
-second that nobody reads.
+``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
+request; of the robot's side the answers and what it does by itself: ``fsm``, ``mode``, ``fell``,
+``stood``. LowStates are not in it: a megabyte a second that nobody reads.
 
 Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``:
 released) and ``battery PERCENT`` (``battery unknown``).
@@ -35,6 +35,7 @@ OPTIONS = {
     "silence_s": "damp after so long without a LowCmd (default 0: never)",
     "battery": "state of charge, percent (default 80), or unknown",
     "fsm": "FSM id it wakes up in (default 801)",
+    "simulator": "speak as Unitree's own simulator: no checksum, mode_machine, service or battery (default: false)",
 }
 
 BATTERY_EVERY = 50
@@ -56,7 +57,8 @@ class UnitreeServer(DdsServer):
 
     def __init__(self, model: Model, log: WireLog, options: Mapping[str, Any]) -> None:
         self._model = model
-        self.onboard = Onboard(model, self.note, float(options.get("silence_s", 0.0)))
+        self._simulator = bool(options.get("simulator", False))
+        self.onboard = Onboard(model, self.note, float(options.get("silence_s", 0.0)), self._simulator)
         super().__init__(log, options, self.onboard.body, model.slots)
         self.body = StandingBody(self.onboard)
         """At the simulation control."""
@@ -72,8 +74,9 @@ class UnitreeServer(DdsServer):
         family = self._model.family
         self._state_writer = participant.writer(p.STATE_TOPIC, p.state_type(family))
         participant.reader(p.COMMAND_TOPIC, p.command_type(family), self._on_command)
-        self._battery_writer = participant.writer(p.BATTERY_TOPIC, p.BATTERY_TYPE) if family == "hg" else None
-        for service in self.onboard.services:
+        tells_battery = family == "hg" and not self._simulator
+        self._battery_writer = participant.writer(p.BATTERY_TOPIC, p.BATTERY_TYPE) if tells_battery else None
+        for service in () if self._simulator else self.onboard.services:
             self._answers[service] = participant.writer(
                 rpc.response_topic(service), rpc.RESPONSE_TYPE, reliable=True
             )
@@ -98,6 +101,9 @@ class UnitreeServer(DdsServer):
             command = self._commands.decode(body)
         except MalformedFrame:
             self.log.write(t_ns, "host", [("garbled", body)])
+            return
+        if command.machine != self.onboard.machine:
+            self.log.write(t_ns, "host", [("other", body)])
             return
         safe_state = safe_state_of(command)
         self.log.write(t_ns, "host", [("safe" if safe_state else "setpoint", body)], safe_state)
@@ -125,7 +131,10 @@ class UnitreeServer(DdsServer):
         state = self.onboard.state()
         if self.lies:
             state = state._replace(q=tuple(rad + WRONG_RAD for rad in state.q))
-        self.say_state(self._state_writer, self._states.encode(state), now_ns)
+        body = self._states.encode(state)
+        if self._simulator:
+            body = body[:-4] + bytes(4)
+        self.say_state(self._state_writer, body, now_ns)
         battery, soc = self._battery_writer, self.onboard.soc
         if battery is not None and soc is not None and not self.is_off and tick % BATTERY_EVERY == 0:
             battery.write(CDR + p.encode_battery(soc))

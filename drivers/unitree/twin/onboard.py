@@ -33,9 +33,13 @@ class Onboard:
     """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``,
     ``silence``."""
 
-    def __init__(self, model: Model, note: Callable[[str, str], None], silence_s: float = 0.0) -> None:
-        """``silence_s``: without a LowCmd for so long the robot damps; 0: never."""
+    def __init__(
+        self, model: Model, note: Callable[[str, str], None], silence_s: float = 0.0, simulator: bool = False
+    ) -> None:
+        """``silence_s``: without a LowCmd for so long the robot damps; 0: never. ``simulator``: it
+        takes every LowCmd, whatever mode it is in."""
         self.model = model
+        self._simulator = simulator
         self.body = body_of(model)
         self.soc: int | None = 80
         self._note = note
@@ -64,15 +68,23 @@ class Onboard:
     # -- who moves the body
 
     @property
+    def machine(self) -> int:
+        """What it says of itself, and wants to read in every LowCmd; 0 where there is no such field."""
+        return MODE_MACHINE if self.model.family == "hg" and not self._simulator else 0
+
+    @property
     def takes_commands(self) -> bool:
         """Low-level ones."""
+        if self._simulator:
+            return True
         if self.model.handshake == "fsm":
             return self.fsm_id in HANDSHAKE_FSM
         return not self.mode
 
     def command(self, command: Command, now_s: float) -> None:
-        """A LowCmd whose checksum is right. The last one counts until something else happens."""
-        if not self.takes_commands:
+        """A LowCmd whose checksum is right. The last one counts until something else happens. One
+        for another machine is none [assumed: the vendor's examples copy the number from LowState]."""
+        if not self.takes_commands or command.machine != self.machine:
             return
         active = [1.0 if mode else 0.0 for mode in command.mode]
         rows = (command.q, command.dq, command.tau, command.kp, command.kd)
@@ -131,7 +143,7 @@ class Onboard:
     def state(self) -> State:
         body = self.body
         return State(
-            MODE_MACHINE if self.model.family == "hg" else 0,
+            self.machine,
             self._tick & 0xFFFFFFFF,
             body.orientation_wxyz,
             body.gyro_rad_s,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterable, Sequence
 from itertools import chain
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
-from strands_actors.drivers.unitree.protocol import Command, CommandCodec, State, StateCodec
+from strands_actors.drivers.unitree.protocol import Command, CommandCodec, State, StateCodec, WrongChecksum
 from strands_actors.drivers.unitree.robots import TABLES, Model, model_of
 
 ROBOTS = tuple(TABLES.robots)
@@ -297,3 +298,28 @@ def test_left_and_right_mirror_each_other() -> None:
                 assert (left.torque, left.speed, left.kp, left.kd) == (
                     right.torque, right.speed, right.kp, right.kd,
                 )  # fmt: skip
+
+
+def test_a_state_says_roll_pitch_and_yaw() -> None:
+    """For clients that do not turn the quaternion themselves."""
+    half = math.sqrt(0.5)
+    for robot, at in (("unitree_g1", 56), ("unitree_go2", 64)):
+        model = model_of(robot)
+        count = len(model.joints)
+        zero = (0.0,) * count
+        state = State(5, 1, (half, half, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, zero, zero, zero, (30,) * count, 80)
+        body = StateCodec(model).encode(state)
+        assert struct.unpack_from("<3f", body, at) == pytest.approx((math.pi / 2, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_state_without_a_checksum_is_for_simulators() -> None:
+    model = model_of("unitree_g1")
+    zero = (0.0,) * 29
+    state = State(0, 1, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, zero, zero, zero, (30,) * 29, None)
+    sealed = StateCodec(model).encode(state)
+    unsealed, wrong = sealed[:-4] + bytes(4), sealed[:-4] + b"\x01\0\0\0"
+    assert StateCodec(model, unsealed=True).decode(unsealed) == StateCodec(model).decode(sealed)
+    assert StateCodec(model, unsealed=True).decode(sealed).machine == 0
+    for codec, body in ((StateCodec(model), unsealed), (StateCodec(model, unsealed=True), wrong)):
+        with pytest.raises(WrongChecksum):
+            codec.decode(body)

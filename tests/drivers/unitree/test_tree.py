@@ -260,9 +260,9 @@ def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: 
         motors = trio.run(wire.reach, "zero_torque")
         assert all(motor.written and motor.safe for motor in motors), motors
         frames = [entry for entry in WireLog(served.log_path).entries() if entry.sender == "host"]
-        assert [entry.safe_state for entry in frames if entry.kind in ("safe", "setpoint")][:20] == [
-            "zero_torque"
-        ] * 20
+        states = [entry.safe_state for entry in frames if entry.kind in ("safe", "setpoint")]
+        assert len(states) >= 3 and set(states) == {"zero_torque"}
+        assert "other" not in {entry.kind for entry in frames}  # each with the robot's mode_machine
         wire.close()
 
 

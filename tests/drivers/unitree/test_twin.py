@@ -39,7 +39,7 @@ class Twin:
         count = len(self.model.joints)
         modes = tuple(joint.mode for joint in self.model.joints)
         zero = (0.0,) * count
-        command = Command(5, modes, tuple(q), zero, (tau,) * count, (kp,) * count, (kd,) * count)
+        command = Command(self.onboard.machine, modes, tuple(q), zero, (tau,) * count, (kp,) * count, (kd,) * count)
         self.onboard.command(command, self.now_s)
         return command
 
@@ -193,3 +193,15 @@ def test_the_body_knows_its_joints_by_name() -> None:
 ])  # fmt: skip
 def test_it_weighs_what_the_robot_does(robot: str, kg: float) -> None:
     assert float(sum(Twin(robot).onboard.body.model.body_mass)) == pytest.approx(kg, abs=0.05)
+
+
+def test_a_command_for_another_machine_is_none() -> None:
+    twin = Twin("unitree_g1")
+    right = twin.command(twin.home, kp=200.0, kd=6.0)
+    limp = right._replace(kp=(0.0,) * 29, kd=(0.0,) * 29)
+    twin.onboard.command(limp._replace(machine=9), twin.now_s)
+    twin.run(2.0)
+    assert not twin.fell
+    twin.onboard.command(limp, twin.now_s)
+    twin.run(2.0)
+    assert twin.fell

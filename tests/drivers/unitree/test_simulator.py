@@ -1,0 +1,90 @@
+"""Unitree's own simulator: what it says, told from a robot, and what is refused then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors import Robot
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.unitree.config import UnitreeConfig
+from strands_actors.drivers.unitree.driver import G1Driver
+from strands_actors.drivers.unitree.link import Link
+from strands_actors.drivers.unitree.protocol import CommandCodec
+from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.testing import WireLog
+from tests.drivers.common.twin_process import TwinProcess, wait_until
+
+SIMULATOR = {"simulator": True, "domain": 1}
+
+
+def refusal_of(port: str, **options: object) -> str:
+    """Why the wire does not open."""
+    wire = G1Driver("unitree_g1", port, options).open_wire(MonotonicClock())
+    try:
+        with pytest.raises(WireDown) as down:
+            trio.run(wire.open)
+    finally:
+        wire.close()
+    return str(down.value)
+
+
+def test_what_is_discarded_is_named(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "unitree_g1", "unitree", options=SIMULATOR) as served:
+        why = refusal_of(served.port, domain=1)
+    assert "LowStates come, all with a wrong checksum: a simulator?" in why
+    assert "simulator=True" in why
+
+
+def test_a_simulator_is_commanded_once_it_is_called_one(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "unitree_g1", "unitree", options=SIMULATOR) as served:
+        log = WireLog(served.log_path)
+        with Robot("unitree_g1", mode="real", port=served.port, simulator=True) as robot:
+            elbow = robot.get_observation()["left_elbow"]
+            answer = robot.send_action({"left_elbow": {"q": elbow, "kp": 40.0}})
+            assert answer["status"] == "success", answer
+            wait_until(lambda: log.host("setpoint"), "the simulator is commanded")
+            assert robot.stop()["status"] == "success"  # type: ignore[index]
+        assert log.host("safe")
+        assert not log.host("other")
+
+
+def test_saf_014_a_robot_that_is_called_a_simulator_is_not_commanded(tmp_path: Path) -> None:
+    """Without mode, FSM and battery nothing would be asked before it moves."""
+    with TwinProcess(tmp_path, "unitree_g1", "unitree", options={"domain": 1}) as served:
+        assert "that is a robot" in refusal_of(served.port, simulator=True)
+        assert not [line for line in served.logged("host") if line[0] in ("setpoint", "safe")]
+
+
+def test_saf_014_robots_have_their_domain_to_themselves() -> None:
+    with pytest.raises(ValueError, match="domain 0 is the robots' own"):
+        G1Driver("unitree_g1", "127.0.0.1", {"simulator": True, "domain": 0})
+    assert G1Driver("unitree_g1", "127.0.0.1", {"simulator": True}).config.domain == 1
+    assert G1Driver("unitree_g1", "127.0.0.1", {}).config.domain == 0
+
+
+def test_a_twin_takes_no_command_for_another_machine(tmp_path: Path) -> None:
+    with TwinProcess(tmp_path, "unitree_g1", "unitree") as served:
+        model = model_of("unitree_g1")
+        link = Link(UnitreeConfig(model, served.port), MonotonicClock())
+
+        def polled(done: Callable[[], bool]) -> Callable[[], bool]:
+            def look() -> bool:
+                link.poll()
+                return done()
+
+            return look
+
+        try:
+            wait_until(polled(lambda: link.heard), "they find each other")
+            link.send(link.encode((0.0,) * 145))  # no state was heard: mode_machine is 0
+            wait_until(polled(lambda: "other" in [kind for kind, _ in served.logged("host")]), "it is heard")
+        finally:
+            link.close()
+        (frame,) = [frame for kind, frame in served.logged("host") if kind == "other"]
+        assert CommandCodec(model).decode(bytes.fromhex(frame)).machine == 0
+        assert "setpoint" not in [kind for kind, _ in served.logged("host")]
