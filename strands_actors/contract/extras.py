@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 EXTRAS: dict[str, tuple[str, ...]] = {
+    "cameras": ("cv2",),
     "demo": ("matplotlib",),
     "mcp": ("mcp",),
     "pictures": ("OpenGL", "glfw"),
