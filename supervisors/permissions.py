@@ -62,6 +62,13 @@ def of_standby(robot: str) -> Channel:
     return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
 
 
+def of_camera(robot: str, name: str) -> Channel:
+    """The other end is a camera's process. It answers, and tells nobody anything."""
+    process = f"camera/{name}"
+    hosts = _of(robot, process, (process,), instruments=False)
+    return Channel("", hosts, f"{PREFIX}/node/{robot}.camera.{name}.", {})
+
+
 def of_policy(robot: str, name: str) -> Channel:
     """The other end is a policy process: in the root, and in the wire. ``name``: what its leases
     are bound to."""

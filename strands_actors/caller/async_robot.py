@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import trio
 
@@ -25,6 +25,9 @@ from .portal import open_caller
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import answered
+
+if TYPE_CHECKING:
+    from strands_actors.surfaces.cameras.frames import Frame
 
 
 class Observations(AsyncIterator[dict[str, float]]):
@@ -86,9 +89,21 @@ class AsyncRobot:
             return refused
         return await answered("move", verbs.send_action, self._tree, action)
 
-    async def get_observation(self) -> dict[str, float]:
+    @overload
+    async def get_observation(self, images: Literal[False] = False) -> dict[str, float]: ...
+    @overload
+    async def get_observation(self, images: bool) -> dict[str, Any]: ...
+    async def get_observation(self, images: bool = False) -> dict[str, Any]:
         """As ``Robot.get_observation``."""
-        return self._observing.positions(await answered("observe", verbs.get_observation, self._tree))
+        seen: dict[str, Any] = self._observing.positions(
+            await answered("observe", verbs.get_observation, self._tree)
+        )
+        return seen | self._tree.cameras.looks() if images else seen
+
+    async def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
+        """As ``Robot.read_camera``."""
+        await trio.lowlevel.checkpoint()
+        return self._tree.cameras.read(name, max_age_ms)
 
     def observations(self, hz: float = 30.0) -> Observations:
         """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is

@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.cameras import CameraSettings
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
 from strands_actors.drivers import (
@@ -28,6 +29,7 @@ from strands_actors.drivers import (
     resolve_driver,
 )
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
+from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig
 
@@ -63,6 +65,7 @@ class Plan:
     """Where the robot is, when it is another host's; ``mesh`` says how to get there."""
     lifetime_s: float | None = None
     """Of a setpoint of a rollout, at least."""
+    cameras: tuple[CameraSettings, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ class Wanted:
 
     def given(self) -> dict[str, Any]:
         """What only hardware has a use for."""
-        own = {"port": self.port, "transport": self.transport, "sim": self.sim, "cameras": self.cameras}
+        own = {"port": self.port, "transport": self.transport, "sim": self.sim}
         own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
         return {key: value for key, value in own.items() if value is not None} | self.options
 
@@ -300,18 +303,42 @@ def _simulation(
             "add mode='real', or leave it out"
         )
     options = {"class": place_of(driver_class), "options": resolved}
-    place = wanted.scene.place
+    simulation = load(SIMULATION)
+    cameras = _cameras(wanted, simulation, options)
+    twin_process = TwinProcess(
+        driver_class.TWIN,
+        wanted.robot,
+        has_control=True,
+        place=wanted.scene.place,
+        options=twin,
+        pictures=_draws(cameras),
+    )
     return Plan(
         wanted.robot,
         wanted.tool_name,
-        load(SIMULATION),
+        simulation,
         "",
         SIM,
         options,
-        TwinProcess(driver_class.TWIN, wanted.robot, has_control=True, place=place, options=twin),
+        twin_process,
         data_config=wanted.data_config,
         mesh=wanted.mesh,
+        cameras=cameras,
     )
+
+
+def _cameras(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> tuple[CameraSettings, ...]:
+    """Raise ``TypeError`` or ``ValueError``."""
+    if wanted.cameras is None:
+        return ()
+    axes = driver_class(wanted.robot, wanted.port or "", resolved).axes
+    simulated = wanted.mode == "sim" or (wanted.transport == TWIN and not driver_class.SIMULATION)
+    return read_cameras(wanted.cameras, driver_class=driver_class, axes=axes, simulated=simulated)
+
+
+def _draws(cameras: Iterable[CameraSettings]) -> bool:
+    """Whether one of them shows the scene."""
+    return any(camera.type == SCENE for camera in cameras)
 
 
 # -- on hardware, or on a twin
@@ -324,13 +351,18 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     owns_twin_process = True
     if wanted.transport == TWIN:
         owns_twin_process = wanted.sim is None
-        twin_process = (
-            TwinProcess(driver_class.TWIN, wanted.robot) if owns_twin_process else _twin_process_of(wanted)
-        )
         resolved = driver_class.resolve(wanted.robot, wanted.options)  # a twin is new: nobody has calibrated it
+        cameras = _cameras(wanted, driver_class, resolved)
+        draws = _draws(cameras)
+        twin_process = (
+            TwinProcess(driver_class.TWIN, wanted.robot, has_control=draws, pictures=draws, on_wire=draws)
+            if owns_twin_process
+            else _twin_process_of(wanted)
+        )
     else:
         way = {} if wanted.transport is None else {"transport": wanted.transport}  # one of the driver's own
         resolved = driver_class.resolve(wanted.robot, {**wanted.options, **way, "tool_name": tool_name})
+        cameras = _cameras(wanted, driver_class, resolved)
     return Plan(
         wanted.robot,
         tool_name,
@@ -344,6 +376,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         wanted.mesh,
         wanted.drill_age_s,
         lifetime_s=wanted.lifetime_s,
+        cameras=cameras,
     )
 
 
@@ -404,7 +437,8 @@ def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
 def _leave_to_host(wanted: Wanted) -> None:
     """Raise ``TypeError`` when something is given that the robot's own host has said."""
     own = ("port", "transport", "sim", "cameras", "require_drill")
-    if ignored := [key for key in wanted.given() if key in own]:
+    given = wanted.given() | ({} if wanted.cameras is None else {"cameras": wanted.cameras})
+    if ignored := [key for key in given if key in own]:
         raise TypeError(
             f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
         )
@@ -420,7 +454,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
             "Robot: sim= is what a twin is made of: add transport='twin'. "
             f"{name} offers {', '.join(offered) or 'none'}"
         )
-    if wanted.cameras and not getattr(driver_class, "reads_cameras", False):
+    is_plain = not issubclass(driver_class, Driver)
+    if wanted.cameras and is_plain and not getattr(driver_class, "reads_cameras", False):
         raise ValueError(f"Robot: {name} opens no cameras. leave out cameras=, and read them beside the robot")
     if transport == TWIN and wanted.port is not None:
         raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")

@@ -17,6 +17,7 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
 from strands_actors.supervisors.messages import GetStatus, Lease, Status, StopReport, TreeReport
+from strands_actors.surfaces.cameras.handle import Cameras
 
 from .plan import Plan
 
@@ -69,6 +70,7 @@ class Processes(ABC):
         self.facts: dict[str, Any] = {}
         """What the wire said of itself when it last answered."""
         self.closed = False
+        self.cameras = Cameras(plan.cameras, plan.driver_class)
         self.standby_report: str | None = None
         """What the standby of an earlier tree of this robot had to do."""
 

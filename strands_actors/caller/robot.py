@@ -26,6 +26,7 @@ from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve
 from strands_actors.surfaces.agents.calls import read
 from strands_actors.surfaces.agents.tool import RobotTool
 from strands_actors.surfaces.agents.use import use
+from strands_actors.surfaces.cameras.handle import Cameras
 
 from . import envelopes as answers
 from . import verbs
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     import numpy
     from numpy.typing import NDArray
 
+    from strands_actors.surfaces.cameras.frames import Frame
     from strands_actors.surfaces.mesh.config import MeshConfig
 
 T = TypeVar("T")
@@ -87,15 +89,16 @@ def Robot(  # a factory named as on the drivers page
     makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
     there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,
     and ``lifetime`` (seconds) is how long a setpoint of a rollout lives on a slow network.
-    ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``data_config`` is kept for who builds a
-    policy. ``approve`` is asked, for at most ``approve_within_s``, before an agent (or who else is
-    not this program) uses a verb or an action key that is guarded: by the driver, or by
-    ``guarded``. ``require_drill``: no motion without a stop drill that is younger (``"30d"``).
-    ``mesh``: where other hosts reach it; False: nowhere. Of a simulation: ``urdf_path``, an MJCF or
-    URDF file that is simulated under this name; ``position`` (metres) and ``orientation``
-    (quaternion w, x, y, z) of its base, and the ``keyframe`` of its model in which it begins;
-    ``backend``, ``"mujoco"``. ``options`` are the driver's own. Raise
-    ``ValueError`` or ``TypeError`` with what would be accepted.
+    ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``cameras``: by name, settings in
+    LeRobot's words; a twin or a simulation has ``{"wrist": {}, "front": {}}``. ``data_config`` is
+    kept for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an
+    agent (or who else is not this program) uses a verb or an action key that is guarded: by the
+    driver, or by ``guarded``. ``require_drill``: no motion without a stop drill that is younger
+    (``"30d"``). ``mesh``: where other hosts reach it; False: nowhere. Of a simulation:
+    ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position`` (metres) and
+    ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its model in which
+    it begins; ``backend``, ``"mujoco"``. ``options`` are the driver's own. Raise ``ValueError`` or
+    ``TypeError`` with what would be accepted.
     """
     wanted = plan(
         name,
@@ -303,10 +306,27 @@ class RealRobot(RobotTool):
         is held."""
         return self._verb(verbs.release, "release")
 
-    def get_observation(self) -> dict[str, float]:
+    @overload
+    def get_observation(self, images: Literal[False] = False) -> dict[str, float]: ...
+    @overload
+    def get_observation(self, images: bool) -> dict[str, Any]: ...
+    def get_observation(self, images: bool = False) -> dict[str, Any]:
         """Positions by joint, in the driver's units; {} (and a log line that says why, once) when
-        there is none."""
-        return self._observing.positions(self._get_observation())
+        there is none. ``images``: and of each camera, by its name, the newest ``Frame``, or a
+        ``Stale`` that says why there is none that is new enough. Nothing is waited for."""
+        seen: dict[str, Any] = self._observing.positions(self._get_observation())
+        return seen | self._cameras.looks() if images else seen
+
+    def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
+        """The newest picture of a camera (``cameras=``), at once. ``max_age_ms``: how old it may be;
+        by default three periods of the camera, and at least 200. Raise ``StaleFrame`` when there is
+        none so new, ``ValueError`` for a name that is none."""
+        return self._cameras.read(name, max_age_ms)
+
+    @property
+    def _cameras(self) -> Cameras:
+        tree = self._tree
+        return Cameras(self._plan.cameras, self._plan.driver_class) if tree is None else tree.cameras
 
     def state(self) -> Answer:
         """What the robot measures now: positions and velocities, with their age, and what its

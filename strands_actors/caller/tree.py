@@ -27,6 +27,7 @@ from strands_actors.supervisors.messages import (
     StopReport,
     TreeReport,
 )
+from strands_actors.surfaces.cameras.handle import Cameras
 
 from .commanding import Commanding, Order, Orders
 from .plan import Plan
@@ -73,6 +74,10 @@ class RobotTree:
     def facts(self) -> dict[str, Any]:
         """What the wire said of itself when it last answered."""
         return self._processes.facts
+
+    @property
+    def cameras(self) -> Cameras:
+        return self._processes.cameras
 
     @property
     def standby_report(self) -> str | None:

@@ -103,6 +103,7 @@ class TreeProcesses(Processes):
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
             "connect": [self._endpoint],
+            "cameras": self._begin_cameras(port),
             "mesh": {
                 "listen": [mesh, *plan.mesh.listens],
                 "connect": plan.mesh.connects,
@@ -139,6 +140,12 @@ class TreeProcesses(Processes):
         self._root_process = process  # last: other threads look here for whether there is somebody to ask
         self.nursery.start_soon(self._attend, process, self._scope, beside)
 
+    def _begin_cameras(self, port: str) -> list[dict[str, Any]]:
+        """What the root is to keep for them."""
+        plan, twin = self.plan, self.plan.twin_process
+        control = "" if twin is None else twin.control
+        return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
+
     def _drill(self, port: str) -> dict[str, Any]:
         """For the gate: whether a stop drill is required, and was passed."""
         plan = self.plan
@@ -172,6 +179,7 @@ class TreeProcesses(Processes):
                     with trio.move_on_after(self.deadlines.end_s):
                         await process.wait()
             await self._discard()
+            self.cameras.end()
         if self._name is not None:
             self._name.release()
             self._name = None

@@ -10,5 +10,6 @@ from strands_actors.contract.loading import load
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     serve = load(args["twin"])
-    given = {name: args[name] for name in ("control", "place", "options") if args[name] is not None}
+    wanted = ("control", "place", "options", "pictures", "on_wire")
+    given = {name: args[name] for name in wanted if args[name] not in (None, False)}
     serve(args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **given)

@@ -32,7 +32,8 @@ class TwinProcessDown(Exception):
 class TwinProcess:
     """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
     ``has_control``: whether it can be simulated, too; ``place``: where its base stands in that
-    simulation; ``options``: the twin's own."""
+    simulation; ``options``: the twin's own; ``pictures``: cameras draw its scene, and with
+    ``on_wire`` nobody else has a use for its control."""
 
     def __init__(
         self,
@@ -41,8 +42,12 @@ class TwinProcess:
         has_control: bool = False,
         place: Mapping[str, Any] | None = None,
         options: Mapping[str, Any] | None = None,
+        pictures: bool = False,
+        on_wire: bool = False,
     ) -> None:
         self.robot = robot
+        self._pictures = pictures
+        self._on_wire = on_wire
         self._twin = twin
         self._place = place
         self._options = options
@@ -80,6 +85,8 @@ class TwinProcess:
                 "control": self.control or None,
                 "place": self._place,
                 "options": self._options,
+                "pictures": self._pictures,
+                "on_wire": self._on_wire,
             }
             self._process = start("strands_actors.caller.twin_entry:main", args)
             with trio.move_on_after(START_S):

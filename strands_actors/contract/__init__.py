@@ -6,6 +6,7 @@ with I/O.
 ``SafeState``, ``Reason``, ``Timing``   what it is brought to and why, and how long things may take
 ``DriverOptions``, ``option``           keywords of the constructor
 ``DuplicateDescriptor`` ... ``OwnProcess``   stop channels ready made
+``CameraSettings``, ``Picture``, ``PictureSource``   what gives pictures
 
 ``strands_actors.testing`` has the suite that a driver must pass.
 """
@@ -15,6 +16,7 @@ from strands_actors.kernel.messages import Refused
 
 from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
+from .cameras import CameraSettings, Picture, PictureSource
 from .driver import (
     HOLDING_REASONS,
     Candidate,
@@ -53,6 +55,7 @@ __all__ = [
     "STOP",
     "Axis",
     "AxisMode",
+    "CameraSettings",
     "Candidate",
     "Clock",
     "Condition",
@@ -70,6 +73,8 @@ __all__ = [
     "PartKind",
     "Permit",
     "PermitDenied",
+    "Picture",
+    "PictureSource",
     "ProcessSpent",
     "Reason",
     "Refused",

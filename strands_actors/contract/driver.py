@@ -319,6 +319,9 @@ class Driver(ABC):
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
     reads_cameras: ClassVar[bool] = False
+    CAMERAS: ClassVar[Mapping[str, str]] = {}
+    """Pictures that the robot's own service gives, by name: ``module:function`` of what opens them
+    (``contract/cameras.py``)."""
     ROLLOUTS: ClassVar[str] = ""
     """Why this robot runs no policies; empty: it does."""
     TASKS: ClassVar[str] = ""

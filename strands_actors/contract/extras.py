@@ -6,6 +6,7 @@ import importlib.util
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "dataset": ("pyarrow", "av"),
+    "cameras": ("cv2",),
     "demo": ("matplotlib",),
     "mcp": ("mcp",),
     "pictures": ("OpenGL", "glfw"),

@@ -37,7 +37,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.failsafe import LINKED, Mode, State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
 from strands_actors.supervisors.introspection import Introspector
@@ -62,6 +62,7 @@ from strands_actors.supervisors.messages import (
 from strands_actors.supervisors.wire.group import UNCONFIRMED, ProcessPlace
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .camera_keeper import CameraKeeper
 from .guardian import Guardian
 from .lock_keeper import LockKeeper
 from .locks import Locks
@@ -152,6 +153,13 @@ class Tree:
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self.tasks = Tasks(
             self.robot, spawner.start, args["policy_listen"], args["label"], self.driver.timing.safe_s
+        )
+        self.cameras = CameraKeeper(
+            self.node,
+            self.robot,
+            args.get("cameras", ()),
+            spawner.start,
+            lambda: self.guardian.state.mode in LINKED,
         )
         self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
@@ -245,6 +253,7 @@ class Tree:
             )
             self._keep("the link to the caller", link.run)
             self._keep("the supervisor of the wire", self._supervise)
+            self._keep("the keeper of the cameras", self.cameras.run)
             if self.driver.PORT_KIND == "serial":
                 self._keep("the kernel's workers", keep_them_early)
             self._keep("the mesh of the actors", self._join_mesh)
@@ -332,6 +341,7 @@ class Tree:
         reason, by = self._end
         self.guardian.leave()
         report = await self._stop_by_gate(reason, by)
+        self.cameras.end()
         if self.tasks.process is not None:
             self.tasks.process.kill()
         with trio.move_on_after(StopDeadlines.of(self.driver.timing.safe_s).attempt_s):
@@ -381,10 +391,13 @@ class Tree:
             report.append(ProcessInfo("standby", self.standby.process.pid, max(0, self.standby.starts - 1)))
         if self.tasks.process is not None:
             report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
+        for name, camera in self.cameras.processes.items():
+            report.append(ProcessInfo(f"camera/{name}", camera.pid, max(0, self.cameras.starts[name] - 1)))
         if self.args.get("twin_pid"):
             report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
         actors: list[ActorInfo] = []
-        for process in ("root", "wire", "policy", "standby"):
+        cameras = [f"camera/{name}" for name in self.cameras.processes]
+        for process in ("root", "wire", "policy", "standby", *cameras):
             try:
                 ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
                 introspection = await ref.ask(Describe(), 0.1)

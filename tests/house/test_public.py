@@ -18,6 +18,7 @@ PUBLIC = (
     f"{PACKAGE}.contract",  # authors of drivers
     f"{PACKAGE}.policies",  # authors of policies
     f"{PACKAGE}.testing",
+    f"{PACKAGE}.surfaces.cameras",  # who looks at pictures
     f"{PACKAGE}.drivers.earthrover.cameras",  # what one robot has beside its tree
 )
 

@@ -150,12 +150,14 @@ class Picture(Frame, frozen=True):
 
 class Model(Frame, frozen=True):
     binary: bytes
+    scene: int = 0  # its number: another one has other bodies or cameras
 
 
 class Pose(Frame, frozen=True):
-    """``qpos`` of ``Model``."""
+    """``qpos`` of the ``Model`` with that number."""
 
     qpos: tuple[float, ...]
+    scene: int = 0
 
 
 class Done(Frame, frozen=True):

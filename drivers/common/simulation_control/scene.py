@@ -10,6 +10,8 @@ import numpy as np
 
 from strands_actors.drivers.common.lean_mujoco import mujoco
 
+from .wrist import add_wrist
+
 MAX_WIDTH, MAX_HEIGHT = 2560, 1600
 
 GRAPHITE = (0.17, 0.19, 0.22, 1.0)
@@ -53,6 +55,7 @@ def decorate(spec: Any, view: View) -> Any:
     _add_lights(scene, view)
     for body in scene.bodies[1:]:
         _colour(body)
+    add_wrist(scene)
     return scene
 
 

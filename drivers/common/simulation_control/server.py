@@ -75,6 +75,10 @@ class SimulationControl:
         finally:
             self._renderer.close()
 
+    async def get_ready(self) -> None:
+        """To give the scene to who draws it, before anything is on the wire."""
+        await self._renderer.model(self._body.pose())
+
     def close(self) -> None:
         self._listener.close()
         with contextlib.suppress(FileNotFoundError):
@@ -150,9 +154,10 @@ class SimulationControl:
             case p.Render():
                 return await self._render(request)
             case p.GetModel():
-                return p.Model(number, await self._renderer.model(self._body.pose()))
+                scene, binary = await self._renderer.model(self._body.pose())
+                return p.Model(number, binary, scene)
             case p.GetPose():
-                return p.Pose(number, tuple(body.pose()))
+                return p.Pose(number, tuple(body.pose()), self._renderer.scene)
             case p.Read():
                 pass
         felt = body.felt()

@@ -52,6 +52,7 @@ class Orderly(Protocol):
 class Control(Protocol):
     """The simulation control of a robot, while it is served."""
 
+    async def get_ready(self) -> None: ...
     async def serve(self) -> None: ...
     def close(self) -> None: ...
 
@@ -71,6 +72,10 @@ class Start(TypedDict, total=False):
     """Where the robot's body is served as a simulation, too (see ``common.control``)."""
     place: Mapping[str, Any] | None
     """Where its base stands there: ``position`` in metres and ``orientation``, w x y z."""
+    pictures: bool
+    """Whether others draw its scene, and want it before anything moves."""
+    on_wire: bool
+    """Whether the robot is driven by its wire alone; the control then serves those who look."""
 
 
 def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
@@ -101,7 +106,7 @@ def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> No
 
     A twin on a wire runs before others, as a robot has a computer of its own. A simulation does not:
     a program that steps it without a pause would take the processor from everybody."""
-    if "control" not in start or start["control"] is None:
+    if start.get("control") is None or start.get("on_wire"):
         run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
 
@@ -115,6 +120,8 @@ async def _main(
     parent_fd: int | None = None,
     control: str | None = None,
     place: Mapping[str, Any] | None = None,
+    pictures: bool = False,
+    on_wire: bool = False,
 ) -> None:
     wire_log = WireLog(log)
     server = build(wire_log)
@@ -122,6 +129,8 @@ async def _main(
     try:
         if control is not None:
             opened = _open_control(control, server, wire_log, place)
+            if pictures:
+                await opened.get_ready()
         if fault:
             server.set_fault(fault)
         with trio.open_signal_receiver(signal.SIGTERM, signal.SIGINT, signal.SIGUSR1) as signals:

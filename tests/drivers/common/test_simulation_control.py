@@ -315,7 +315,10 @@ def test_the_scene_can_be_taken_away_and_posed_elsewhere(tmp_path: Path) -> None
     [
         (p.Render(0, 4000, 48, ""), "4000 x 48 pixels. ask for at most"),
         (p.Render(0, 0, 48, ""), "0 x 48 pixels. ask for at most"),
-        (p.Render(0, 64, 48, "nose"), "no camera 'nose'. there are front, side, top, and None for the whole robot"),
+        (
+            p.Render(0, 64, 48, "nose"),
+            "no camera 'nose'. there are front, side, top, wrist, and None for the whole robot",
+        ),
     ],
 )
 def test_a_picture_that_cannot_be_is_refused(tmp_path: Path, request_: p.Request, text: str) -> None:

@@ -1,0 +1,90 @@
+"""Pictures of a scene, drawn in the process of the camera that wants them.
+
+The twin gives its model once, and then only where its joints are, which costs it no more than a
+reading. Neither its wire nor its physics waits for a picture.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import trio
+
+from strands_actors.contract.cameras import CameraSettings, Picture
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.simulation_control import protocol as p
+from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
+from strands_actors.drivers.common.simulation_control.renderer import CannotRender, Studio, plain
+from strands_actors.drivers.common.simulation_control.scene import View
+
+MODEL_S = 10.0
+POSE_S = 2.0
+
+
+class ScenePictures:
+    """One camera in one scene. A scene that has changed is asked for anew."""
+
+    paced = False
+
+    def __init__(self, client: SimulationClient, settings: CameraSettings) -> None:
+        self._client = client
+        self._view = settings.view
+        width, height = settings.captured_size
+        assert width is not None and height is not None
+        self._size = width, height
+        self._studio: Studio | None = None
+        self._scene = -1
+
+    async def read(self) -> Picture:
+        pose = await self._client.call(p.GetPose(0), p.Pose, POSE_S)
+        captured_ns = time.monotonic_ns()
+        if pose.scene != self._scene:
+            await self._take_scene()
+            return await self.read()
+        assert self._studio is not None
+        try:
+            rgb = await trio.to_thread.run_sync(self._studio.shoot, pose.qpos, *self._size, self._view)
+        except CannotRender as failure:
+            raise WireDown(str(failure)) from None
+        width, height = self._size
+        return Picture(np.frombuffer(rgb, np.uint8).reshape(height, width, 3), captured_ns)
+
+    async def aclose(self) -> None:
+        self._client.close()
+        if self._studio is not None:
+            await trio.to_thread.run_sync(self._studio.close)
+            self._studio = None
+
+    async def _take_scene(self) -> None:
+        found = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
+        if self._studio is not None:
+            await trio.to_thread.run_sync(self._studio.close)
+            self._studio = None
+        self._studio = await trio.to_thread.run_sync(self._build, found.binary)
+        self._scene = found.scene
+
+    def _build(self, binary: bytes) -> Studio:
+        model: Any = plain(mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary}))
+        view = View(tuple(model.stat.center), model.stat.extent)
+        try:
+            return Studio(model, view, *self._size)
+        except CannotRender as failure:
+            raise WireDown(str(failure)) from None
+
+
+async def open_camera(settings: CameraSettings) -> ScenePictures:
+    """Raise ``WireDown`` when there is no such scene, or it cannot be drawn."""
+    client = SimulationClient(settings.port)
+    source = ScenePictures(client, settings)
+    try:
+        await source._take_scene()
+    except Refusal as refusal:
+        client.close()
+        raise WireDown(str(refusal)) from None
+    except BaseException:
+        client.close()
+        raise
+    return source

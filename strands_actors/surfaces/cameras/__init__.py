@@ -1,0 +1,10 @@
+"""Pictures of a robot's cameras. Each has a process of its own; who looks never waits for it.
+
+with Robot("so101", cameras={"wrist": {}}) as arm:
+    frame = arm.read_camera("wrist")
+"""
+
+from .frames import Frame, Stale, StaleFrame
+from .reader import CameraReader, attach_camera
+
+__all__ = ["CameraReader", "Frame", "Stale", "StaleFrame", "attach_camera"]

@@ -1,0 +1,126 @@
+"""The cameras of one robot, as the program that runs it has them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.cameras import CameraSettings
+from strands_actors.kernel.channels.frame_ring import create
+
+from .config import MAX_SIDE, ROBOT, SCENE, source_of, stale_s
+from .frames import Frame, Stale, StaleFrame
+from .places import remove, ring_path, sweep
+from .reader import CameraReader
+
+ENTRY = "strands_actors.surfaces.cameras.process:main"
+COLOURS = 3
+UNKNOWN = MAX_SIDE * MAX_SIDE * 3 // 4
+"""Pixels of a picture whose size nobody has said, at most. Memory is taken for what comes only."""
+
+
+class Cameras:
+    """Made with the handle; ``begin`` is called with each tree."""
+
+    def __init__(self, settings: Sequence[CameraSettings], driver_class: type[Any]) -> None:
+        self._settings = {each.name: each for each in settings}
+        self._driver_class = driver_class
+        self._robot = ""
+        self._readers: dict[str, CameraReader] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._settings)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._settings)
+
+    def begin(
+        self, robot: str, kind: str, label: str, port: str, control: str, options: Mapping[str, Any]
+    ) -> list[dict[str, Any]]:
+        """Make a file for each, and return what the root is to keep. ``port``: where the robot is;
+        ``control``: where its scene is. Raise ``OSError``."""
+        self.end()
+        if not self._settings:
+            return []
+        sweep()
+        self._robot = robot
+        kept = []
+        for name, settings in self._settings.items():
+            path = str(ring_path(robot, name))
+            pixels = UNKNOWN if settings.width is None else settings.width * (settings.height or 0)
+            create(path, pixels * COLOURS, round(stale_s(settings) * 1e9))
+            own: dict[str, Any] = {"robot": kind, "port": control if settings.type == SCENE else port}
+            if settings.type == ROBOT:
+                own["options"] = dict(options)
+            args = {
+                "robot": robot,
+                "label": label,
+                "ring": path,
+                "source": source_of(settings, self._driver_class),
+                "settings": msgspec.to_builtins(msgspec.structs.replace(settings, **own)),
+            }
+            kept.append({"name": name, "ring": path, "entry": ENTRY, "args": args})
+            self._readers[name] = CameraReader(path, robot, name, bgr=settings.color_mode == "bgr")
+        return kept
+
+    def end(self) -> None:
+        """The tree is gone. Who still looks is told so."""
+        for reader in self._readers.values():
+            reader.close()
+        self._readers = {}
+        if self._robot:
+            with contextlib.suppress(OSError):
+                remove(self._robot)
+            self._robot = ""
+
+    # -- reading
+
+    def read(self, name: str, max_age_ms: float | None = None) -> Frame:
+        """Raise ``ValueError`` for a name that is none, ``StaleFrame`` without a picture that is new
+        enough."""
+        found = self.look(name, max_age_ms)
+        if isinstance(found, Stale):
+            raise StaleFrame(name, found)
+        return found
+
+    def look(self, name: str, max_age_ms: float | None = None) -> Frame | Stale:
+        """As ``read``, without ``StaleFrame``."""
+        if name not in self._settings:
+            known = f"there are {', '.join(self._settings)}" if self._settings else "this robot was given none"
+            raise ValueError(f"read_camera: no camera {name!r}. {known}")
+        if max_age_ms is not None and (isinstance(max_age_ms, bool) or not max_age_ms > 0):
+            raise ValueError(f"read_camera: max_age_ms is {max_age_ms!r}. give milliseconds, above 0")
+        reader = self._readers.get(name)
+        if reader is None:
+            return Stale("the robot is not connected")
+        return reader.newest(None if max_age_ms is None else max_age_ms / 1e3)
+
+    def looks(self) -> dict[str, Frame | Stale]:
+        """Of each camera the newest picture, or why there is none."""
+        return {name: self.look(name) for name in self._settings}
+
+    def status(self) -> dict[str, dict[str, Any]]:
+        """As ``get_status()["cameras"]`` shows it."""
+        return {name: self._status(name) for name in self._settings}
+
+    def _status(self, name: str) -> dict[str, Any]:
+        reader = self._readers.get(name)
+        if reader is None:
+            return {"state": "down", "why": "the robot is not connected", "age_s": None, "stale": True}
+        told, age_s = reader.told(), reader.age_s
+        is_stale = age_s is None or age_s > stale_s(self._settings[name])
+        return {
+            "state": told.state,
+            "why": told.why or None,
+            "age_s": None if age_s is None else round(age_s, 4),
+            "stale": is_stale,
+            "pictures": reader.sequence,
+            "opened": told.opened,
+            "fps": told.fps,
+            "width": told.width or None,
+            "height": told.height or None,
+        }

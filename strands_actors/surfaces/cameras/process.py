@@ -1,0 +1,240 @@
+"""The process of one camera: the actor that opens its source, reads it, and puts the newest picture
+where others look for it.
+
+It has the link to its root and the file of its own pictures, and nothing else of the robot. It may
+be killed, frozen or flooded: nobody waits for it. Its root starts it again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.cameras import CameraSettings, Picture, PictureSource
+from strands_actors.contract.driver import WireDown
+from strands_actors.contract.loading import load
+from strands_actors.kernel.actor import Actor, describe
+from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing
+from strands_actors.kernel.channels.link import Link
+from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.kernel.messages import Message
+from strands_actors.kernel.node import Node
+from strands_actors.kernel.processes.child import report_failure
+from strands_actors.kernel.processes.identity import take_name
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.introspection import Introspector
+
+from . import told as words
+from .told import Told
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+BEAT_S = 0.25
+NICE = 5
+"""A camera computes after the robot does: a picture may come late."""
+DEFAULT_FPS = 30.0
+OPEN_S = 15.0
+READ_S = 5.0
+"""A source that gives nothing for so long is given up, and this process with it."""
+PAUSES_S = (0.5, 1.0, 2.0, 4.0)
+"""Before the source is opened again, the first time, the second, ...; the last one from then on."""
+SETTLED_S = 5.0
+"""A source that gave pictures for so long begins anew with the first pause."""
+HUNG = 3
+"""Exit code of a process whose source hangs."""
+
+Open = Callable[[CameraSettings], Awaitable[PictureSource]]
+
+
+class Hangs(Exception):
+    """The source does not come back."""
+
+
+class NotAsAsked(Exception):
+    """The source does not give what was asked for; the text says what it gives."""
+
+
+class Tick(Message, frozen=True):
+    lane = "latest"
+
+    now_ns: int
+
+
+class Camera(Actor):
+    """Reads one source for as long as it lives. ``open_source`` may raise anything: it is told, and
+    tried again."""
+
+    def __init__(self, settings: CameraSettings, ring: FrameRing, open_source: Open) -> None:
+        self._settings = settings
+        self._ring = ring
+        self._open_source = open_source
+        self._told = Told()
+        self._rate = Rate()
+
+    async def started(self) -> None:
+        self._tell()
+        self.context.every(BEAT_S, Tick)
+        self.context.start_soon(self._stream)
+
+    def receive(self, message: Tick) -> None:
+        self._ring.beat(message.now_ns)
+
+    # -- pictures
+
+    async def _stream(self) -> None:
+        failures = 0
+        while True:
+            began_s = trio.current_time()
+            state, why = await self._until_lost()
+            self._tell(state=state, why=why, fps=0.0)
+            failures = 0 if trio.current_time() - began_s > SETTLED_S else failures
+            await trio.sleep(PAUSES_S[min(failures, len(PAUSES_S) - 1)])
+            failures += 1
+
+    async def _until_lost(self) -> tuple[str, str]:
+        """Open the source and read it. The state that this ends in, and why."""
+        source: PictureSource | None = None
+        try:
+            with _within(OPEN_S, "to open"):
+                source = await self._open_source(self._settings)
+            self._tell(state="starting", why="", opened=self._told.opened + 1)
+            await self._read(source)
+        except Hangs as failure:
+            # A thread of it may still be in the device's driver, which nobody can end but with us.
+            self._tell(state="unavailable", why=str(failure), fps=0.0)
+            os._exit(HUNG)
+        except NotAsAsked as failure:
+            return "refused", str(failure)
+        except (WireDown, OSError) as failure:
+            return "unavailable", str(failure)
+        except Exception as failure:  # code of others: it ends this reading, and is told
+            return "unavailable", describe(failure)
+        finally:
+            if source is not None:
+                with trio.CancelScope(shield=True), trio.move_on_after(1.0):
+                    await source.aclose()
+        return "unavailable", "it ended"
+
+    async def _read(self, source: PictureSource) -> None:
+        settings = self._settings
+        period_s = 1.0 / (settings.fps or DEFAULT_FPS)
+        warm_s = trio.current_time() + settings.warmup_s
+        next_s = trio.current_time()
+        last_ns = 0
+        while True:
+            if not source.paced:
+                next_s = max(next_s + period_s, trio.current_time())
+                await trio.sleep_until(next_s)
+            with _within(READ_S, "to give a picture"):
+                picture = await source.read()
+            if trio.current_time() < warm_s:
+                continue
+            if picture.captured_ns <= last_ns:
+                raise WireDown("it gives the same picture again")
+            last_ns = picture.captured_ns
+            self._put(picture)
+            await trio.lowlevel.checkpoint()
+
+    def _put(self, picture: Picture) -> None:
+        image = upright(picture.image, self._settings)
+        height, width, _ = image.shape
+        self._ring.put(picture.captured_ns, height, width, image.data.cast("B"))
+        if fps := self._rate.count(picture.captured_ns):
+            self._tell(state="streaming", why="", fps=fps, width=width, height=height)
+        elif self._told.state != "streaming":
+            self._tell(state="streaming", why="", width=width, height=height)
+
+    def _tell(self, **changes: Any) -> None:
+        self._told = msgspec.structs.replace(self._told, **changes)
+        self._ring.tell(words.encode(self._told))
+
+
+class Rate:
+    """How many pictures come in a second, told once a second."""
+
+    def __init__(self) -> None:
+        self._began_ns = 0
+        self._count = 0
+
+    def count(self, now_ns: int) -> float:
+        """0 while there is nothing new to tell."""
+        took_ns = now_ns - self._began_ns
+        if not 0 <= took_ns < 10 * NS:  # the first one, or the first after a pause
+            self._began_ns, self._count = now_ns, 0
+            return 0.0
+        self._count += 1
+        if took_ns < NS:
+            return 0.0
+        fps = self._count * NS / took_ns
+        self._began_ns, self._count = now_ns, 0
+        return round(fps, 1)
+
+
+def upright(image: NDArray[numpy.uint8], settings: CameraSettings) -> NDArray[numpy.uint8]:
+    """Turned as the settings say. Raise ``NotAsAsked`` for a picture of another size."""
+    import numpy
+
+    if image.dtype != numpy.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise NotAsAsked(f"it gives {image.dtype} of shape {image.shape}, not bytes in three colours")
+    if settings.rotation:
+        image = numpy.rot90(image, -settings.rotation // 90)
+    height, width, _ = image.shape
+    if settings.width is not None and (width, height) != (settings.width, settings.height):
+        raise NotAsAsked(
+            f"it gives {width} x {height}, and {settings.width} x {settings.height} is asked for. "
+            "give width and height of a size that it has"
+        )
+    return numpy.ascontiguousarray(image)
+
+
+@contextlib.contextmanager
+def _within(seconds: float, what: str) -> Iterator[None]:
+    with trio.move_on_after(seconds) as scope:
+        yield
+    if scope.cancelled_caught:
+        raise Hangs(f"it took more than {seconds:g} s {what}")
+
+
+def main(args: dict[str, Any], sock: socket.socket) -> None:
+    """Entry of a camera's process."""
+    take_name(args["robot"], f"camera {args['settings']['name']}", args["label"])
+    os.nice(NICE)
+    trio.run(_main, args, sock)
+
+
+async def _main(args: dict[str, Any], sock: socket.socket) -> None:
+    robot: str = args["robot"]
+    settings = msgspec.convert(args["settings"], CameraSettings)
+    at = addresses.of(robot)
+    node = Node(f"{robot}.camera.{settings.name}.{os.getpid()}", MonotonicClock())
+    try:
+        ring = FrameRing(args["ring"], writes=True)
+    except NoRing as failure:
+        raise SystemExit(f"camera {settings.name}: {failure}") from None
+    async with trio.open_nursery() as nursery:
+        await nursery.start(node.run)
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
+        await nursery.start(link.run)
+        process = f"camera/{settings.name}"
+        nursery.start_soon(node.cell(at.introspection(process), Introspector, "introspection").run)
+        cell = node.cell(at.path(process), lambda: Camera(settings, ring, partial(_open, args["source"])))
+        try:
+            await cell.run()
+        except Exception as failure:
+            report_failure(f"camera {settings.name}", failure)
+            os._exit(1)  # and its root starts another
+
+
+async def _open(where: str, settings: CameraSettings) -> PictureSource:
+    """``where``: code of others, too. It is imported here, where its failure is told."""
+    source: PictureSource = await load(where)(settings)
+    return source

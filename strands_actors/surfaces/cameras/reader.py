@@ -1,0 +1,144 @@
+"""Who looks at a camera: from the program that has the robot, or from any other process of this
+user."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+
+from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing, Shot
+
+from . import told as words
+from .frames import Frame, Stale
+from .places import cameras_of, ring_path
+from .told import Told
+
+LOOK_S = 0.5
+"""Between two looks for whether a file that has gone silent was replaced."""
+
+
+class CameraReader:
+    """Looks at one camera of one robot, and never waits for it. Follows it through restarts of its
+    process and of its robot. For any thread."""
+
+    def __init__(self, path: str, robot: str, camera: str, bgr: bool = False) -> None:
+        """``bgr``: hand pictures out with blue first."""
+        self.robot = robot
+        self.camera = camera
+        self._path = path
+        self._bgr = bgr
+        self._lock = threading.Lock()
+        self._ring: FrameRing | None = None
+        self._looked_s = 0.0
+        self._closed = False
+
+    def newest(self, max_age_s: float | None = None) -> Frame | Stale:
+        """The newest picture, or why there is none that is new enough. ``max_age_s``: how old it
+        may be; by default three periods of the camera, and at least 0.2 s."""
+        with self._lock:
+            ring = self._open()
+            if ring is None:
+                return Stale(self._missing())
+            stale_ns = ring.stale_ns if max_age_s is None else round(max_age_s * 1e9)
+            shot = ring.read()
+            now_ns = time.monotonic_ns()
+            if shot is None or now_ns - shot.captured_ns > stale_ns:
+                ring = self._open(anew=True)
+                shot = None if ring is None else ring.read()
+                if ring is None or shot is None or now_ns - shot.captured_ns > stale_ns:
+                    return self._stale(ring, shot, now_ns, stale_ns)
+        return _frame(shot, self._bgr)
+
+    def told(self) -> Told:
+        """What the camera says of itself."""
+        with self._lock:
+            ring = self._open()
+            return Told("down", self._missing()) if ring is None else words.decode(ring.told)
+
+    @property
+    def sequence(self) -> int:
+        """The number of the newest picture."""
+        with self._lock:
+            ring = self._open()
+            return 0 if ring is None else ring.newest
+
+    @property
+    def age_s(self) -> float | None:
+        """Of the newest picture; None without one."""
+        with self._lock:
+            ring = self._open()
+            captured_ns = 0 if ring is None else ring.captured_ns
+        return (time.monotonic_ns() - captured_ns) / 1e9 if captured_ns else None
+
+    def close(self) -> None:
+        """Harmless when called again."""
+        with self._lock:
+            self._closed = True
+            self._drop()
+
+    def __enter__(self) -> CameraReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _open(self, anew: bool = False) -> FrameRing | None:
+        """The file, if there is one. ``anew``: nothing comes in this one; maybe there is another."""
+        if self._closed:
+            return None
+        now_s = time.monotonic()
+        if self._ring is not None and not anew:
+            return self._ring
+        if now_s - self._looked_s < LOOK_S and self._looked_s:
+            return self._ring
+        self._looked_s = now_s
+        if self._ring is not None and self._ring.is_current:
+            return self._ring
+        self._drop()
+        with contextlib.suppress(NoRing):
+            self._ring = FrameRing(self._path)
+        return self._ring
+
+    def _drop(self) -> None:
+        if self._ring is not None:
+            self._ring.close()
+            self._ring = None
+
+    def _missing(self) -> str:
+        if self._closed:
+            return "this reader was closed"
+        return f"no camera {self.camera!r} of {self.robot} runs"
+
+    def _stale(self, ring: FrameRing | None, shot: Shot | None, now_ns: int, stale_ns: int) -> Stale:
+        if ring is None:
+            return Stale(self._missing())
+        told = words.decode(ring.told)
+        known = f"it is {told.state}{': ' if told.why else ''}{told.why}"
+        if shot is None:
+            return Stale(f"there is no picture yet. {known}")
+        age_s = (now_ns - shot.captured_ns) / 1e9
+        old = f"the newest picture is {age_s * 1e3:.0f} ms old, more than {stale_ns / 1e6:.0f}"
+        return Stale(f"{old}. {known}", age_s, shot.number)
+
+
+def attach_camera(robot: str, camera: str) -> CameraReader:
+    """Look at a camera of a robot that another process of this user runs. Its pictures are RGB,
+    whatever its ``color_mode``. Raise ``ConnectionError`` when there is no such camera."""
+    known = cameras_of(robot) if _is_name(robot) else []
+    if camera not in known:
+        there = f"there are {', '.join(known)}" if known else f"no robot {robot!r} with cameras runs here"
+        raise ConnectionError(f"attach_camera: {robot!r} has no camera {camera!r}. {there}")
+    return CameraReader(str(ring_path(robot, camera)), robot, camera)
+
+
+def _is_name(robot: object) -> bool:
+    return isinstance(robot, str) and robot != "" and os.sep not in robot and "*" not in robot
+
+
+def _frame(shot: Shot, bgr: bool) -> Frame:
+    import numpy
+
+    image = numpy.frombuffer(shot.data, numpy.uint8).reshape(shot.height, shot.width, 3)
+    return Frame(numpy.ascontiguousarray(image[:, :, ::-1]) if bgr else image, shot.captured_ns, shot.number)

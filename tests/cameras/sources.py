@@ -1,0 +1,113 @@
+"""Stand-ins for what gives pictures, to be opened in a camera's own process.
+
+What each does beside giving pictures is told by the file that ``view`` names.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import trio
+
+from strands_actors.contract.cameras import CameraSettings, Picture
+from strands_actors.contract.driver import WireDown
+
+SIZE = 48, 32
+
+
+def picture(count: int, settings: CameraSettings) -> Picture:
+    """Red counts the pictures; blue is 200 in the upper left corner alone."""
+    width, height = settings.captured_size if settings.width else SIZE
+    image = np.zeros((height, width, 3), np.uint8)
+    image[:, :, 0] = count % 256
+    image[0, 0, 2] = 200
+    return Picture(image, time.monotonic_ns())
+
+
+def _is_there(settings: CameraSettings) -> bool:
+    return Path(settings.view).exists()
+
+
+class Steady:
+    """As many as the settings say."""
+
+    paced = False
+
+    def __init__(self, settings: CameraSettings) -> None:
+        self.settings = settings
+        self.count = 0
+
+    async def read(self) -> Picture:
+        self.count += 1
+        return picture(self.count, self.settings)
+
+    async def aclose(self) -> None:
+        pass
+
+
+class Flood(Steady):
+    """As many as there is a processor for."""
+
+    paced = True
+
+
+class Plugged(Steady):
+    """Only while its file is there."""
+
+    async def read(self) -> Picture:
+        if not _is_there(self.settings):
+            raise WireDown("it was unplugged")
+        return await super().read()
+
+
+class Broken(Steady):
+    """What a driver of a user's own may do."""
+
+    async def read(self) -> Picture:
+        if self.count >= 3:
+            raise ZeroDivisionError("of a user's own code")
+        return await super().read()
+
+
+class Wide(Steady):
+    """Another size than the one that was asked for."""
+
+    async def read(self) -> Picture:
+        image = np.zeros((40, 80, 3), np.uint8)
+        return Picture(image, time.monotonic_ns())
+
+
+async def steady(settings: CameraSettings) -> Steady:
+    return Steady(settings)
+
+
+async def flood(settings: CameraSettings) -> Steady:
+    return Flood(settings)
+
+
+async def plugged(settings: CameraSettings) -> Steady:
+    if not _is_there(settings):
+        raise WireDown("it is not plugged in")
+    return Plugged(settings)
+
+
+async def broken(settings: CameraSettings) -> Steady:
+    return Broken(settings)
+
+
+async def wide(settings: CameraSettings) -> Steady:
+    return Wide(settings)
+
+
+async def once(settings: CameraSettings) -> Steady:
+    """One picture, and then nothing, for ever."""
+
+    class Once(Steady):
+        async def read(self) -> Picture:
+            if self.count:
+                await trio.sleep_forever()
+            return await super().read()
+
+    return Once(settings)

@@ -1,0 +1,155 @@
+"""The file in which pictures lie: one process writes it, any number read, and nobody waits."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from strands_actors.kernel.channels.frame_ring import (
+    COMPRESSED_ROOM,
+    HEAD,
+    PAGE,
+    SLOTS,
+    FrameRing,
+    NoRing,
+    Shot,
+    create,
+)
+
+SIDE = 256
+BYTES = SIDE * SIDE * 3
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> str:
+    create(str(tmp_path / "ring"), BYTES, 200_000_000)
+    return str(tmp_path / "ring")
+
+
+def put(ring: FrameRing, value: int, captured_ns: int = 0) -> int:
+    return ring.put(captured_ns or time.monotonic_ns(), SIDE, SIDE, memoryview(bytes([value]) * BYTES))
+
+
+def test_what_was_put_last_is_what_is_read(path: str) -> None:
+    writer, reader = FrameRing(path, writes=True), FrameRing(path)
+    assert reader.read() is None
+    assert (reader.newest, reader.captured_ns, reader.stale_ns) == (0, 0, 200_000_000)
+    for number in range(1, 3 * SLOTS):
+        assert put(writer, number, 1000 + number) == number
+        assert reader.read() == Shot(number, 1000 + number, SIDE, SIDE, bytearray([number]) * BYTES)
+        assert reader.captured_ns == 1000 + number
+
+
+def test_a_picture_is_whole_however_fast_it_is_replaced(path: str) -> None:
+    """Every byte of a picture is the same; one that was torn would have two."""
+    reader = FrameRing(path)
+    numbers = set()
+    other = multiprocessing.get_context("fork").Process(target=_write_for, args=(path, 1.0))
+    other.start()
+    try:
+        while other.is_alive():
+            shot = reader.read()
+            if shot is not None:
+                assert len(set(bytes(shot.data))) == 1
+                numbers.add(shot.number)
+    finally:
+        other.kill()
+        other.join()
+    assert len(numbers) > 3
+
+
+def _write_for(path: str, seconds: float) -> None:
+    ring = FrameRing(path, writes=True)
+    until_s, value = time.monotonic() + seconds, 0
+    while time.monotonic() < until_s:
+        value = (value + 1) % 256
+        put(ring, value)
+
+
+def test_a_writer_that_ends_in_the_middle_leaves_the_picture_before_it(path: str) -> None:
+    writer, reader = FrameRing(path, writes=True), FrameRing(path)
+    for value in range(1, 6):
+        put(writer, value)
+    # what a process that was killed while it wrote number 6 leaves
+    slot = PAGE + (6 % SLOTS) * (HEAD + BYTES)
+    with open(path, "r+b") as file:
+        file.seek(slot)
+        file.write((11).to_bytes(8, "little"))
+        file.seek(slot + HEAD)
+        file.write(b"\xff" * 1000)
+    shot = reader.read()
+    assert shot is not None
+    assert (shot.number, set(shot.data)) == (5, {5})
+    successor = FrameRing(path, writes=True)
+    assert put(successor, 7) == 6
+    shot = reader.read()
+    assert shot is not None
+    assert (shot.number, set(shot.data)) == (6, {7})
+
+
+def test_a_picture_that_is_too_large_is_refused_by_its_size(path: str) -> None:
+    writer = FrameRing(path, writes=True)
+    with pytest.raises(ValueError, match=r"a picture of 512 x 256 is 393216 bytes, more than .* give width and"):
+        writer.put(1, 256, 512, memoryview(bytes(256 * 512 * 3)))
+    assert writer.newest == 0
+
+
+def test_what_is_set_aside_takes_no_memory_until_it_is_used(tmp_path: Path) -> None:
+    path = str(tmp_path / "large")
+    create(path, 4096 * 4096 * 3, 1)
+    assert os.stat(path).st_size > 4096 * 4096 * 3 * SLOTS
+    assert os.stat(path).st_blocks * 512 < 1 << 20
+
+
+def test_who_reads_cannot_write(path: str) -> None:
+    reader = FrameRing(path)
+    with pytest.raises(TypeError):
+        reader.beat(1)
+
+
+def test_what_a_source_says_of_itself(path: str) -> None:
+    writer, reader = FrameRing(path, writes=True), FrameRing(path)
+    assert (reader.told, reader.beaten_ns) == (b"", 0)
+    writer.tell(b"well")
+    writer.beat(7)
+    assert (reader.told, reader.beaten_ns) == (b"well", 7)
+    writer.tell(b"x" * PAGE)
+    assert set(reader.told) == {ord("x")}
+
+
+def test_compressed_pictures_lie_beside_and_only_if_they_fit(path: str) -> None:
+    writer, reader = FrameRing(path, writes=True), FrameRing(path)
+    assert reader.read_compressed() is None
+    writer.want(99)
+    assert reader.wanted_until_ns == 99
+    assert writer.put_compressed(Shot(4, 44, SIDE, SIDE, b"jpeg"))
+    assert reader.read_compressed() == Shot(4, 44, SIDE, SIDE, b"jpeg")
+    assert not writer.put_compressed(Shot(5, 55, SIDE, SIDE, bytes(COMPRESSED_ROOM + 1)))
+    assert reader.newest_compressed == 4
+
+
+def test_a_file_that_was_replaced_is_known_as_such(path: str) -> None:
+    reader = FrameRing(path)
+    assert reader.is_current
+    create(path, BYTES, 1)
+    assert not reader.is_current
+    os.unlink(path)
+    assert not reader.is_current
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * PAGE, bytes(3 * PAGE)])
+def test_what_is_no_ring_is_refused(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "file"
+    file.write_bytes(content)
+    with pytest.raises(NoRing, match="is no ring of pictures"):
+        FrameRing(str(file))
+
+
+def test_a_link_is_not_followed(path: str, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(path)
+    with pytest.raises(NoRing):
+        FrameRing(str(tmp_path / "link"))
