@@ -23,19 +23,20 @@ TIMEOUT_S = 240.0
 TRIES = 3
 
 
-LIMIT = """Ours is one process more on the way than a client in the caller's own thread: the command crosses from the caller
-to the wire process and through its gates (see `setpoint`). Goals are the bounds that the drivers publish; of a twin
-that goes on, that of a link that is back. What the figures do not show: a client's call blocks its own thread, so that
-a script of one thread stops when its last command has been answered, and no sooner; here every stop comes from a thread
-of its own, 50 ms after a command was begun, which is kind to the clients. Killed or computing, a client's process stops
-nothing: that is what the process more is for. `frozen call` is until the stop came back, of a twin frozen for 1 s:
-ours comes back with what was confirmed and what not, theirs with an answer, an error or nothing. Stops are not alike:
-ours of a Crazyflie is a landing and cflib's a hover, the clients of panda and fr3 ask for StopMove, the REST client of a
-Reachy asks what runs and ends that. Setpoints of panda and fr3 are from the call to the request to move, of a Kinova
-to the first speeds that are new, of an iiwa to the next answer that the controller asks for (every 10 ms on the twin).
-`wire` is what has the wire, `all` that and root, standby and caller; of a client it is the script with the client in
-it. Shares are of one core at the control rate, of panda and fr3 during one motion at 1 kHz. The twin, which is not
-counted, runs on the same two cores; a kernel gives no more than 10 ms of resolution."""
+LIMIT = """Ours is one process more on the way than a client in the caller's own thread: the command crosses from
+the caller to the wire process and through its gates (see `setpoint`). Goals are the bounds that the drivers
+publish; of a twin that goes on, that of a link that is back. What the figures do not show: a client's call blocks
+its own thread, so that a script of one thread stops when its last command has been answered, and no sooner; here
+every stop comes from a thread of its own, 50 ms after a command was begun, which is kind to the clients. Killed or
+computing, a client's process stops nothing: that is what the process more is for. `frozen call` is until the stop
+came back, of a twin frozen for 1 s: ours comes back with what was confirmed and what not, theirs with an answer, an
+error or nothing. Stops are not alike: ours of a Crazyflie is a landing and cflib's a hover, the clients of panda
+and fr3 ask for StopMove, the REST client of a Reachy asks what runs and ends that. Setpoints of panda and fr3 are
+from the call to the request to move, of a Kinova to the first speeds that are new, of an iiwa to the next answer
+that the controller asks for (every 10 ms on the twin). `wire` is what has the wire, `all` that and root, standby
+and caller; of a client it is the script with the client in it. Shares are of one core at the control rate, of panda
+and fr3 during one motion at 1 kHz. The twin, which is not counted, runs on the same two cores; a kernel gives no
+more than 10 ms of resolution."""
 
 
 @dataclass(frozen=True)
