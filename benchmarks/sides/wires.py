@@ -6,8 +6,10 @@ processor time of who moves it, in a stream at HZ. Of a robot behind a service a
 twin (PID) that is frozen, from when it goes on; and, by LATE_PORT, of one whose answers are late
 while there is the file FLAG (``late_answers``).
 
-A stop comes from a thread of its own, 50 ms after a command was begun, whether or not the client
-has come back from that."""
+Each command that is stopped has a thread of its own, and the stop comes 50 ms after it was begun,
+whether or not the client has come back from that.
+
+``wires quicker LENGTH ROBOT USUAL_HZ HZ PORT``: the processor time of ours at another rate."""
 
 from __future__ import annotations
 
@@ -248,5 +250,18 @@ def main(who: str, length: str, robot: str, hz: str, port: str, log_path: str, *
     os._exit(0)  # a vendor's threads would keep it
 
 
+def quicker(length: str, robot: str, usual_hz: str, hz: str, port: str) -> None:
+    """Ours at another control rate: the processor alone."""
+    ours = importlib.import_module(f"{__package__}.wire_clients.ours")
+    hand: Hand = ours.Client(robot, port, scale=(float(usual_hz) / float(hz)) ** 2, control_frequency=float(hz))
+    hand.setpoint(0)
+    found = shares(hand, float(hz), STREAM_S[length])
+    hand.close()
+    print(json.dumps({f"at_{float(hz):g}_hz_wire_pct": found["wire_pct"]}), flush=True)
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if sys.argv[1] == "quicker":
+        quicker(*sys.argv[2:])
+    else:
+        main(*sys.argv[1:])

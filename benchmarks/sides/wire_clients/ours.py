@@ -39,12 +39,16 @@ PATIENCE_S = 40.0
 
 
 class Client(Hand):
-    def __init__(self, robot: str, port: str, **options: Any) -> None:
+    """``scale``: of its steps, which a quicker stream has to make smaller. ``options``: of the
+    robot."""
+
+    def __init__(self, robot: str, port: str, scale: float = 1.0, **options: Any) -> None:
         at_home()
         self.pause_s = SETTLES_S.get(robot, 0.0)
         self._name = robot
         self._robot: Any = Robot(robot, mode="real", port=port, **options)
-        self._key, self._step = STEPS[robot]
+        self._key, step = STEPS[robot]
+        self._step = step * scale
         for _ in range(3):  # a robot that a busy machine lets wait counts as silent
             if (problem := self._robot.connect_eagerly()) is None:
                 break
