@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.drivers.stretch import vendor
+
 PLACE = Path(__file__).resolve().parent / ".peers"
 
 
@@ -27,6 +29,8 @@ class Peer:
     alone: tuple[str, ...] = ()
     proof: str = ""
     """An import that must succeed."""
+    empty: tuple[str, ...] = ()
+    """Modules that are imported, and used for nothing here."""
 
 
 PEERS = {
@@ -58,6 +62,11 @@ PEERS = {
     ),
     # the release that Unitree's SDK asks for; its wheels end at this Python
     "cyclonedds": Peer("3.10", ("cyclonedds==0.10.2",), (), "cyclonedds.idl"),
+    # GPL: it stays in here
+    "cflib": Peer("3.11", ("cflib==0.1.34",), (), "cflib.crazyflie"),
+    "microduck": Peer("3.12", ("microduck-cli==0.9.7",), (), "microduck_cli.ipc.client"),
+    # what it says that it needs has audio, point clouds and a camera's SDK besides
+    "stretch_body": Peer("3.11", vendor.NEEDS, (vendor.CLIENT,), "stretch_body, aioserial", vendor.NOT_THERE),
 }
 
 
@@ -84,6 +93,9 @@ def make(name: str) -> None:
     subprocess.run([*install, *peer.packages], check=True)
     if peer.alone:
         subprocess.run([*install, "--no-deps", *peer.alone], check=True)
+    for name in peer.empty:
+        (site,) = place.glob("lib/python*/site-packages")
+        (site / f"{name}.py").touch()
     subprocess.run([interpreter, "-c", f"import {peer.proof}"], check=True)
     (place / "ready").touch()
 

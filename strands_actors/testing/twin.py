@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -34,10 +34,15 @@ _REGISTER = "from strands_actors.testing.registering import register; register({
 
 class Twin:
     """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line.
-    ``driver``: its class, when that is no part of this package."""
+    ``driver``: its class, when that is no part of this package. ``options``: of its twin."""
 
     def __init__(
-        self, robot: str, directory: Path, fault: str | None = None, driver: type[Driver] | None = None
+        self,
+        robot: str,
+        directory: Path,
+        fault: str | None = None,
+        driver: type[Driver] | None = None,
+        options: Mapping[str, object] | None = None,
     ) -> None:
         self.robot = robot
         self.log = WireLog(directory / "wire.ndjson")
@@ -45,6 +50,7 @@ class Twin:
         self._port_file = directory / "port"
         self._errors = directory / "twin.err"
         self._fault = fault
+        self._options = options or {}
         self._program = _PROGRAM
         if driver is not None:
             self._program = _REGISTER.format(where=where_is(driver), robot=robot) + _PROGRAM
@@ -53,6 +59,8 @@ class Twin:
         arguments = ["twin", self.robot, "--port-file", str(self._port_file), "--log", str(self.log.path)]
         if self._fault is not None:
             arguments += ["--fault", self._fault]
+        for name, value in self._options.items():
+            arguments += ["--option", f"{name}={value}"]
         theirs, self._ours = os.pipe()  # ends with this process, however that ends
         with self._errors.open("w") as errors, open(theirs, "rb") as parent:
             self.process = subprocess.Popen(

@@ -1,0 +1,59 @@
+"""pylibfranka: the caller has the 1 kHz loop."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+
+import pylibfranka as franka
+
+from .hand import Hand, wave
+
+STEP_RAD = 0.03
+FAR_RAD = 1.0
+SPEED_RAD_S = 0.4
+
+
+class Client(Hand):
+    def __init__(self, robot: str, port: str) -> None:
+        self._robot = franka.Robot(port.partition(":")[0], franka.RealtimeConfig.kIgnore)
+        self._here = list(self._robot.read_once().q)
+
+    def _go(self, far: float) -> int:
+        """Along a cosine, so slowly that no guard minds; back when it is there."""
+        seconds = max(0.3, 1.6 * abs(far) / SPEED_RAD_S)
+        began_ns = time.monotonic_ns()
+        active = self._robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+        start: list[float] = []
+        elapsed_s = 0.0
+        goal = self._here[0] + far
+        while elapsed_s < seconds:
+            state, duration = active.readOnce()
+            start = start or list(state.q_d)
+            elapsed_s += duration.to_sec()
+            share = (1 - math.cos(math.pi * min(1.0, elapsed_s / seconds))) / 2
+            command = franka.JointPositions([start[0] + share * (goal - start[0]), *start[1:]])
+            command.motion_finished = elapsed_s >= seconds
+            active.writeOnce(command)
+        return began_ns
+
+    def setpoint(self, number: int) -> int:
+        return self._go(STEP_RAD * wave(number))
+
+    def move(self, number: int) -> None:
+        self._go(-FAR_RAD if self._here[0] > 0 else FAR_RAD)
+
+    def stop(self) -> None:
+        self._robot.stop()
+
+    def again(self) -> None:
+        self._here = list(self._robot.read_once().q)
+
+    def stream(self, hz: float, seconds: float) -> None:
+        moving = threading.Thread(target=self.move, args=(0,), daemon=True)
+        moving.start()
+        time.sleep(seconds)
+        self.stop()
+        moving.join()
+        self.again()

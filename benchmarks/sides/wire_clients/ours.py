@@ -1,0 +1,113 @@
+"""This package, the same lines for every robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.stage import at_home
+from strands_actors import Robot
+
+from .hand import Hand, wave
+
+STEPS = {
+    "xarm7": ("joint1", 0.03),
+    "kinova_gen3": ("joint_1", 0.015),
+    "kuka_iiwa": ("joint1", 0.012),
+    "panda": ("joint1", 0.03),
+    "fr3": ("fr3_joint1", 0.03),
+    "spot": ("vx", 0.3),
+    "rby1": ("torso_5", 0.03),
+    "reachy_mini": ("head_yaw", 6.0),
+    "microduck": ("vx", 0.15),
+    "earthrover": ("linear", 0.3),
+    "yahboom_m3pro": ("linear.x", 0.3),
+    "booster_t1": ("left_elbow_pitch", 0.06),
+    "crazyflie": ("vx", 0.2),
+    "stretch3": ("lift", 0.02),
+}
+"""The key that is commanded, and how far, in the driver's units: small enough for every gate."""
+SPEEDS = ("vx", "linear", "linear.x")
+"""Keys whose commands are no positions."""
+FAR = {"panda": 1.0, "fr3": 1.0, "reachy_mini": 25.0}
+"""How far a motion of its own goes."""
+SETTLES_S = {"kinova_gen3": 0.3, "kuka_iiwa": 0.06, "panda": 0.7, "fr3": 0.7}
+"""After which a step of an arm that is led to its target is over."""
+PATIENCE_S = 40.0
+
+
+class Client(Hand):
+    """``scale``: of its steps, which a quicker stream has to make smaller. ``options``: of the
+    robot."""
+
+    def __init__(self, robot: str, port: str, scale: float = 1.0, **options: Any) -> None:
+        at_home()
+        self.pause_s = SETTLES_S.get(robot, 0.0)
+        self._name = robot
+        self._robot: Any = Robot(robot, mode="real", port=port, **options)
+        self._key, step = STEPS[robot]
+        self._step = step * scale
+        for _ in range(3):  # a robot that a busy machine lets wait counts as silent
+            if (problem := self._robot.connect_eagerly()) is None:
+                break
+        if problem is not None:
+            raise RuntimeError(problem)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        name = self._robot.driver.BEFORE_MOTION
+        if name:
+            self._until(lambda: self._robot.service(name), name)
+        seen = self._robot.get_observation()
+        self._others = dict(seen) if self._robot.driver.WHOLE_ACTIONS else {}
+        self._here = 0.0 if self._key in SPEEDS else seen[self._key]
+
+    def _until(self, ask: Callable[[], Any], what: str) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while (answer := ask())["status"] != "success":
+            if time.monotonic() > until_s:
+                raise RuntimeError(f"{what}: {answer}")
+            time.sleep(0.05)
+
+    def setpoint(self, number: int) -> int:
+        return self._send(self._step * wave(number))
+
+    def _send(self, far: float) -> int:
+        action = {**self._others, self._key: self._here + far}
+        began_ns = time.monotonic_ns()
+        answer = self._robot.send_action(action)
+        if answer["status"] != "success":
+            raise RuntimeError(str(answer))
+        return began_ns
+
+    def move(self, number: int) -> None:
+        far = FAR.get(self._name)
+        if far is None:
+            self.setpoint(number)
+        else:
+            self._send(-far if self._here > 0 else far)
+
+    def stop(self) -> None:
+        self._robot.stop()
+
+    def again(self) -> None:
+        self._until(self._robot.resume, "resume")
+        self._prepare()
+
+    def stream(self, hz: float, seconds: float) -> None:
+        if self._robot.driver.WHOLE_ACTIONS:  # one motion, whose cycle is the wire's
+            self.move(0)
+            time.sleep(seconds)
+        else:
+            super().stream(hz, seconds)
+
+    def pids(self) -> tuple[list[int], list[int]]:
+        roles = {each["role"]: each["pid"] for each in self._robot.tree()["processes"]}
+        wire = roles.pop("wire")
+        children = Path(f"/proc/{wire}/task/{wire}/children").read_text().split()
+        return [wire, *map(int, children)], list(roles.values())
+
+    def close(self) -> None:
+        self._robot.cleanup()

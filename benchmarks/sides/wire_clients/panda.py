@@ -1,0 +1,48 @@
+"""panda-python, which has libfranka 0.9 in it."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import panda_py
+from panda_py import libfranka
+
+from .hand import Hand, wave
+
+STEP_RAD = 0.03
+FAR_RAD = 1.0
+
+
+class Client(Hand):
+    """A call moves the arm to its goal and comes back when it is there."""
+
+    def __init__(self, robot: str, port: str) -> None:
+        self._panda = panda_py.Panda(port.partition(":")[0], realtime_config=libfranka.RealtimeConfig.kIgnore)
+        self._here = list(self._panda.q)
+
+    def _go(self, far: float) -> int:
+        goal = [self._here[0] + far, *self._here[1:]]
+        began_ns = time.monotonic_ns()
+        self._panda.move_to_joint_position(goal, speed_factor=0.2)
+        return began_ns
+
+    def setpoint(self, number: int) -> int:
+        return self._go(STEP_RAD * wave(number))
+
+    def move(self, number: int) -> None:
+        self._go(-FAR_RAD if self._here[0] > 0 else FAR_RAD)
+
+    def stop(self) -> None:
+        self._panda.get_robot().stop()
+
+    def again(self) -> None:
+        self._here = list(self._panda.get_state().q)
+
+    def stream(self, hz: float, seconds: float) -> None:
+        moving = threading.Thread(target=self.move, args=(0,), daemon=True)
+        moving.start()
+        time.sleep(seconds)
+        self.stop()
+        moving.join()
+        self.again()

@@ -1,0 +1,179 @@
+"""The wires that came after the first five: a command, a stop and the processor, beside the client
+that each robot's users mostly have."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from strands_actors.testing import Twin
+from strands_actors.testing.bench import driver_of
+from strands_actors.testing.faults import RETURN_S
+
+from . import peers
+from .house import HOUSE, OURS, Figures, Goal, Question, Side, beside
+
+OTHERS = "the usual client"
+TIMEOUT_S = 240.0
+TRIES = 3
+
+
+LIMIT = """Ours is one process more on the way than a client in the caller's own thread: the command crosses from
+the caller to the wire process and through its gates (see `setpoint`). Goals are the bounds that the drivers
+publish; of a twin that goes on, that of a link that is back. What the figures do not show: a client's call blocks
+its own thread, so that a script of one thread stops when its last command has been answered, and no sooner; here
+every command that is stopped has a thread of its own, and the stop comes 50 ms after it, which is kind to clients.
+Killed or computing, a client's process stops nothing: that is what the process more is for. `frozen call` is until
+the stop came back, of a twin frozen for 1 s: ours comes back with what was confirmed and what not, theirs with an
+answer, an error or nothing. Stops are not alike: ours of a Crazyflie is a landing and cflib's a hover, the clients
+of panda and fr3 ask for StopMove, the REST client of a Reachy asks what runs and ends that. Setpoints of panda and
+fr3 are from the call to the request to move, of a Kinova to the first speeds that are new, of an iiwa to the next
+answer that the controller asks for (every 10 ms on the twin). `wire` is what has the wire, `all` that and root,
+standby and caller; of a client it is the script with the client in it. Shares are of one core at the control rate,
+of panda and fr3 during one motion at 1 kHz. The twin, which is not counted, runs on the same two cores; a kernel
+gives no more than 10 ms of resolution."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """``client``: a module of ``sides/wire_clients``; empty: there is none to be had. ``peer``: the
+    environment it runs in; empty: ours. ``service``: the robot is a client of somebody's server.
+    ``twin``: options that this client needs."""
+
+    client: str = ""
+    peer: str = ""
+    service: bool = False
+    twin: Mapping[str, object] = field(default_factory=dict)
+
+
+WIRES: dict[str, Compared] = {
+    "xarm7": Compared("xarm"),
+    "kinova_gen3": Compared(),  # the vendor's client is on no package index
+    "kuka_iiwa": Compared(),  # the vendor's licence ties its client to its robots
+    "panda": Compared("panda"),
+    "fr3": Compared("fr3"),
+    "spot": Compared("spot", service=True),
+    "rby1": Compared("rby1", service=True),
+    "reachy_mini": Compared("reachy", service=True),
+    "microduck": Compared("microduck", "microduck", service=True),
+    "earthrover": Compared("earthrover", service=True),
+    "yahboom_m3pro": Compared("yahboom", service=True),
+    "booster_t1": Compared("booster", twin={"domain": 91, "multicast": True, "host": "127.0.0.1"}),
+    "crazyflie": Compared("crazyflie", "cflib"),
+    "stretch3": Compared("stretch", "stretch_body"),
+}
+
+
+QUICKER: dict[str, tuple[float, Mapping[str, object]]] = {
+    "xarm7": (250.0, {}),
+    "kinova_gen3": (100.0, {}),
+    "kuka_iiwa": (100.0, {"sample_ms": 2}),
+}
+"""The quickest control rate that an arm's driver takes, and what its twin needs for that."""
+
+
+def at_twin(robot: str, who: str, length: str) -> Figures:
+    """One side at one robot's twin."""
+    compared = WIRES[robot]
+    ours = who == OURS
+    python = {} if ours or not compared.peer else {"python": peers.python(compared.peer)}
+    hz = driver_of(robot).timing.control_hz
+    with ExitStack() as stack:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sa-")))
+        twin = stack.enter_context(Twin(robot, directory, options={} if ours else compared.twin))
+        service: list[str] = []
+        if compared.service:
+            flag = directory / "late"
+            line = stack.enter_context(LateLine(twin.port, directory, flag))
+            service = [str(twin.process.pid), line.port, str(flag)]
+        return beside(
+            "benchmarks.sides.wires",
+            *(who if ours else compared.client, length, robot, str(hz), twin.port, str(twin.log.path), *service),
+            timeout_s=TIMEOUT_S,
+            **python,
+        )
+
+
+def at_quicker_twin(robot: str, who: str, length: str) -> Figures:
+    """Ours at the quickest control rate there is."""
+    hz, options = QUICKER[robot]
+    usual_hz = driver_of(robot).timing.control_hz
+    with (
+        tempfile.TemporaryDirectory(prefix="sa-") as directory,
+        Twin(robot, Path(directory), options=options) as twin,
+    ):
+        return beside("benchmarks.sides.wires", "quicker", length, robot, str(usual_hz), str(hz), twin.port)
+
+
+def patiently(ask: Callable[[str, str, str], Figures], robot: str, who: str, length: str) -> Figures:
+    """Again, and said so, when a machine that is busy with others starts something too late."""
+    for left in reversed(range(TRIES)):
+        try:
+            return ask(robot, who, length)
+        except (RuntimeError, TimeoutError) as late:
+            if not left:
+                raise
+            print(f"{robot}, {who}, is tried again: {late}", file=sys.stderr, flush=True)
+    raise AssertionError
+
+
+class LateLine:
+    """``sides.late_answers`` before a twin, as long as the ``with`` block; the twin's port, and
+    what stands behind a ?, through it."""
+
+    def __init__(self, port: str, directory: Path, flag: Path) -> None:
+        self._there, query, self._more = port.partition("?")
+        self._more = query + self._more
+        host = self._there.rpartition(":")[0]
+        here = f"{host}:0" if host else str(directory / "late.sock")
+        self._command = [sys.executable, "-m", "benchmarks.sides.late_answers", here, self._there, str(flag)]
+
+    def __enter__(self) -> LateLine:
+        self._line = subprocess.Popen(self._command, cwd=HOUSE.parent, stdout=subprocess.PIPE, text=True)
+        assert self._line.stdout is not None
+        self.port = self._line.stdout.readline().strip() + self._more
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.kill()
+        self._line.communicate()
+
+
+def side(who: str) -> Side:
+    def ask(short: bool) -> Figures:
+        figures: Figures = {}
+        length = "short" if short else "long"
+        for robot, compared in WIRES.items():
+            asked = [at_twin] if who == OURS or compared.client else []
+            asked += [at_quicker_twin] if who == OURS and robot in QUICKER else []
+            for ask_one in asked:
+                found = patiently(ask_one, robot, who, length)
+                figures |= {f"{robot}_{figure}": value for figure, value in found.items()}
+        return figures
+
+    return ask
+
+
+def goals_of(robot: str) -> tuple[Goal, ...]:
+    """The bound that its driver publishes, for each stop; of a twin that goes on, that of a link that
+    is back."""
+    bound_ms = driver_of(robot).bound_s * 1e3
+    goals = {"stop_worst_ms": bound_ms}
+    if WIRES[robot].service:
+        goals |= {"late_stop_worst_ms": bound_ms, "frozen_stop_worst_ms": RETURN_S * 1e3}
+    return tuple(Goal(f"{robot}_{figure}", "", at_most=at_most) for figure, at_most in goals.items())
+
+
+QUESTION = Question(
+    name="wires",
+    title="A command, a stop and the processor on the wires that came later",
+    sides={OURS: side(OURS), OTHERS: side("other")},
+    goals=tuple(goal for robot in WIRES for goal in goals_of(robot)),
+    limit=LIMIT,
+    rounds=1,
+)
