@@ -38,6 +38,7 @@ class Identity(msgspec.Struct, frozen=True):
     min_voltage_v: float
     max_voltage_v: float
     torque: bool
+    speed_limit: int  # counts/s on the way to a goal; 0: none
     locked: bool
     voltage_v: float
     temperature_c: float
@@ -73,6 +74,7 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
         min_voltage_v=tenths(protocol.MIN_VOLTAGE, eeprom, 0),
         max_voltage_v=tenths(protocol.MAX_VOLTAGE, eeprom, 0),
         torque=bool(protocol.TORQUE_ENABLE.decode(ram, _RAM)),
+        speed_limit=protocol.GOAL_VELOCITY.decode(ram, _RAM),
         locked=bool(protocol.LOCK.decode(ram, _RAM)),
         voltage_v=tenths(protocol.VOLTAGE, ram, _RAM),
         temperature_c=float(protocol.TEMPERATURE.decode(ram, _RAM)),
@@ -98,10 +100,18 @@ async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
         await _set(bus, axis, protocol.RETURN_DELAY, 0)
 
 
+async def lift_speed_limit(bus: Bus, axis: Axis) -> None:
+    """What another program left in the goal velocity would make every setpoint of ours late. Raise
+    ``WireDown``."""
+    await _set(bus, axis, protocol.GOAL_VELOCITY, 0)
+
+
 async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) -> None:
     await command(bus, axis, protocol.write(axis.id, register, value), f"a write to register {register.address}")
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
     """For ``status``: by axis key."""
-    return facts_of({axis.key: servos[axis.id] for axis in axes})
+    limited = {axis.key: servos[axis.id].speed_limit for axis in axes if servos[axis.id].speed_limit}
+    found = facts_of({axis.key: servos[axis.id] for axis in axes})
+    return {**found, "speed_limit": dict(limited)} if limited else found

@@ -74,22 +74,29 @@ MAX_VOLTAGE = Register(14)  # 0.1 V
 MIN_VOLTAGE = Register(15)
 MAX_TORQUE = Register(16, 2)
 PHASE = Register(18)
-UNLOAD_CONDITION = Register(19)
+UNLOAD_CONDITION = Register(19)  # bits of the error byte that take the torque away
+LED_ALARM = Register(20)
 P_GAIN = Register(21)
 D_GAIN = Register(22)
 I_GAIN = Register(23)
+MIN_START_FORCE = Register(24, 2)
+CLOCKWISE_DEAD_ZONE, COUNTER_DEAD_ZONE = Register(26), Register(27)
 PROTECTION_CURRENT = Register(28, 2)
+ANGULAR_RESOLUTION = Register(30)
 HOMING_OFFSET = Register(31, 2, 11)
 MODE = Register(33)
 PROTECTIVE_TORQUE = Register(34)
 PROTECTION_TIME = Register(35)
 OVERLOAD_TORQUE = Register(36)
+VELOCITY_P = Register(37)
+OVERCURRENT_TIME = Register(38)  # 10 ms
+VELOCITY_I = Register(39)
 # RAM
 TORQUE_ENABLE = Register(40)
 ACCELERATION = Register(41)
 GOAL_POSITION = Register(42, 2, 15)
-GOAL_TIME = Register(44, 2)
-GOAL_VELOCITY = Register(46, 2, 15)
+GOAL_TIME = Register(44, 2, 10)  # in mode 2 the share of its power, 0.1 %
+GOAL_VELOCITY = Register(46, 2, 15)  # counts/s; on the way to a goal the speed limit, 0: none
 TORQUE_LIMIT = Register(48, 2)
 LOCK = Register(55)
 # read only
@@ -105,6 +112,8 @@ CURRENT = Register(69, 2)
 TABLE_SIZE = 90
 EEPROM_END = 40
 READ_ONLY = frozenset((*range(5), *range(56, 72)))
+POSITION_MODE, VELOCITY_MODE, PWM_MODE, STEP_MODE = range(4)
+
 MIDDLE_IS_HERE = 128
 """Written to TORQUE_ENABLE: make the present position the middle (assumed for all STS firmware)."""
 

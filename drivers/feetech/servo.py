@@ -26,11 +26,14 @@ FELT_LAYOUT = struct.Struct("<HHHBBxBBxxH")
 """Position, velocity, load, voltage, temperature, status, moving, current: packed at once, because
 every reading of six servos would otherwise cost fifty register writes."""
 
-ERROR_VOLTAGE, ERROR_OVERHEAT, ERROR_OVERLOAD = 1, 4, 32
+ERROR_VOLTAGE, ERROR_OVERHEAT, ERROR_OVERCURRENT, ERROR_OVERLOAD = 1, 4, 8, 32
+
+TOP_RAD_S = 5.8
+"""Without load, at full power [assumed]."""
 
 
 def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
-    """Values at delivery: facts of the vendor's table, the rest zero."""
+    """Values at delivery: facts of the vendor's table for an STS3215, the rest zero."""
     table = bytearray(p.TABLE_SIZE)
     decivolts = round(voltage_v * 10)
     for register, value in {
@@ -43,13 +46,25 @@ def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
         p.MIN_POSITION: 0,
         p.MAX_POSITION: p.COUNTS - 1,
         p.MAX_TEMPERATURE: 70,
-        p.MAX_VOLTAGE: max(80, decivolts + 20),  # 8.0 V; a 12 V servo more [assumed]
+        p.MAX_VOLTAGE: 80 if decivolts <= 80 else decivolts + 20,  # a 12 V servo more [assumed]
         p.MIN_VOLTAGE: 40,
         p.MAX_TORQUE: 1000,
+        p.PHASE: 12,
+        p.UNLOAD_CONDITION: ERROR_OVERHEAT | ERROR_OVERCURRENT | ERROR_OVERLOAD,
+        p.LED_ALARM: 47,
         p.P_GAIN: 32,
         p.D_GAIN: 32,
+        p.MIN_START_FORCE: 16,
+        p.CLOCKWISE_DEAD_ZONE: 1,
+        p.COUNTER_DEAD_ZONE: 1,
+        p.PROTECTION_CURRENT: 500,
+        p.ANGULAR_RESOLUTION: 1,
+        p.PROTECTIVE_TORQUE: 20,
         p.PROTECTION_TIME: 200,  # 10 ms
         p.OVERLOAD_TORQUE: 80,  # percent
+        p.VELOCITY_P: 10,
+        p.OVERCURRENT_TIME: 200,
+        p.VELOCITY_I: 10,
     }.items():
         table[register.address : register.address + register.size] = register.encode(value)
     return table
@@ -61,9 +76,9 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
 
 
 class Servo(TwinServo):
-    """Position mode only. ``goal_energises``: a goal turns the torque on, as several public drivers
-    say of the STS3215 (the vendor's SDK has no call for torque, and moves) [assumed: register 40
-    then reads 1]."""
+    """All four modes; acceleration and dead zones are not modelled. ``goal_energises``: a goal turns
+    the torque on, as several public drivers say of the STS3215 (the vendor's SDK has no call for
+    torque, and moves) [assumed: register 40 then reads 1]."""
 
     def __init__(
         self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float, goal_energises: bool = True
@@ -71,8 +86,8 @@ class Servo(TwinServo):
         self._goal_energises = goal_energises
         super().__init__(plant, joint, factory_table(servo_id, model, voltage_v), voltage_v, ROOM_TEMPERATURE_C)
         self._eeprom = bytearray(self.factory[: p.EEPROM_END])
-        self._overload_since_s: float | None = None
-        self._overloaded = False
+        self._since_s: dict[int, float] = {}  # error bit -> when its condition began
+        self._let_go = 0  # error bits for which it gave its torque up
         self._waiting = b""
         self.power_cycle()
 
@@ -95,11 +110,7 @@ class Servo(TwinServo):
         decivolts = round(self.voltage_v * 10)
         volts = table[p.MIN_VOLTAGE.address] <= decivolts <= table[p.MAX_VOLTAGE.address]
         hot = self.temperature_c >= table[p.MAX_TEMPERATURE.address]
-        return (
-            (0 if volts else ERROR_VOLTAGE)
-            | (ERROR_OVERHEAT if hot else 0)
-            | (ERROR_OVERLOAD if self._overloaded else 0)
-        )
+        return (0 if volts else ERROR_VOLTAGE) | (ERROR_OVERHEAT if hot else 0) | self._let_go
 
     def power_cycle(self) -> None:
         """EEPROM as it was saved, RAM as at delivery, torque off, the goal where the joint is
@@ -110,7 +121,7 @@ class Servo(TwinServo):
         self.table[FELT] = felt
         self.put(p.LOCK, 1)
         self.put(p.TORQUE_LIMIT, min(1000, self.get(p.MAX_TORQUE)))
-        self._overloaded = False
+        self._let_go = 0
         self._waiting = b""
         self.sense()
         self.put(p.GOAL_POSITION, self.get(p.POSITION))
@@ -137,8 +148,8 @@ class Servo(TwinServo):
                 self.table[at] = byte
         covers = range(address, address + len(data))
         if p.TORQUE_ENABLE.address in covers:
-            self._overloaded = False
-            self._overload_since_s = None
+            self._let_go = 0
+            self._since_s.clear()
             if self.table[p.TORQUE_ENABLE.address] == p.MIDDLE_IS_HERE:
                 self.put(p.HOMING_OFFSET, max(-2047, min(2047, round(self.reading.rad * COUNTS_PER_RAD))))
                 self.put(p.TORQUE_ENABLE, 0)
@@ -149,6 +160,8 @@ class Servo(TwinServo):
             kept = slice(covers.start, min(covers.stop, p.EEPROM_END))
             self._eeprom[kept] = self.table[kept]
         if covers.start < p.TORQUE_LIMIT.address + 2 and covers.stop > p.TORQUE_ENABLE.address:
+            self._apply_torque(stepped=p.GOAL_POSITION.address in covers)
+        elif p.MODE.address in covers:
             self._apply_torque()
 
     def keep(self, params: bytes) -> None:
@@ -162,16 +175,25 @@ class Servo(TwinServo):
         self._waiting = b""
 
     def protect(self, now_s: float) -> None:
-        """Let go after pushing harder than OVERLOAD_TORQUE for PROTECTION_TIME."""
-        if abs(self.reading.load) * 100 <= self.table[p.OVERLOAD_TORQUE.address]:
-            self._overload_since_s = None
-            return
-        if self._overload_since_s is None:
-            self._overload_since_s = now_s
-        if now_s - self._overload_since_s >= self.table[p.PROTECTION_TIME.address] * 0.01:
-            self._overloaded = True
-            self.put(p.TORQUE_ENABLE, 0)
-            self._apply_torque()
+        """Let go for what UNLOAD_CONDITION names: pushing harder than OVERLOAD_TORQUE for
+        PROTECTION_TIME, more than PROTECTION_CURRENT for OVERCURRENT_TIME, too hot."""
+        table, load = self.table, abs(self.reading.load)
+        found = (
+            (ERROR_OVERLOAD, load * 100 > table[p.OVERLOAD_TORQUE.address], table[p.PROTECTION_TIME.address]),
+            (
+                ERROR_OVERCURRENT,
+                load * STALL_CURRENT > self.get(p.PROTECTION_CURRENT),
+                table[p.OVERCURRENT_TIME.address],
+            ),
+            (ERROR_OVERHEAT, self.temperature_c >= table[p.MAX_TEMPERATURE.address], 0),
+        )
+        for bit, is_so, centiseconds in found:
+            if not is_so or not table[p.UNLOAD_CONDITION.address] & bit:
+                self._since_s.pop(bit, None)
+            elif now_s - self._since_s.setdefault(bit, now_s) >= centiseconds * 0.01:
+                self._let_go |= bit & ~ERROR_OVERHEAT  # that one is told as long as it is hot
+                self.put(p.TORQUE_ENABLE, 0)
+                self._apply_torque()
 
     def sense(self) -> None:
         if self.fault is Fault.STUCK:
@@ -194,14 +216,33 @@ class Servo(TwinServo):
             abs(load) * STALL_CURRENT // 1000,
         )
 
-    def _apply_torque(self) -> None:
-        """Make the joint do what the table says."""
+    def _apply_torque(self, stepped: bool = False) -> None:
+        """Make the joint do what the table says. ``stepped``: a goal was written, which in step mode
+        is one more step."""
         on = self.table[p.TORQUE_ENABLE.address] != 0
-        if on:
-            low, high, goal = self.get(p.MIN_POSITION), self.get(p.MAX_POSITION), self.get(p.GOAL_POSITION)
-            if low < high:  # both zero: no limits
-                goal = max(low, min(high, goal))
-            count = goal + self.get(p.HOMING_OFFSET)
-            self.plant.set_target(self.joint, (count - ZERO_COUNT) / COUNTS_PER_RAD)
-            self.plant.set_effort_share(self.joint, min(1000, self.get(p.TORQUE_LIMIT)) / 1000)
+        if not on or not self.plant.torque(self.joint):
+            self.stand()
         self.plant.set_torque(self.joint, on)
+        if not on:
+            return
+        share, rate = min(1000, self.get(p.TORQUE_LIMIT)) / 1000, self.get(p.GOAL_VELOCITY) / COUNTS_PER_RAD
+        match self.table[p.MODE.address]:
+            case p.VELOCITY_MODE:
+                self.turn(rate)
+            case p.PWM_MODE:
+                power = max(-1.0, min(1.0, self.get(p.GOAL_TIME) / 1000))
+                share = min(share, abs(power))
+                self.turn(power * TOP_RAD_S)
+            case p.STEP_MODE:
+                if stepped:
+                    self.lead(self.aimed_rad + self.get(p.GOAL_POSITION) / COUNTS_PER_RAD, abs(rate))
+            case _:
+                self.lead((self._goal() - ZERO_COUNT) / COUNTS_PER_RAD, abs(rate))
+        self.plant.set_effort_share(self.joint, share)
+
+    def _goal(self) -> int:
+        """Counts of the encoder."""
+        low, high, goal = self.get(p.MIN_POSITION), self.get(p.MAX_POSITION), self.get(p.GOAL_POSITION)
+        if low < high:  # both zero: no limits
+            goal = max(low, min(high, goal))
+        return goal + self.get(p.HOMING_OFFSET)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from strands_actors.contract.driver import Permit
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import Axis
 from strands_actors.drivers.common.servo.identity import limits_of
@@ -12,7 +13,7 @@ from strands_actors.drivers.common.servo.stop_channel import ServoStopChannel
 from strands_actors.drivers.common.servo.wire import Handshake, ServoWire
 
 from . import protocol
-from .identify import Identity, answer_at_once, check, facts, identify
+from .identify import Identity, answer_at_once, check, facts, identify, lift_speed_limit
 from .safing import FeetechSafing
 
 
@@ -44,6 +45,8 @@ class FeetechWire(ServoWire[protocol.Packet]):
     """Torque to temperature, 40 to 63, in every cycle: a goal would energise a servo that has lost
     its torque, so that has to be known of each before anything is written."""
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
+    _limited: list[Axis]
+    """Whose speed another program has limited."""
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         servos: dict[int, Identity] = {}
@@ -54,9 +57,18 @@ class FeetechWire(ServoWire[protocol.Packet]):
             servos[axis.id] = servo
         for axis in self.axes:
             await answer_at_once(bus, axis, servos[axis.id])
+        self._limited = [axis for axis in self.axes if servos[axis.id].speed_limit]
         limits = limits_of([servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
         return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
+
+    async def before_arming(self, permit: Permit) -> None:
+        """No speed limit of another program's. Not at connecting: a servo that is on its way with
+        one would leap."""
+        while self._limited:
+            permit.check()
+            await lift_speed_limit(self.session.bus, self._limited[-1])
+            self._limited.pop()
 
 
 class FeetechStopChannel(ServoStopChannel[protocol.Packet]):

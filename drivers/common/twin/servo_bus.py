@@ -22,6 +22,15 @@ TORN_FRAME_S = 0.01
 ZERO_COUNT = 2048
 """Where the encoder stands when the joint is at 0 rad."""
 
+LED_S = 0.005
+"""A joint that is led to its goal gets a new target so often."""
+
+LED_AT_MOST_S = 0.25
+"""Longer than nobody asked: what was before is not caught up with."""
+
+AHEAD_RAD = 0.3
+"""A target is not led further away from a joint that something holds."""
+
 COUNTS = 4096
 COUNTS_PER_RAD = COUNTS / (2 * math.pi)
 
@@ -59,6 +68,49 @@ class TwinServo(ABC):
         self.reading = Reading(plant.position_rad[joint], 0.0, 0.0)
         self.voltage_v = voltage_v
         self.temperature_c = room_c
+        self.rate_rad_s = 0.0
+        """At which the target is on its way; 0: it is where it should be."""
+        self.aimed_rad = self.reading.rad
+        """Where the target is on its way to, or last was."""
+        self._target_rad = self.reading.rad
+
+    # -- on the way to a goal
+
+    def lead(self, rad: float, rate_rad_s: float = 0.0) -> None:
+        """Go to a goal, with a rate at it, without one as fast as the joint can."""
+        self.aimed_rad = rad
+        if rate_rad_s <= 0:
+            self.rate_rad_s = 0.0
+            self.plant.set_target(self.joint, rad)
+            return
+        if self.rate_rad_s == 0.0:
+            self._target_rad = self.reading.rad
+        self.rate_rad_s = rate_rad_s
+
+    def turn(self, rate_rad_s: float) -> None:
+        """Turn, for ever. At rate 0 it holds where it is."""
+        if rate_rad_s == 0.0:
+            self.lead(self.reading.rad)
+            return
+        self.lead(math.copysign(math.inf, rate_rad_s), abs(rate_rad_s))
+
+    def stand(self) -> None:
+        """Go nowhere any more."""
+        self.rate_rad_s, self.aimed_rad = 0.0, self.reading.rad
+
+    @property
+    def led_rad(self) -> float:
+        """Where the target is."""
+        return self._target_rad if self.rate_rad_s else self.aimed_rad
+
+    def go_on(self, rad: float, seconds: float) -> None:
+        """The joint is at ``rad``, and time passes."""
+        step = self.rate_rad_s * seconds
+        target = self._target_rad + max(-step, min(step, self.aimed_rad - self._target_rad))
+        self._target_rad = max(rad - AHEAD_RAD, min(rad + AHEAD_RAD, target))
+        self.plant.set_target(self.joint, self._target_rad)
+        if self._target_rad == self.aimed_rad:
+            self.rate_rad_s = 0.0
 
     @property
     @abstractmethod
@@ -120,7 +172,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.now_s = now_s
         self.body = JointedBody(plant, self.pass_time)
         self._decoder = decoder
-        self._heard_s = now_s()
+        self._heard_s = self._led_s = now_s()
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
@@ -173,11 +225,23 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     def step_to(self, now_s: float) -> None:
         plant = self.plant
+        self._lead_to(now_s)
         plant.catch_up(now_s)
         columns = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm, plant.effort_limit_nm)
         for servo, rad, rad_s, nm, limit_nm in zip(self.servos, *columns, strict=True):
             servo.reading = Reading(rad, rad_s, nm / limit_nm)
             servo.protect(now_s)
+
+    def _lead_to(self, now_s: float) -> None:
+        """The targets of joints that are on their way move as time does."""
+        at_s, self._led_s = max(self._led_s, now_s - LED_AT_MOST_S), now_s
+        while at_s < now_s and (on_the_way := [servo for servo in self.servos if servo.rate_rad_s]):
+            step_s = min(LED_S, now_s - at_s)
+            at_s += step_s
+            position = self.plant.position_rad
+            for servo in on_the_way:
+                servo.go_on(position[servo.joint], step_s)
+            self.plant.catch_up(at_s)
 
 
 OPTIONS = {

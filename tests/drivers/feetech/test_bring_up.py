@@ -45,6 +45,18 @@ def test_open_takes_the_return_delay_away_until_power_off() -> None:
     virtual(main)
 
 
+def test_a_speed_limit_of_another_program_is_lifted_when_it_is_armed_and_not_before() -> None:
+    async def main() -> None:
+        rig = FeetechRig()
+        rig.servo().put(protocol.GOAL_VELOCITY, 50)
+        facts = await rig.wire.open()
+        assert facts["speed_limit"]["elbow_flex"] == 50 == rig.servo().get(protocol.GOAL_VELOCITY)
+        await rig.wire.arm(Permission())
+        assert rig.servo().get(protocol.GOAL_VELOCITY) == 0
+
+    virtual(main)
+
+
 def test_a_dead_servo_is_named() -> None:
     async def main() -> None:
         rig = FeetechRig()

@@ -330,3 +330,99 @@ def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[bytes, flo
             assert len(list(p.Decoder().feed(reply.data))) == 1
     bench.bus.power_cycle()
     assert len(bench.ask(p.ping(p.BROADCAST))) <= len(bench.bus.servos)
+
+
+def test_the_table_is_as_delivered() -> None:
+    bench = Bench()
+    delivered = {
+        p.MAX_VOLTAGE: 80,
+        p.MIN_VOLTAGE: 40,
+        p.PHASE: 12,
+        p.UNLOAD_CONDITION: 44,
+        p.LED_ALARM: 47,
+        p.MIN_START_FORCE: 16,
+        p.CLOCKWISE_DEAD_ZONE: 1,
+        p.COUNTER_DEAD_ZONE: 1,
+        p.PROTECTION_CURRENT: 500,
+        p.ANGULAR_RESOLUTION: 1,
+        p.PROTECTIVE_TORQUE: 20,
+        p.OVERCURRENT_TIME: 200,
+        p.VELOCITY_P: 10,
+        p.VELOCITY_I: 10,
+    }
+    assert {register: bench.get(2, register) for register in delivered} == delivered
+    assert Bench("hope_jr").get(2, p.MAX_VOLTAGE) == 140, "a servo for 12 V takes more"
+
+
+def test_goal_velocity_limits_the_speed_on_the_way_to_a_goal() -> None:
+    bench = Bench()
+    bench.put(1, p.GOAL_VELOCITY, 200)
+    bench.put(1, p.GOAL_POSITION, 2648)
+    bench.wait(1.0)
+    assert 2150 < bench.get(1, p.POSITION) < 2300
+    bench.put(1, p.GOAL_POSITION, 1800)  # on the way: from where it is
+    bench.wait(1.0)
+    assert 1950 < bench.get(1, p.POSITION) < 2150
+    bench.put(1, p.GOAL_VELOCITY, 0)
+    bench.wait(1.5)
+    assert abs(bench.get(1, p.POSITION) - 1800) < 30, "without one as fast as it can"
+
+
+def test_velocity_mode_turns_until_it_is_told_otherwise() -> None:
+    bench = Bench()
+    bench.put(1, p.MODE, p.VELOCITY_MODE)
+    bench.put(1, p.GOAL_VELOCITY, 300)
+    bench.put(1, p.TORQUE_ENABLE, 1)
+    bench.wait(1.0)
+    assert 2250 < bench.get(1, p.POSITION) < 2400
+    assert 200 < bench.get(1, p.VELOCITY) < 400
+    bench.put(1, p.GOAL_VELOCITY, -300)
+    bench.wait(1.0)
+    assert 1950 < bench.get(1, p.POSITION) < 2150
+    bench.put(1, p.GOAL_VELOCITY, 0)
+    bench.wait(0.3)
+    stood = bench.get(1, p.POSITION)
+    bench.wait(0.5)
+    assert abs(bench.get(1, p.POSITION) - stood) < 5
+    bench.put(1, p.GOAL_VELOCITY, 300)
+    bench.ask(p.LIMP)
+    assert not bench.bus.servos[0].rate_rad_s
+
+
+def test_steps_and_power_are_what_they_say() -> None:
+    bench = Bench()
+    bench.put(1, p.MODE, p.STEP_MODE)
+    for _ in range(2):
+        bench.put(1, p.GOAL_POSITION, 150)
+        bench.wait(1.0)
+    assert abs(bench.get(1, p.POSITION) - 2348) < 30
+    bench.put(1, p.GOAL_POSITION, -300)
+    bench.wait(1.0)
+    assert abs(bench.get(1, p.POSITION) - 2048) < 30
+    bench.put(1, p.MODE, p.PWM_MODE)
+    bench.put(1, p.GOAL_TIME, -400)
+    bench.wait(0.5)
+    assert bench.get(1, p.POSITION) < 1950
+
+
+def test_a_joint_that_is_held_is_not_led_away_from() -> None:
+    bench = Bench()
+    bench.put(1, p.GOAL_VELOCITY, 400)
+    bench.put(1, p.GOAL_POSITION, 3000)
+    bench.bus.set_fault(Fault.STUCK, 1)
+    bench.wait(2.0)
+    bench.bus.set_fault(Fault.OK, 1)
+    bench.wait(0.2)
+    assert bench.get(1, p.POSITION) < 2500, "it does not make up for the time"
+
+
+def test_what_is_no_reason_to_unload_does_not() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.bus.servos[0].temperature_c = 75
+    bench.wait(0.1)
+    assert bench.get(1, p.TORQUE_ENABLE) == 0
+    bench.put(2, p.UNLOAD_CONDITION, 0)
+    bench.bus.servos[1].temperature_c = 75
+    bench.wait(0.1)
+    assert bench.get(2, p.TORQUE_ENABLE) == 1
