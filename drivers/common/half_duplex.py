@@ -112,6 +112,14 @@ class HalfDuplexBus(Generic[PacketT]):
         """A frame that nobody answers. Goes out at once, in the quiet time too."""
         self._write(frame)
 
+    def send_owed(self, frame: bytes, expected: Mapping[int, int]) -> None:
+        """As ``send``, for a frame that is answered: who asks next hears the answers out, and has the
+        refusals among them in ``refusals`` until then."""
+        self._write(frame)
+        answer_bytes = sum(expected.values()) + len(expected) * self._overhead
+        line_s = (len(frame) + answer_bytes) * self._byte_s
+        self._pending, self._pending_end_s = dict(expected), trio.current_time() + line_s + self._margin_s
+
     def _write(self, frame: bytes) -> None:
         self.port.write(frame)
         self.sent_ns = self.clock.now_ns()
@@ -172,15 +180,20 @@ class HalfDuplexBus(Generic[PacketT]):
             self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
 
-    async def _hear_out(self) -> None:
+    async def hear_out(self) -> None:
         """Throw away the answers to a question that was given up; it too has its time, and its
-        quiet time."""
+        quiet time. What is sent then collides with none."""
         pending = self._pending
+        if not pending:
+            return
+        self.refusals = {}
         with trio.move_on_at(self._pending_end_s):
             while pending:
                 for packet in self._decoder.feed(await self.port.read()):
                     if packet.failure or pending.get(packet.id) == len(packet.params):
                         pending.pop(packet.id, None)
+                        if packet.failure:
+                            self.refusals[packet.id] = packet.failure
         if pending:
             self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
         self._pending = {}
@@ -209,8 +222,7 @@ class HalfDuplexBus(Generic[PacketT]):
         return packets
 
     async def _begin(self, wait: bool) -> None:
-        if self._pending:
-            await self._hear_out()
+        await self.hear_out()
         if self.quiet:
             if not wait:
                 raise Quiet

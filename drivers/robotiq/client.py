@@ -1,81 +1,61 @@
 """A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by
-the root's stop channel."""
+the root's stop channel. What carries them: ``tcp_client``, ``serial_client``; one of the two is
+opened by ``connect``."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-
-import trio
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 from strands_actors.contract.driver import MotorReport, Permit, WireDown
-from strands_actors.drivers.common.modbus import ModbusClient
-from strands_actors.drivers.common.tcp_port import ByteStream
-from strands_actors.kernel.clock import Clock
 
 from . import protocol
 from .config import RobotiqConfig
 from .protocol import Command, Status
-
-OpenStream = Callable[[str, int], Awaitable[ByteStream]]
-
-ASK_AGAIN_S = 0.1
 
 ATTEMPTS = 3
 CONFIRM_S = 0.25
 """Of each attempt: three, and a connection, fit into what a stop may take."""
 
 
-class GripperClient:
-    """One gripper on one connection: its registers as ``Command`` and ``Status``."""
+class GripperClient(ABC):
+    """One gripper on one connection: its registers as ``Command`` and ``Status``. What raises,
+    raises ``WireDown``."""
 
-    def __init__(self, client: ModbusClient) -> None:
-        self._client = client
+    descriptors: Sequence[int] = ()
+    """What the root's stop channel may go on with."""
 
+    @abstractmethod
+    async def clear_way(self) -> None:
+        """Wait until what is written next meets nothing on its way: at most for one answer."""
+
+    @abstractmethod
     def write(self, command: Command) -> None:
-        """Send at once. Raise ``WireDown``."""
-        self._client.write_registers(protocol.OUTPUT, command.registers())
+        """Send at once."""
 
+    @abstractmethod
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
-        """Ask, and again every ``ASK_AGAIN_S``. None: no answer in time. ``permit`` is checked
-        meanwhile. Raise ``WireDown``."""
-        end_s = trio.current_time() + within_s
-        while (left_s := end_s - trio.current_time()) > 0:
-            if permit is not None:
-                permit.check()
-            number = self.ask()
-            status = await self.answer(number, min(left_s, ASK_AGAIN_S))
-            if status is not None:
-                return status
-            self.forget(number)
-        return None
+        """Ask, until there is an answer. None: not in time. ``permit`` is checked meanwhile."""
 
+    @abstractmethod
     def ask(self) -> int:
-        return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
+        """A number to give to ``answer`` or to ``forget``."""
 
+    @abstractmethod
     async def answer(self, number: int, within_s: float) -> Status | None:
-        registers = await self._client.answer(number, within_s)
-        return None if registers is None else Status.from_registers(registers)
+        """None: not yet."""
+
+    @abstractmethod
+    def forget(self, number: int) -> None:
+        """The answer is of no more interest; it may still come."""
 
     @property
+    @abstractmethod
     def hears_part(self) -> bool:
         """Whether it has begun an answer, and not ended it."""
-        return self._client.hears_part
 
-    def forget(self, number: int) -> None:
-        self._client.forget(number)
-
-    def close(self) -> None:
-        self._client.close()
-
-
-async def open_gripper(config: RobotiqConfig, clock: Clock, open_stream: OpenStream) -> GripperClient:
-    """Connect. Raise ``WireDown``."""
-    try:
-        host, port = config.address()
-    except ValueError as error:
-        raise WireDown(str(error)) from None
-    stream = await open_stream(host, port)
-    return GripperClient(ModbusClient(stream, config.unit_id, f"{config.robot} at {host}:{port}", clock))
+    @abstractmethod
+    def close(self) -> None: ...
 
 
 async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConfig) -> MotorReport:
@@ -88,6 +68,7 @@ async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConf
             known = known or await gripper.status(CONFIRM_S)
             if known is None:
                 continue
+            await gripper.clear_way()
             gripper.write(protocol.safe_command(known))
             written = True
             known = await gripper.status(CONFIRM_S)

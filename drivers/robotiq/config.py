@@ -10,6 +10,14 @@ from strands_actors.drivers.common.tcp_port import parse_address
 AXIS = "gripper"
 
 TCP_PORT = 502
+BAUD = 115_200
+BAUD_RATES = (2_400, 4_800, 9_600, 19_200, 38_400, 57_600, BAUD, 230_400)
+"""Which of them it speaks is set by Robotiq's own software."""
+
+
+def is_serial(port: str) -> bool:
+    """Whether a ``port`` is a serial device and not an address: a path, or COM and a number."""
+    return port.startswith(("/", "~")) or (port.upper().startswith("COM") and port[3:].isdigit())
 
 
 class RobotiqConfig(msgspec.Struct, frozen=True):
@@ -20,6 +28,12 @@ class RobotiqConfig(msgspec.Struct, frozen=True):
     activate: bool
     """Whether arming may activate the gripper, which moves its fingers."""
     tcp_port: int | None = None
+    baud: int = BAUD
+    """Bits a second, where ``port`` is a serial device."""
+
+    @property
+    def serial(self) -> bool:
+        return is_serial(self.port)
 
     def address(self) -> tuple[str, int]:
         """Return host and port. Raise ``ValueError`` for a ``port`` that is no address, or names

@@ -1,4 +1,4 @@
-"""Robotiq two-finger grippers on Modbus TCP: robotiq_2f85, robotiq_2f85_v4.
+"""Robotiq two-finger grippers on Modbus, over TCP or a serial port: robotiq_2f85, robotiq_2f85_v4.
 
 Safe, for whatever reason, is to hold: the fingers stop where they are (rGTO 0) and stay activated,
 so that what is held stays held by the gear, which cannot be driven from the fingers' side
@@ -20,7 +20,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
-from .config import AXIS, RobotiqConfig
+from .config import AXIS, BAUD, BAUD_RATES, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
 from .protocol import ACTIVATION_S, counts_of
 from .robots import TABLES, UNIT
@@ -39,6 +39,10 @@ class RobotiqOptions(DriverOptions, frozen=True):
     tcp_port: Annotated[
         Annotated[int, Meta(ge=1, le=65535)] | None,
         option("TCP port of the gripper's gateway, 1 to 65535, where port= does not name it; None: 502"),
+    ] = None
+    baud: Annotated[
+        int | None,
+        option(f"of a serial port, one of {', '.join(map(str, BAUD_RATES))} bits per second; None: {BAUD}"),
     ] = None
     speed: Annotated[float, option("of an action that names none, 0 slowest to 1 fastest", ge=0, le=1)] = 1.0
     force: Annotated[float, option("of an action that names none, 0 weakest to 1 strongest", ge=0, le=1)] = 1.0
@@ -68,6 +72,7 @@ class Robotiq(Driver):
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("contact",)
     ROLLOUTS: ClassVar[str] = "a gripper is one dimension of its arm's action and runs no policy of its own"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(RobotiqOptions)
+    SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud"}
 
     unit = "closed fraction, 0 open to 1 closed (position, aperture_mm: millimetres open)"
     timing = Timing(
@@ -90,15 +95,24 @@ class Robotiq(Driver):
                 f"{robot}: stroke_mm is {chosen.stroke_mm:g}, this gripper opens {stroke_mm:g} mm. "
                 "Use the robot of that stroke"
             )
+        if chosen.baud is not None and chosen.baud not in BAUD_RATES:
+            raise ValueError(f"{robot}: baud is {chosen.baud}. Use one of {', '.join(map(str, BAUD_RATES))}")
         return plain(chosen)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         chosen = read_options(robot, RobotiqOptions, self.resolve(robot, options))
         self.robot = TABLES.canonical(robot)
         stroke_mm: float = TABLES.table(robot)["stroke_mm"]
-        self.config = RobotiqConfig(self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port)
+        baud = BAUD if chosen.baud is None else chosen.baud
+        self.config = RobotiqConfig(
+            self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port, baud
+        )
         if port and chosen.tcp_port is not None:
+            if self.config.serial:
+                raise ValueError(f"{robot}: port is {port!r}, a serial device, which has no tcp_port. Leave it out")
             self.config.address()  # a port that says otherwise is told at once
+        if port and chosen.baud is not None and not self.config.serial:
+            raise ValueError(f"{robot}: port is {port!r}, an address, which has no baud. Leave it out")
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
         self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)

@@ -1,30 +1,62 @@
-"""The root's way to a gripper: a connection made for the stop."""
+"""The root's way to a gripper: the wire's own serial port, or a connection made for the stop."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
-from strands_actors.contract.driver import MotorReport
-from strands_actors.contract.stop_channels import ConnectWhenNeeded
+import trio
+
+from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.stop_channels import DuplicateDescriptor
+from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 
-from .client import GripperClient, OpenStream, hold, open_gripper
+from .client import GripperClient, hold
 from .config import RobotiqConfig
+from .connect import OpenPort, OpenStream, open_gripper
+from .serial_client import SerialGripper
 
 
-class RobotiqStopChannel(ConnectWhenNeeded[RobotiqConfig, GripperClient]):
+class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
     def __init__(
-        self, config: RobotiqConfig, descriptors: Sequence[int], clock: Clock, open_stream: OpenStream = open_tcp
+        self,
+        config: RobotiqConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_stream: OpenStream = open_tcp,
+        open_port: OpenPort = open_serial,
     ) -> None:
         super().__init__(config, descriptors, clock)
-        self._open_stream = open_stream
+        self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
-    async def connect(self) -> GripperClient:
-        return await open_gripper(self.config, self.clock, self._open_stream)
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a serial port that was unplugged: while somebody has it open, the adapter gets
+        another name when it comes back."""
+        task_status.started()
+        if isinstance(self.port, SerialGripper):
+            await self.port.hung_up()
+            self.close()
 
-    async def make_safe_by(self, port: GripperClient, safe_state: str) -> tuple[MotorReport, ...]:
-        return (await hold(port, None, self.config),)
+    def adopt(self, descriptor: int) -> GripperClient:
+        return SerialGripper(adopt_serial(descriptor, self.config.port), self.config, self.clock)
 
-    def failed(self, why: str, port: GripperClient | None = None) -> tuple[MotorReport, ...]:
+    async def open_port(self) -> GripperClient:
+        return await self._open()
+
+    async def make_safe_on(self, port: GripperClient, safe_state: str) -> tuple[MotorReport, ...]:
+        report = await hold(port, None, self.config)
+        if not report.written:
+            raise WireDown(report.detail)
+        return (report,)
+
+    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        try:
+            return await super().make_safe(safe_state)
+        finally:
+            if not self.config.serial:
+                self.close()  # many a gateway takes one client, and the next is the wire
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
         return (self.config.report(False, False, why),)

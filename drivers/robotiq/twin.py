@@ -1,31 +1,19 @@
-"""The robot's end of the wire: a Modbus TCP server with a gripper behind it."""
+"""The robot's end of the wire: a Modbus server with a gripper behind it, on TCP (as a gateway, and as
+the URCap of a UR) or on a serial port."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Unpack
 
-import msgspec
-from pymodbus.constants import ExcCodes
-from pymodbus.pdu import ExceptionResponse, ModbusPDU
-from pymodbus.pdu.register_message import (
-    ReadHoldingRegistersRequest,
-    ReadHoldingRegistersResponse,
-    ReadInputRegistersRequest,
-    ReadInputRegistersResponse,
-    WriteMultipleRegistersRequest,
-    WriteMultipleRegistersResponse,
-)
-
-from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.modbus import Decoder, encode
+from strands_actors.drivers.common.simulation_control.body import Body
 from strands_actors.drivers.common.twin import (
-    ClientGone,
     Exchange,
     Fault,
-    Faults,
-    Reply,
+    PtyLine,
+    Server,
     Start,
     TcpServer,
     WireLog,
@@ -34,14 +22,21 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 
-from . import protocol as p
-from .body import GripperBody
-from .mechanism import Gripper, Setup
+from .config import BAUD
+from .mechanism import Setup
 from .robots import TABLES, UNIT
+from .sessions import RtuSession, TcpSession
+from .unit import RobotiqTwin
+from .urcap import PORT as URCAP_PORT
+from .urcap import UrcapSession
 
 OPTIONS = {
     "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
     "port": "TCP port (default: any free one)",
+    "urcap_port": "TCP port of the URCap's text protocol (default 63352; with host= any free one)",
+    "framing": "tcp, or rtu: frames of a serial line over TCP, as a gateway hands them through (default tcp)",
+    "serial": "a serial port instead: true, or the path where it is to appear (default false)",
+    "baud": "bits per second of the serial port (default 115200)",
     "unit_id": "Modbus unit (default 9)",
     "object_mm": "width of a rigid object between the fingers (default 0: none)",
     "activation_s": "seconds an activation takes (default 1.5)",
@@ -51,125 +46,6 @@ OPTIONS = {
 }
 
 
-class RobotiqTwin:
-    """One gripper, for all clients."""
-
-    def __init__(
-        self,
-        setup: Setup,
-        unit: int,
-        table: Mapping[str, Any],
-        now_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """``table``: of ``robots.toml``, for its looks."""
-        self.gripper = Gripper(setup, now_s)
-        self.unit = unit
-        self.body = GripperBody(self.gripper, table)
-        self.faults = Faults()
-        self._felt = p.Status()
-        self._output = p.RESET.registers()
-
-    @property
-    def fault(self) -> Fault:
-        return self.faults.of(None)
-
-    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
-        if Fault.OFF in (fault, self.fault):
-            self.power_cycle()
-        self.gripper.hear()
-        self._felt = self.gripper.status()
-        self.gripper.stuck = fault is Fault.STUCK
-        self.faults.set(fault)
-
-    def power_cycle(self) -> None:
-        self.gripper.power_cycle()
-        self._output = p.RESET.registers()
-
-    def status(self) -> p.Status:
-        """What is said, which with a fault is not what is."""
-        if self.fault is Fault.STUCK:
-            return self._felt
-        status = self.gripper.status()
-        if self.fault is Fault.WRONG:
-            return msgspec.structs.replace(status, request=p.TOP - status.request, position=p.TOP - status.position)
-        return status
-
-    def output(self) -> list[int]:
-        return list(self._output)
-
-    def write(self, first: int, registers: list[int]) -> None:
-        """Some of the output registers, from the ``first``-th on."""
-        self._output[first : first + len(registers)] = registers
-        self.gripper.write(p.Command.from_registers(self._output))
-
-    def kind(self, request: ModbusPDU) -> str:
-        """A request in the words of the wire log."""
-        if not isinstance(request, WriteMultipleRegistersRequest):
-            return "read" if isinstance(request, ReadHoldingRegistersRequest) else "other"
-        first = request.address - p.OUTPUT
-        if request.dev_id != self.unit or not _fits(first, len(request.registers)):
-            return "other"
-        output = self.output()
-        output[first : first + len(request.registers)] = request.registers
-        return p.classify(p.Command.from_registers(output), self.gripper.asked_to_be_active)
-
-
-class ModbusSession:
-    """What hears one client."""
-
-    def __init__(self, twin: RobotiqTwin) -> None:
-        self._twin = twin
-        self._decoder = Decoder(requests=True)
-
-    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        try:
-            for request, frame in self._decoder.feed(data):
-                kind = self._twin.kind(request)
-                yield Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
-        except MalformedFrame:
-            raise ClientGone from None  # as a server does with what it cannot follow
-
-    def _replies(self, request: ModbusPDU, kind: str) -> list[Reply]:
-        if self._twin.fault is Fault.OFF:
-            return []
-        response = self._answer(request)
-        response.dev_id, response.transaction_id = request.dev_id, request.transaction_id
-        reply = self._twin.faults.apply(Reply(0.0, encode(response), None, kind))
-        return [] if reply is None else [reply]
-
-    def _answer(self, request: ModbusPDU) -> ModbusPDU:
-        twin = self._twin
-        if request.dev_id != twin.unit:
-            return ExceptionResponse(request.function_code, ExcCodes.GATEWAY_NO_RESPONSE)
-        twin.gripper.hear()
-        match request:
-            case WriteMultipleRegistersRequest() if _fits(request.address - p.OUTPUT, len(request.registers)):
-                twin.write(request.address - p.OUTPUT, list(request.registers))
-                return WriteMultipleRegistersResponse(address=request.address, count=len(request.registers))
-            case ReadHoldingRegistersRequest():
-                for base, block in ((p.INPUT, twin.status().registers()), (p.OUTPUT, twin.output())):
-                    first = request.address - base
-                    if _fits(first, request.count):
-                        response = _RESPONSES[type(request)]
-                        return response(registers=block[first : first + request.count])
-            case WriteMultipleRegistersRequest():
-                pass
-            case _:
-                return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
-        return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_ADDRESS)
-
-
-_RESPONSES = {
-    ReadHoldingRegistersRequest: ReadHoldingRegistersResponse,
-    ReadInputRegistersRequest: ReadInputRegistersResponse,  # a kind of the first to pymodbus
-}
-
-
-def _fits(first: int, count: int) -> bool:
-    return first >= 0 and count > 0 and first + count <= p.REGISTERS
-
-
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RobotiqTwin:
     """The twin of a robot of ``robots.toml``; ``options`` without host and port."""
     table = TABLES.table(robot)
@@ -177,13 +53,48 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
+class SerialRobot:
+    """A gripper on a line that it has for itself."""
+
+    def __init__(self, twin: RobotiqTwin, baud: int) -> None:
+        self._twin = twin
+        self._session = RtuSession(twin, baud)
+
+    @property
+    def body(self) -> Body:
+        return self._twin.body
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        return self._session.receive(data, bits_per_s)
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        self._twin.set_fault(fault, unit)
+
+    def power_cycle(self) -> None:
+        self._twin.power_cycle()
+
+
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     given = known_options(options, OPTIONS)
     host, port = given.pop("host", None), int(given.pop("port", 0))
+    own = host is None and sys.platform.startswith("linux")
+    urcap_port = int(given.pop("urcap_port", URCAP_PORT if own else 0))
+    framing, serial = given.pop("framing", "tcp"), given.pop("serial", False)
+    baud = int(given.pop("baud", BAUD))
+    if framing not in ("tcp", "rtu"):
+        raise ValueError(f"framing is {framing!r}. use tcp or rtu")
     twin = twin_of(robot, **given)
 
-    def build(wire_log: WireLog) -> TcpServer:
-        return TcpServer(twin, {port: answering(lambda: ModbusSession(twin))}, wire_log, host)
+    def build_serial(wire_log: WireLog) -> Server:
+        line = PtyLine(serial if isinstance(serial, str) else None)
+        return Server(SerialRobot(twin, baud), line, wire_log)
 
-    run_server(build, **start)
+    def build(wire_log: WireLog) -> TcpServer:
+        modbus = answering(lambda: TcpSession(twin) if framing == "tcp" else RtuSession(twin))
+        handlers = {port: modbus}
+        if urcap_port != port:
+            handlers[urcap_port] = answering(lambda: UrcapSession(twin))
+        return TcpServer(twin, handlers, wire_log, host)
+
+    run_server(build_serial if serial else build, **start)

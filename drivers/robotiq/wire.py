@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
+from strands_actors.drivers.common.serial_port import open_serial
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
-from .client import ASK_AGAIN_S, GripperClient, OpenStream, hold, open_gripper
+from .client import GripperClient, hold
 from .config import AXIS, RobotiqConfig
+from .connect import OpenPort, OpenStream, open_gripper
 from .gates import FORCE, POSITION, SPEED
 from .protocol import Activation, Command, Contact, Status
+from .tcp_client import ASK_AGAIN_S
 
 READ_S = 0.03
 """How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to
@@ -51,17 +56,23 @@ class _Session:
 class RobotiqWire(Wire):
     interruptible: ClassVar[bool] = True
 
-    def __init__(self, config: RobotiqConfig, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
+    def __init__(
+        self,
+        config: RobotiqConfig,
+        clock: Clock,
+        open_stream: OpenStream = open_tcp,
+        open_port: OpenPort = open_serial,
+    ) -> None:
         self._config = config
         self._clock = clock
-        self._open_stream = open_stream
+        self._open = partial(open_gripper, config, clock, open_stream, open_port)
         self._session_or_none: _Session | None = None
         self._last: Status | None = None  # of the session before, once it is closed
 
     async def open(self) -> dict[str, Any]:
         self.close()
         config = self._config
-        gripper = await open_gripper(config, self._clock, self._open_stream)
+        gripper = await self._open()
         try:
             status = await gripper.status(HANDSHAKE_S)
             if status is None:
@@ -72,7 +83,8 @@ class RobotiqWire(Wire):
             gripper.close()
             raise
         self._session_or_none = _Session(gripper, status, self._clock.now_ns())
-        return {"port": config.port, "unit_id": config.unit_id, "stroke_mm": config.stroke_mm}
+        speed = {"baud": config.baud} if config.serial else {}
+        return {"port": config.port, **speed, "unit_id": config.unit_id, "stroke_mm": config.stroke_mm}
 
     async def arm(self, permit: Permit) -> Observation:
         session = self._session()
@@ -84,6 +96,7 @@ class RobotiqWire(Wire):
         if status.needs_activation:
             status = await self._activate(permit)
         command = protocol.safe_command(status)
+        await session.gripper.clear_way()
         permit.check()
         session.gripper.write(command)
         for _ in range(ECHO_POLLS):
@@ -123,6 +136,7 @@ class RobotiqWire(Wire):
         if not session.status.active:  # being told to go would activate it
             raise WireDown("write: the gripper is not activated. Activate it first")
         position, speed, force = (protocol.counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
+        await session.gripper.clear_way()
         permit.check()
         session.gripper.write(Command(go_to=True, position=position, speed=speed, force=force))
         if session.told != position:
@@ -144,7 +158,7 @@ class RobotiqWire(Wire):
         if known is None:
             return ()
         try:
-            gripper = await open_gripper(self._config, self._clock, self._open_stream)
+            gripper = await self._open()
         except WireDown as error:
             return (self._config.report(False, False, str(error)),)
         try:
@@ -158,6 +172,9 @@ class RobotiqWire(Wire):
             return (self._config.report(False, False, str(error)),)
         finally:
             gripper.close()
+
+    def handover(self) -> Sequence[int]:
+        return () if self._session_or_none is None else self._session_or_none.gripper.descriptors
 
     def close(self) -> None:
         if self._session_or_none is not None:
@@ -173,10 +190,12 @@ class RobotiqWire(Wire):
                 f"{session.status.fault}), and activate= is False. Activating moves its fingers through their "
                 "whole stroke"
             )
+        await session.gripper.clear_way()
         permit.check()
         session.gripper.write(protocol.RESET)
         if await self._poll(permit, RESET_S, Activation.RESET) is None:
             raise WireDown("arm: the gripper does not take the reset. Check who else writes to it")
+        await session.gripper.clear_way()
         permit.check()
         session.gripper.write(protocol.ACTIVATE)
         status = await self._poll(permit, protocol.ACTIVATION_S, Activation.ACTIVE)

@@ -10,8 +10,10 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Observation, WireDown
 from strands_actors.drivers.robotiq.driver import Robotiq
+from strands_actors.drivers.robotiq.sessions import TcpSession
 from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
-from strands_actors.drivers.robotiq.twin import ModbusSession, RobotiqTwin, twin_of
+from strands_actors.drivers.robotiq.twin import twin_of
+from strands_actors.drivers.robotiq.unit import RobotiqTwin
 from strands_actors.drivers.robotiq.wire import RobotiqWire
 from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import MemoryPort, Permission
@@ -34,7 +36,7 @@ class Rig:
 
     async def connect(self, host: str, port: int) -> MemoryPort:
         assert (host, port) == ("192.0.2.10", 502)
-        session = ModbusSession(self.twin)
+        session = TcpSession(self.twin)
 
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
             for exchange in session.receive(data, None):

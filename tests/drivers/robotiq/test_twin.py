@@ -20,7 +20,8 @@ from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
 from strands_actors.drivers.robotiq.mechanism import Gripper, Setup
 from strands_actors.drivers.robotiq.robots import TABLES
-from strands_actors.drivers.robotiq.twin import ModbusSession, main, twin_of
+from strands_actors.drivers.robotiq.sessions import TcpSession
+from strands_actors.drivers.robotiq.twin import main, twin_of
 from strands_actors.testing import Twin
 from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
 
@@ -191,7 +192,7 @@ def test_an_unknown_option_or_robot_is_refused_by_name() -> None:
 )
 def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[int, int, int, int, bytes]]) -> None:
     twin = twin_of("robotiq_2f85", lambda: 0.0, activated=True)
-    session = ModbusSession(twin)
+    session = TcpSession(twin)
     for unit, function, address, count, rest in sent:
         body = bytes((unit, function)) + address.to_bytes(2, "big") + count.to_bytes(2, "big") + rest
         frame = b"\0\1\0\0" + len(body).to_bytes(2, "big") + body
@@ -199,7 +200,7 @@ def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[int, int, 
             exchanges = list(session.receive(frame, None))
         except Exception as ended:
             assert type(ended).__name__ == "ClientGone"
-            session = ModbusSession(twin)
+            session = TcpSession(twin)
             continue
         for exchange in exchanges:
             assert [len(list(Decoder(requests=False).feed(reply.data))) for reply in exchange.replies] == [1]

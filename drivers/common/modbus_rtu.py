@@ -1,0 +1,110 @@
+"""Modbus RTU: frames with their checksum, and their decoder, which finds where one begins. Pure.
+
+RTU has no start mark and no number in a reply: a frame is what has the length its function says and
+a checksum that fits. Whoever asks must ask one question at a time (``half_duplex``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import DecodePDU, ModbusPDU
+
+from .modbus import exception_words
+
+OVERHEAD = 4
+"""Bytes of a frame that are no parameters: unit, function, checksum."""
+
+_MIN = 4
+_MAX = 256
+_UNIT_AND_FUNCTION = 2
+_CHECKSUM = 2
+_EXCEPTION = 0x80
+
+_READS = (3, 4)
+_WRITE_ONE, _WRITE, _READ_WRITE = 6, 16, 23
+
+_REQUEST_BYTES: Mapping[int, tuple[int, int | None]] = {
+    **dict.fromkeys(_READS, (8, None)),
+    _WRITE_ONE: (8, None),
+    _WRITE: (9, 6),
+    _READ_WRITE: (13, 10),
+}
+"""Length of a frame by function, and where it says how many bytes more there are."""
+_REPLY_BYTES: Mapping[int, tuple[int, int | None]] = {
+    **dict.fromkeys((*_READS, _READ_WRITE), (5, 2)),
+    _WRITE_ONE: (8, None),
+    _WRITE: (8, None),
+}
+
+
+class RtuFrame(NamedTuple):
+    """A frame whose checksum was right."""
+
+    id: int  # the unit
+    function: int
+    params: bytes
+    bytes: bytes  # the whole of it, as it was on the line
+
+    @property
+    def failure(self) -> str:
+        """Why the unit did not do what it was asked, by its own word; empty when it did."""
+        return exception_words(self.params[0]) if self.function & _EXCEPTION else ""
+
+
+class RtuDecoder:
+    """A stream of bytes to frames. What belongs to none is skipped, byte by byte."""
+
+    def __init__(self, *, requests: bool) -> None:
+        """``requests``: what a master says, otherwise what a unit answers."""
+        self._lengths = _REQUEST_BYTES if requests else _REPLY_BYTES
+        self._answers = not requests
+        self._pending = b""
+
+    def clear(self) -> None:
+        self._pending = b""
+
+    def feed(self, data: bytes) -> Iterator[RtuFrame]:
+        self._pending += data
+        while len(self._pending) >= _MIN:
+            size = self._size()
+            if size > len(self._pending):
+                return
+            frame = self._pending[:size]
+            if size and frame[-_CHECKSUM:] == checksum(frame[:-_CHECKSUM]):
+                self._pending = self._pending[size:]
+                yield RtuFrame(frame[0], frame[1], frame[_UNIT_AND_FUNCTION:-_CHECKSUM], frame)
+            else:
+                self._pending = self._pending[1:]
+
+    def _size(self) -> int:
+        """Of the frame that may begin here; 0: none does."""
+        function = self._pending[1]
+        if self._answers and function & _EXCEPTION:
+            return 5 if function & ~_EXCEPTION in self._lengths else 0
+        size, more_at = self._lengths.get(function, (0, None))
+        if more_at is not None:
+            # not there yet: wait for the byte that says it
+            size += self._pending[more_at] if len(self._pending) > more_at else 0
+        return size if size <= _MAX else 0
+
+
+def checksum(frame: bytes) -> bytes:
+    """CRC-16/MODBUS, low byte first."""
+    return FramerRTU.compute_CRC(frame).to_bytes(2, "big")
+
+
+def encode(pdu: ModbusPDU) -> bytes:
+    """The frame of a PDU whose ``dev_id`` is set."""
+    frame: bytes = FramerRTU(DecodePDU(is_server=False)).buildFrame(pdu)
+    return frame
+
+
+def request_of(frame: RtuFrame) -> ModbusPDU | None:
+    """What a master asks; None for what pymodbus does not know."""
+    pdu = DecodePDU(is_server=True).decode(frame.bytes[1:-_CHECKSUM])
+    if pdu is not None:
+        pdu.dev_id = frame.id
+    return pdu

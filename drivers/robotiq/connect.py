@@ -1,0 +1,33 @@
+"""Opens what leads to a gripper: a connection, or a serial port."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.modbus import ModbusClient
+from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.kernel.clock import Clock
+
+from .client import GripperClient
+from .config import RobotiqConfig
+from .serial_client import SerialGripper
+from .tcp_client import TcpGripper
+
+OpenStream = Callable[[str, int], Awaitable[ByteStream]]
+OpenPort = Callable[[str, int], BytePort]
+
+
+async def open_gripper(
+    config: RobotiqConfig, clock: Clock, open_stream: OpenStream, open_port: OpenPort = open_serial
+) -> GripperClient:
+    """Connect, or open the serial port. Raise ``WireDown``."""
+    if config.serial:
+        return SerialGripper(open_port(config.port, config.baud), config, clock)
+    try:
+        host, port = config.address()
+    except ValueError as error:
+        raise WireDown(str(error)) from None
+    stream = await open_stream(host, port)
+    return TcpGripper(ModbusClient(stream, config.unit_id, f"{config.robot} at {host}:{port}", clock))

@@ -1,0 +1,129 @@
+"""A gripper on Modbus RTU, over a serial line: RS-485, which both ends share.
+
+One question at a time, since a reply has no number; what is written waits for the answer that is on
+its way, as on every half-duplex bus. A write is answered, too: who asks next hears that out, and is
+told when the gripper refused it.
+"""
+
+from __future__ import annotations
+
+import trio
+from pymodbus.pdu.register_message import ReadInputRegistersRequest, WriteMultipleRegistersRequest
+
+from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.drivers.common import modbus_rtu
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Quiet
+from strands_actors.drivers.common.modbus import SILENT_S
+from strands_actors.drivers.common.modbus_rtu import RtuDecoder, RtuFrame
+from strands_actors.drivers.common.serial_port import BytePort
+from strands_actors.kernel.clock import NS, Clock
+
+from . import protocol
+from .client import GripperClient
+from .config import RobotiqConfig
+from .protocol import Command, Status
+
+ANSWER_BYTES = 1 + 2 * protocol.REGISTERS
+"""Parameters of the answer to a question: how many bytes, and these."""
+WRITTEN_BYTES = 4
+"""Of the answer to a write: where, and how many."""
+
+QUIET_S = 0.03
+"""After a missing answer: longer than the gripper may be late [assumed: it answers within 10 ms]."""
+AGAIN_S = 0.005
+
+
+class SerialGripper(GripperClient):
+    def __init__(self, port: BytePort, config: RobotiqConfig, clock: Clock) -> None:
+        self._name = f"{config.robot} at {config.port}"
+        self._unit = config.unit_id
+        self._port = port
+        self._clock = clock
+        self._bus: HalfDuplexBus[RtuFrame] = HalfDuplexBus(
+            port,
+            RtuDecoder(requests=False),
+            clock,
+            config.baud,
+            overhead=modbus_rtu.OVERHEAD,
+            quiet_s=QUIET_S,
+        )
+        request = ReadInputRegistersRequest(address=protocol.INPUT, count=protocol.REGISTERS, dev_id=self._unit)
+        self._question = modbus_rtu.encode(request)
+        self._waiting_since_ns: int | None = None  # since when it has been asked and said nothing
+        self._hears_part = False
+        self.descriptors = (port.fileno(),)
+
+    async def clear_way(self) -> None:
+        await self._bus.hear_out()
+
+    def write(self, command: Command) -> None:
+        request = WriteMultipleRegistersRequest(
+            address=protocol.OUTPUT, registers=command.registers(), dev_id=self._unit
+        )
+        self._bus.send_owed(modbus_rtu.encode(request), {self._unit: WRITTEN_BYTES})
+
+    async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
+        with trio.move_on_after(within_s):
+            while True:
+                if permit is not None:
+                    permit.check()
+                status = await self._asked()
+                if status is not None:
+                    return status
+                await trio.sleep(AGAIN_S)
+        return None
+
+    def ask(self) -> int:
+        return 0  # a question that is not awaited would be in the way of whatever comes next
+
+    async def answer(self, number: int, within_s: float) -> Status | None:
+        status = None
+        with trio.move_on_after(within_s):
+            status = await self._asked()
+        now_ns = self._clock.now_ns()
+        if status is None and self._waiting_since_ns is not None:
+            silent_s = (now_ns - self._waiting_since_ns) / NS
+            if silent_s > SILENT_S:
+                raise WireDown(
+                    f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect"
+                )
+        return status
+
+    def forget(self, number: int) -> None:
+        """Nothing is asked before it is awaited."""
+
+    @property
+    def hears_part(self) -> bool:
+        return self._hears_part
+
+    async def hung_up(self) -> None:
+        """Return once the adapter is gone."""
+        await self._port.hung_up()
+
+    def close(self) -> None:
+        self._port.close()
+
+    async def _asked(self) -> Status | None:
+        """Ask once. None: no answer, or it is too early to ask again."""
+        bus = self._bus
+        await bus.hear_out()
+        self._tell(bus.refusals.get(self._unit))
+        if self._waiting_since_ns is None:
+            self._waiting_since_ns = self._clock.now_ns()
+        try:
+            replies = await bus.transact(self._question, {self._unit: ANSWER_BYTES})
+        except Quiet:
+            await trio.lowlevel.checkpoint()
+            return None
+        self._tell(bus.refusals.get(self._unit))
+        self._hears_part = not replies and bus.stray_bytes > 0
+        if self._unit not in replies:
+            return None
+        self._waiting_since_ns = None
+        words = replies[self._unit].params[1:]
+        return Status.from_registers([int.from_bytes(words[at : at + 2], "big") for at in range(0, len(words), 2)])
+
+    def _tell(self, refusal: str | None) -> None:
+        if refusal is not None:
+            self._bus.refusals = {}
+            raise WireDown(f"{self._name}: refuses: {refusal}. Check unit_id= and its power")

@@ -1,0 +1,55 @@
+"""A gripper on Modbus TCP."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.contract.driver import Permit
+from strands_actors.drivers.common.modbus import ModbusClient
+
+from . import protocol
+from .client import GripperClient
+from .protocol import Command, Status
+
+ASK_AGAIN_S = 0.1
+
+
+class TcpGripper(GripperClient):
+    def __init__(self, client: ModbusClient) -> None:
+        self._client = client
+
+    async def clear_way(self) -> None:
+        """Nothing: questions may overlap."""
+
+    def write(self, command: Command) -> None:
+        self._client.write_registers(protocol.OUTPUT, command.registers())
+
+    async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
+        """Every ``ASK_AGAIN_S``."""
+        end_s = trio.current_time() + within_s
+        while (left_s := end_s - trio.current_time()) > 0:
+            if permit is not None:
+                permit.check()
+            number = self.ask()
+            status = await self.answer(number, min(left_s, ASK_AGAIN_S))
+            if status is not None:
+                return status
+            self.forget(number)
+        return None
+
+    def ask(self) -> int:
+        return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
+
+    async def answer(self, number: int, within_s: float) -> Status | None:
+        registers = await self._client.answer(number, within_s)
+        return None if registers is None else Status.from_registers(registers)
+
+    @property
+    def hears_part(self) -> bool:
+        return self._client.hears_part
+
+    def forget(self, number: int) -> None:
+        self._client.forget(number)
+
+    def close(self) -> None:
+        self._client.close()

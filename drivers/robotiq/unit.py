@@ -1,0 +1,74 @@
+"""The twin's gripper and its registers: what all who talk to it share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from strands_actors.drivers.common.twin import Fault, Faults
+
+from . import protocol as p
+from .body import GripperBody
+from .mechanism import Gripper, Setup
+
+
+class RobotiqTwin:
+    """One gripper, for all clients."""
+
+    def __init__(
+        self,
+        setup: Setup,
+        unit: int,
+        table: Mapping[str, Any],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``table``: of ``robots.toml``, for its looks."""
+        self.gripper = Gripper(setup, now_s)
+        self.unit = unit
+        self.body = GripperBody(self.gripper, table)
+        self.faults = Faults()
+        self._felt = p.Status()
+        self._output = p.RESET.registers()
+
+    @property
+    def fault(self) -> Fault:
+        return self.faults.of(None)
+
+    def set_fault(self, fault: Fault, unit: int | None = None) -> None:
+        """``unit``: of no meaning here, there is one speaker."""
+        if Fault.OFF in (fault, self.fault):
+            self.power_cycle()
+        self.gripper.hear()
+        self._felt = self.gripper.status()
+        self.gripper.stuck = fault is Fault.STUCK
+        self.faults.set(fault)
+
+    def power_cycle(self) -> None:
+        self.gripper.power_cycle()
+        self._output = p.RESET.registers()
+
+    def status(self) -> p.Status:
+        """What is said, which with a fault is not what is."""
+        if self.fault is Fault.STUCK:
+            return self._felt
+        status = self.gripper.status()
+        if self.fault is Fault.WRONG:
+            return msgspec.structs.replace(status, request=p.TOP - status.request, position=p.TOP - status.position)
+        return status
+
+    def output(self) -> list[int]:
+        return list(self._output)
+
+    def write(self, first: int, registers: Sequence[int]) -> None:
+        """Some of the output registers, from the ``first``-th on."""
+        self._output[first : first + len(registers)] = registers
+        self.gripper.write(p.Command.from_registers(self._output))
+
+    def kind_of(self, first: int, registers: Sequence[int]) -> str:
+        """What a write is in the words of the wire log."""
+        output = self.output()
+        output[first : first + len(registers)] = registers
+        return p.classify(p.Command.from_registers(output), self.gripper.asked_to_be_active)

@@ -1,0 +1,96 @@
+"""The text port of Robotiq's URCap on a UR controller, TCP 63352, of the twin: ``GET POS``,
+``SET POS 255 SPE 100 GTO 1``.
+
+It is the controller's, which speaks to the gripper's registers; so are the names, which are those of
+the registers' fields. Answers have no line end. What it does not understand it answers with ``?``
+[assumed].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from strands_actors.drivers.common.twin import Exchange, Fault, Reply
+
+from . import protocol as p
+from .protocol import Command, Status
+from .unit import RobotiqTwin
+
+PORT = 63352
+LONGEST = 1024
+"""A line that has no end by then is none."""
+
+_WRITTEN: Mapping[str, tuple[str, int]] = {
+    "ACT": ("activate", 1),
+    "GTO": ("go_to", 1),
+    "ATR": ("release", 1),
+    "POS": ("position", p.TOP),
+    "SPE": ("speed", p.TOP),
+    "FOR": ("force", p.TOP),
+}
+"""Field of ``Command`` and its highest value."""
+
+_READ: Mapping[str, Callable[[Status, Command], int]] = {
+    "ACT": lambda status, command: status.activated,
+    "GTO": lambda status, command: status.going,
+    "ATR": lambda status, command: command.release,
+    "SPE": lambda status, command: command.speed,
+    "FOR": lambda status, command: command.force,
+    "STA": lambda status, command: status.activation,
+    "OBJ": lambda status, command: status.contact,
+    "FLT": lambda status, command: status.fault,
+    "PRE": lambda status, command: status.request,
+    "POS": lambda status, command: status.position,
+    "COU": lambda status, command: status.current,
+}
+
+
+class UrcapSession:
+    """One client."""
+
+    def __init__(self, twin: RobotiqTwin) -> None:
+        self._twin = twin
+        self._pending = b""
+
+    def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
+        *lines, self._pending = (self._pending + data).split(b"\n")
+        self._pending = self._pending[:LONGEST]
+        for line in lines:
+            words = line.decode("ascii", "replace").split()
+            self._twin.gripper.hear()
+            changed = _changed(words, Command.from_registers(self._twin.output()))
+            kind = "read" if changed is None else self._twin.kind_of(0, changed.registers())
+            answer = self._answer(words, changed)
+            yield Exchange(kind, line + b"\n", self._replies(answer, kind), "hold" if kind == "safe" else None)
+
+    def _answer(self, words: list[str], changed: Command | None) -> str:
+        twin = self._twin
+        if changed is not None:
+            twin.write(0, changed.registers())
+            return "ack"
+        match words:
+            case ["GET", name] if name in _READ:
+                command = Command.from_registers(twin.output())
+                return f"{name} {int(_READ[name](twin.status(), command))}"
+            case ["GET", "SID"]:
+                return f"SID [{twin.unit}]"
+        return "?"
+
+    def _replies(self, answer: str, kind: str) -> list[Reply]:
+        if self._twin.fault is Fault.OFF:
+            return []
+        reply = self._twin.faults.apply(Reply(0.0, answer.encode(), None, kind))
+        return [] if reply is None else [reply]
+
+
+def _changed(words: list[str], command: Command) -> Command | None:
+    """The output after a ``SET NAME VALUE ...``; None for what is none, or not as a whole."""
+    if len(words) < 3 or words[0] != "SET" or len(words) % 2 == 0:
+        return None
+    told: dict[str, int | bool] = {}
+    for name, value in zip(words[1::2], words[2::2], strict=True):
+        field, top = _WRITTEN.get(name, ("", 0))
+        if not field or not value.isdecimal() or not 0 <= int(value) <= top:
+            return None
+        told[field] = bool(int(value)) if top == 1 else int(value)
+    return Command(**{**{name: getattr(command, name) for name in command.__struct_fields__}, **told})

@@ -1,0 +1,38 @@
+"""Packages that a test brings with it: installed once by pip into a folder of their own, kept in the
+user's cache, and put on the path of a child process. Ours stays as it is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+MADE_S = 300.0
+
+
+def installed(name: str, packages: Sequence[str]) -> Path:
+    """Return the folder. ``packages`` are pinned, and come without what they need."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strands-actors-tests"
+    target = cache / f"{name}-{'-'.join(packages).replace('==', '-')}-{sys.version_info[1]}"
+    if not (target / "made").exists():
+        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run(
+            [*pip, "--no-deps", "--upgrade", "--target", str(target), *packages], check=True, timeout=MADE_S
+        )
+        (target / "made").touch()
+    return target
+
+
+def run_with(target: Path, program: str, *arguments: str, within_s: float) -> str:
+    """Run a program that imports these packages; return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        env={**os.environ, "PYTHONPATH": str(target)},
+        capture_output=True,
+        text=True,
+        timeout=within_s,
+    )
+    assert done.returncode == 0, done.stderr or done.stdout
+    return done.stdout
