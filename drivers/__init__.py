@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
 from strands_actors.contract.surface import (
     DRIVER_SURFACE,
     HardwareDriver,
@@ -39,7 +40,9 @@ __all__ = [
     "drifted_driver_parameters",
     "driver_name",
     "get_native_driver_class",
+    "leader_name",
     "list_driver_coverage",
+    "list_leaders",
     "list_native_drivers",
     "list_robots",
     "missing_driver_members",
@@ -72,6 +75,12 @@ WIRES = {
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
 """One entry a class that declares robots: most wires have one."""
+
+LEADERS = {
+    "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
+    "dynamixel": "strands_actors.drivers.dynamixel.leader:DynamixelLeader",
+}
+"""One entry a class that declares leader arms: no robots, since nothing drives them."""
 
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 """Drives any of them in simulation."""
@@ -319,3 +328,19 @@ def list_driver_coverage() -> dict[str, tuple[str, ...]]:
         name: tuple(who for who, has in (("lerobot", lerobot), ("strands", _registered)) if name in has)
         for name in list_robots()
     }
+
+
+def list_leaders() -> dict[str, type[Driver]]:
+    """Return the leader arms there are, by name: what ``Teleoperator`` reads."""
+    classes = [load(where) for where in LEADERS.values()]
+    return {name: driver_class for driver_class in classes for name in sorted(driver_class.SUPPORTED_ROBOTS)}
+
+
+def leader_name(name: str) -> str | None:
+    """Return the leader that a name stands for, as ``canonical_name`` does; None: it is none."""
+    leaders = list_leaders()
+    known = {robot: robot for robot in leaders}
+    for driver_class in leaders.values():
+        known |= driver_class.ALIASES
+    plain = _plain(name)
+    return next((robot for each, robot in known.items() if _plain(each) == plain), None)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         tell,
     )
     from .surfaces.recording import RecordingError, read, record, replay
+    from .teleoperation.teleoperator import Teleoperator
 
 _WHERE = {
     "drivers": (
@@ -65,6 +66,7 @@ _WHERE = {
         "resume",
         "tell",
     ),
+    "teleoperation.teleoperator": ("Teleoperator",),
     "surfaces.recording": ("RecordingError", "read", "record", "replay"),
 }
 
@@ -77,6 +79,7 @@ __all__ = [
     "Policy",
     "RecordingError",
     "Robot",
+    "Teleoperator",
     "__version__",
     "broadcast",
     "control",

@@ -457,6 +457,20 @@ class StartTask(Message, frozen=True):
     options: dict[str, Any]
     rollout: Rollout
     deadline_ns: int = 0
+    is_actor: bool = False
+    """``provider`` is an actor in the policy's place, made as ``factory(rollout, report, **options)``:
+    it sends the setpoints itself."""
+
+
+class Operate(Message, frozen=True):
+    """What an operator does at a keyboard, for a teleoperation: the dead-man, and how fast each
+    axis is to go, -1..1. Told again and again: it stands for a moment only."""
+
+    lane = "latest"
+
+    t_ns: int
+    held: bool
+    rates: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class StopTask(Message, frozen=True):
@@ -481,6 +495,7 @@ class TaskStatus(Message, frozen=True):
     refusal: str = ""
     instruction: str = ""
     hz: float = 0.0
+    teleop: dict[str, Any] = msgspec.field(default_factory=dict)  # of a teleoperation: its state, JSON
 
 
 class Describe(Message, frozen=True):

@@ -50,11 +50,16 @@ def folder(environ: Mapping[str, str] = os.environ) -> Path:
     return Path(cache).expanduser() / "lerobot" / "calibration"
 
 
-def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None) -> Path | None:
+ROBOTS = "robots"
+LEADERS = "teleoperators"
+"""Folders of the files: lerobot's own words."""
+
+
+def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, kind: str = ROBOTS) -> Path | None:
     """The file of robot ``robot_id`` under the first of ``robot_types`` that has one."""
     base = folder() if root is None else root
     for robot_type in robot_types:
-        path = base / "robots" / robot_type / f"{robot_id}.json"
+        path = base / kind / robot_type / f"{robot_id}.json"
         if path.is_file():
             return path
     return None
@@ -67,6 +72,18 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
     except (OSError, ValueError) as error:
         raise ValueError(f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file") from None
     return check(content, motors, max_offset, str(path))
+
+
+def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
+    """Write a file as lerobot does, whole or not at all. Raise ``OSError``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(f".{os.getpid()}.new")
+    content = {key: {field: getattr(motor, field) for field in FIELDS} for key, motor in motors.items()}
+    with new.open("w") as file:
+        json.dump(content, file, indent=4)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(new, path)
 
 
 def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:

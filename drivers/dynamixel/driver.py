@@ -30,6 +30,8 @@ class Dynamixel(ServoDriver):
     BAUD_RATES: ClassVar[tuple[int, ...]] = BAUD_RATES
     DEFAULT_BAUD: ClassVar[int] = DEFAULT_BAUD
     MAX_OFFSET: ClassVar[int] = 1_044_479
+    LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"koch": ("koch_follower",)}
+    SETUP: ClassVar[str] = "strands_actors.drivers.common.dynamixel.setup:DynamixelSetup"
     HOST_INVERTS: ClassVar[bool] = False  # drive mode is a register of the servo, which obeys it
     FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
     REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES

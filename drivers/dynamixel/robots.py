@@ -5,3 +5,6 @@ from __future__ import annotations
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Dynamixel")
+
+LEADERS = RobotTables(__package__, "Dynamixel", TABLES)
+"""Of the arms that lead them: ``leaders.toml``."""

@@ -10,14 +10,14 @@ from strands_actors.drivers.common.dynamixel import twin
 from strands_actors.drivers.common.twin import Start
 from strands_actors.drivers.common.twin.servo_bus import serve
 
-from .robots import TABLES
+from .robots import LEADERS, TABLES
 
 
 class DynamixelBus(twin.DynamixelBus):
     @classmethod
     def for_robot(cls, robot: str, now_s: Callable[[], float] = time.monotonic) -> DynamixelBus:
-        """Return the bus of one robot of ``robots.toml``."""
-        return cls.of_table(TABLES.table(robot), now_s)
+        """Return the bus of one robot of ``robots.toml``, or of a leader."""
+        return cls.of_table((LEADERS if robot in LEADERS.robots else TABLES).table(robot), now_s)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

@@ -27,8 +27,12 @@ class Feetech(ServoDriver):
     DEFAULT_BAUD: ClassVar[int] = BAUD_RATES[0]
     MAX_OFFSET: ClassVar[int] = (1 << (HOMING_OFFSET.sign_bit or 0)) - 1
     HOST_INVERTS: ClassVar[bool] = True
-    LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"so100": ("so_follower",), "so101": ("so_follower",)}
-    """Since lerobot 0.5 both arms share one folder."""
+    LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "so100": ("so_follower",),  # since lerobot 0.4 both arms share one folder
+        "so101": ("so_follower",),
+        "hope_jr": ("hope_jr_arm",),
+    }
+    SETUP: ClassVar[str] = "strands_actors.drivers.feetech.setup:FeetechSetup"
     FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
     REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
 

@@ -5,3 +5,6 @@ from __future__ import annotations
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "Feetech")
+
+LEADERS = RobotTables(__package__, "Feetech", TABLES)
+"""Of the arms that lead them: ``leaders.toml``."""

@@ -12,7 +12,7 @@ from strands_actors.drivers.common.twin.process import known_options
 from strands_actors.drivers.common.twin.servo_bus import OPTIONS, ServoBus, serve
 
 from . import protocol as p
-from .robots import TABLES
+from .robots import LEADERS, TABLES
 from .servo import Servo
 
 
@@ -38,8 +38,8 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
     def for_robot(
         cls, robot: str, now_s: Callable[[], float] = time.monotonic, goal_energises: bool = True
     ) -> FeetechBus:
-        """The bus of one robot of ``robots.toml``."""
-        table = TABLES.table(robot)
+        """The bus of one robot of ``robots.toml``, or of a leader."""
+        table = (LEADERS if robot in LEADERS.robots else TABLES).table(robot)
         numbers = {name: number for number, name in p.MODEL_NUMBERS.items()}
         return cls(
             Plant.from_table(table),

@@ -71,3 +71,23 @@ async def _ask(control: str, request: p.Request, kind: type[T], within_s: float)
             client.close()
     except (WireDown, Refusal) as failure:
         raise RuntimeError(str(failure)) from None
+
+
+async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, float]:
+    """Take what the wire does not hold, and bring it to ``targets``, radians by axis; an axis
+    without one stays where it is. Return all of them. Raise ``RuntimeError``."""
+    try:
+        client = SimulationClient(control)
+        try:
+            axes = (await client.call(p.Handshake(0), p.Axes, RESET_S)).axes
+            sample = await client.call(p.Take(0), p.Sample, RESET_S)
+            goal = {**dict(zip(axes, sample.position, strict=True)), **targets}
+            if unknown := [name for name in targets if name not in axes]:
+                raise RuntimeError(f"{', '.join(unknown)} is none of its joints. it has {', '.join(axes)}")
+            client.tell(p.Aim(0, tuple(goal[axis] for axis in axes)))
+            await client.call(p.Read(0), p.Sample, RESET_S)  # after it: it has arrived
+        finally:
+            client.close()
+    except WireDown as failure:
+        raise RuntimeError(str(failure)) from None
+    return goal

@@ -145,6 +145,7 @@ def task(status: TaskStatus) -> dict[str, Any]:
         "refusal": status.refusal or None,
         "instruction": status.instruction,
         "hz": round(status.hz, 2),
+        **({"teleop": status.teleop} if status.teleop else {}),
     }
 
 

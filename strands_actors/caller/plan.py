@@ -229,7 +229,9 @@ def _unknown(name: str, known: Iterable[str]) -> str:
     if name.endswith("_leader"):
         follower = canonical_name(name.removesuffix("_leader"))
         its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
-        return f"Robot: {name} is a teleoperator, and this version drives none.{its}"
+        return (
+            f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and arm.teleoperate(it).{its}"
+        )
     close = difflib.get_close_matches(name, known, n=3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
     return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import threading
+import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
@@ -46,6 +47,10 @@ if TYPE_CHECKING:
 
     from strands_actors.surfaces.cameras.frames import Frame
     from strands_actors.surfaces.mesh.config import MeshConfig
+    from strands_actors.teleoperation.teleoperator import Teleoperator
+
+TELEOP_LOOK_S = 0.1
+"""Between two looks at whether a teleoperation has ended."""
 
 T = TypeVar("T")
 
@@ -74,6 +79,7 @@ def Robot(  # a factory named as on the drivers page
     position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None,
+    arm: bool = True,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
     approve_within_s: float = APPROVE_S,
@@ -97,8 +103,9 @@ def Robot(  # a factory named as on the drivers page
     (``"30d"``). ``mesh``: where other hosts reach it; False: nowhere. Of a simulation:
     ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position`` (metres) and
     ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its model in which
-    it begins; ``backend``, ``"mujoco"``. ``options`` are the driver's own. Raise ``ValueError`` or
-    ``TypeError`` with what would be accepted.
+    it begins; ``backend``, ``"mujoco"``. ``arm=False``: connecting energises nothing, and until
+    ``resume()`` the robot may be moved by hand and read. ``options`` are the driver's own. Raise
+    ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     wanted = plan(
         name,
@@ -122,7 +129,7 @@ def Robot(  # a factory named as on the drivers page
         **options,
     )
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
-    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval)
+    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval, arm)
 
 
 class RealRobot(RobotTool):
@@ -140,8 +147,9 @@ class RealRobot(RobotTool):
     OTHERS_CONNECT: ClassVar[bool] = False
     """Whether they do so for an agent, too: what energises a robot is for the program to decide."""
 
-    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
+    def __init__(self, plan: Plan, approval: Approval | None = None, arm: bool = True) -> None:
         self._plan = plan
+        self._arm = arm
         self._approval = approval or approval_of(plan.driver_class, (), None, APPROVE_S)
         self._liveness = Liveness()
         self._opened: RobotTree | None = None
@@ -232,7 +240,8 @@ class RealRobot(RobotTool):
     # -- lifecycle
 
     def connect_eagerly(self) -> str | None:
-        """Start the tree, connect, and arm at the measured position. None, or why not."""
+        """Start the tree, connect, and arm at the measured position (unless it was made with
+        ``arm=False``). None, or why not."""
         self._asked_to_connect = True
         return self._connect_now()
 
@@ -252,7 +261,7 @@ class RealRobot(RobotTool):
             self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
             self._pid = os.getpid()
         assert self._opened is not None
-        return await self._opened.connect()
+        return await self._opened.connect(self._arm)
 
     async def _complete(self) -> str | None:
         """Have the robot say what only it can tell."""
@@ -420,6 +429,54 @@ class RealRobot(RobotTool):
         """End the rollout; returns when the robot holds, whatever the policy does."""
         return self._verb(verbs.stop_task, "stop_task")
 
+    # -- teleoperation
+
+    def attach_teleop(
+        self,
+        leader: Teleoperator,
+        hz: float = 100.0,
+        map_fn: Callable[..., Any] | None = None,
+        deadman: str | None = None,
+        max_speed: float | None = None,
+        duration: float | None = None,
+    ) -> Answer:
+        """Have the robot led, in a process of its own, until ``stop_task()``. Returns at once;
+        ``get_task_status()`` says how it goes. ``map_fn``: from the leader's positions by joint to
+        the robot's; a function of a module. ``deadman``: ``"gripper"``, a leader's own, squeezed
+        twice, or ``"key"``, told by ``operate()``. ``max_speed``: degrees a second; a frame that
+        asks for more is refused. ``duration``: seconds."""
+        from strands_actors.teleoperation.verbs import attach  # for who leads a robot
+
+        begin = attach(self._driver, leader, hz, map_fn, deadman, max_speed, duration)
+        return begin if isinstance(begin, Answer) else self._verb(begin, "teleoperate")
+
+    def teleoperate(
+        self,
+        leader: Teleoperator,
+        hz: float = 100.0,
+        map_fn: Callable[..., Any] | None = None,
+        deadman: str | None = None,
+        max_speed: float | None = None,
+        duration: float | None = None,
+    ) -> Answer:
+        """As ``attach_teleop``, and wait until it has ended; Ctrl-C ends it, and the robot
+        holds."""
+        answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        try:
+            while answer["status"] == "success" and answer["content"][0]["json"]["running"]:
+                time.sleep(TELEOP_LOOK_S)
+                answer = self.get_task_status()
+        except KeyboardInterrupt:
+            answer = self.stop_task()
+        return answer
+
+    def operate(self, held: bool, **rates: float) -> Answer:
+        """Tell the teleoperation what its operator does: whether the dead-man is held, and of a
+        ``keyboard`` how fast each axis is to go, -1..1. It stands for 0.2 s: tell it again."""
+        from strands_actors.teleoperation.verbs import operate
+
+        return self._verb(operate(held, rates), "operate")
+
     # -- as a tool
 
     async def use_tool(self, given: object, by: str) -> Answer:
@@ -500,8 +557,8 @@ class SimRobot(RealRobot):
     )
     OTHERS_CONNECT: ClassVar[bool] = True
 
-    def __init__(self, plan: Plan, approval: Approval | None = None) -> None:
-        super().__init__(plan, approval)
+    def __init__(self, plan: Plan, approval: Approval | None = None, arm: bool = True) -> None:
+        super().__init__(plan, approval, arm)
         assert plan.twin_process is not None
         self._world = World(plan.twin_process)
 

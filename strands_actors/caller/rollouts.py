@@ -19,7 +19,7 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, Stop, StopTask, TaskStatus
+from strands_actors.supervisors.messages import GetTask, Operate, Rollout, StartTask, Stop, StopTask, TaskStatus
 
 from .processes import Processes
 from .writer import Writer
@@ -81,10 +81,16 @@ class Rollouts:
             node.release(cell)
 
     async def start_task(
-        self, provider: str, options: dict[str, Any], instruction: str, duration_s: float, hz: float | None
+        self,
+        provider: str,
+        options: dict[str, Any],
+        instruction: str,
+        duration_s: float,
+        hz: float | None,
+        is_actor: bool = False,
     ) -> TaskStatus | Refused:
         """Run a named policy in a process of its own; for a robot of another host in this one.
-        Returns at once."""
+        ``is_actor``: as in ``StartTask``. Returns at once."""
         async with self._writer.turn:
             refusal = await self._may_start("start_task")
             if refusal is not None:
@@ -94,7 +100,7 @@ class Rollouts:
                 return self._begin(rollout, lambda: load(provider)(**options))
             deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)
             try:
-                answer = await tasks.ask(StartTask(provider, options, rollout, deadline_ns), START_S)
+                answer = await tasks.ask(StartTask(provider, options, rollout, deadline_ns, is_actor), START_S)
             except (AskTimeout, Unreachable) as failure:
                 return await self._never_started(tasks, failure)
             if isinstance(answer, TaskStatus):
@@ -146,6 +152,14 @@ class Rollouts:
             if isinstance(answer, TaskStatus):
                 self._task = answer
         return self._task
+
+    def operate(self, told: Operate) -> Refused | None:
+        """Pass on what an operator does. None, or why there is nobody to tell."""
+        tasks = self._processes.tasks
+        if tasks is None or not self._has_process or not self._task.running:
+            return Refused("no_teleop", "operate: no teleoperation runs", "call attach_teleop() first")
+        tasks.tell(told)
+        return None
 
     @property
     def running(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.supervisors.gate.failsafe import Mode
@@ -69,6 +70,11 @@ class RobotTree:
     def robot(self) -> str:
         """Its name among the robots that run: ``plan.tool_name``, numbered when that was taken."""
         return self._processes.robot
+
+    @property
+    def clock(self) -> Clock:
+        """Of the robot's host."""
+        return self._processes.node.clock
 
     @property
     def facts(self) -> dict[str, Any]:

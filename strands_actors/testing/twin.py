@@ -19,7 +19,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 
+import trio
+
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .registering import where_is
@@ -29,12 +32,14 @@ PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
 
 _PROGRAM = "from strands_actors.surfaces.cli import main; main()"
+_BY_HAND = "strands_actors.drivers.sim.world:move_by_hand"
 _REGISTER = "from strands_actors.testing.registering import register; register({where!r}, {robot!r}); "
 
 
 class Twin:
     """Runs as long as the ``with`` block. ``fault``: one it begins with, as on the command line.
-    ``driver``: its class, when that is no part of this package. ``options``: of its twin."""
+    ``driver``: its class, when that is no part of this package. ``options``: of its twin.
+    ``by_hand``: its joints can be moved by hand, too."""
 
     def __init__(
         self,
@@ -43,6 +48,7 @@ class Twin:
         fault: str | None = None,
         driver: type[Driver] | None = None,
         options: Mapping[str, object] | None = None,
+        by_hand: bool = False,
     ) -> None:
         self.robot = robot
         self.log = WireLog(directory / "wire.ndjson")
@@ -51,6 +57,8 @@ class Twin:
         self._errors = directory / "twin.err"
         self._fault = fault
         self._options = options or {}
+        self._control = directory / "control" if by_hand else None
+        self._hand: dict[str, float] = {}
         self._program = _PROGRAM
         if driver is not None:
             self._program = _REGISTER.format(where=where_is(driver), robot=robot) + _PROGRAM
@@ -61,6 +69,8 @@ class Twin:
             arguments += ["--fault", self._fault]
         for name, value in self._options.items():
             arguments += ["--option", f"{name}={value}"]
+        if self._control is not None:
+            arguments += ["--control", str(self._control)]
         theirs, self._ours = os.pipe()  # ends with this process, however that ends
         with self._errors.open("w") as errors, open(theirs, "rb") as parent:
             self.process = subprocess.Popen(
@@ -108,6 +118,11 @@ class Twin:
 
     def go_on(self) -> None:
         self.process.send_signal(signal.SIGCONT)
+
+    def move_by_hand(self, **radians: float) -> None:
+        """Bring joints that the wire does not hold to angles of its model, as a hand would; those
+        that were moved before stay. Returns when they are on their way."""
+        self._hand = trio.run(load(_BY_HAND), str(self._control), {**self._hand, **radians})
 
     def order(self, line: str) -> None:
         """A control line that only this robot has."""

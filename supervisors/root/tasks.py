@@ -33,6 +33,7 @@ from strands_actors.supervisors.messages import (
     GetStatus,
     GetTask,
     Happened,
+    Operate,
     Rollout,
     StartTask,
     Stop,
@@ -73,6 +74,7 @@ class Tasks(Actor):
         self.starts = 0
         self.status = TaskStatus()
         self._stopping = False
+        self._is_actor = False
         self._ended_by = ""
         self._gone = trio.Event()
 
@@ -84,10 +86,15 @@ class Tasks(Actor):
         if self.process is not None:  # of an incarnation that failed: nobody attended to it since
             self.context.start_soon(self._end, self.process)
 
-    async def receive(self, message: StartTask | StopTask | GetTask | TaskStatus) -> TaskStatus | Refused | None:
+    async def receive(
+        self, message: StartTask | StopTask | GetTask | Operate | TaskStatus
+    ) -> TaskStatus | Refused | None:
         match message:
             case TaskStatus():
                 self.status = message
+            case Operate():
+                if self.process is not None and self._is_actor:
+                    self._policy.tell(message)
             case GetTask():
                 return self.status
             case StartTask():
@@ -110,6 +117,7 @@ class Tasks(Actor):
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
             "deadline_ns": message.deadline_ns,
+            "is_actor": message.is_actor,
         }
         if (late := self._refuse_late(message)) is not None:
             return late
@@ -118,6 +126,7 @@ class Tasks(Actor):
         except OSError as error:
             return Refused("no_process", f"start_task: no process can be started: {error}", "try again")
         self.process = process
+        self._is_actor = message.is_actor
         self.starts += 1
         self.context.note(Happened("the policy process was started", message.provider, process.pid))
         self._stopping = False
@@ -232,6 +241,12 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     def make() -> Any:
         return load(args["provider"])(**args["options"])
 
+    def attend() -> Actor:
+        if args["is_actor"]:
+            actor: Actor = load(args["provider"])(rollout, report, **args["options"])
+            return actor
+        return Policy(rollout, make, report)
+
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
@@ -246,7 +261,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
         nursery.start_soon(node.cell(at.introspection("policy"), Introspector, "introspection").run)
-        nursery.start_soon(node.cell(at.path("policy"), lambda: Policy(rollout, make, report)).run)
+        nursery.start_soon(node.cell(at.path("policy"), attend).run)
         await ended.wait()
         await trio.sleep(LAST_WORDS_S)
         os._exit(0)

@@ -22,6 +22,10 @@ class ServoConfig(msgspec.Struct, frozen=True):
     """How long the whole bus may be silent before it counts as lost."""
     others: tuple[int, ...] = ()
     """Ids of servos on this bus that are the robot's and not driven."""
+    modes: Mapping[str, int] = {}
+    """Operating modes of its servos, by joint, where a protocol has several."""
+    passive: bool = False
+    """Whether it is a leader arm: its wire energises nothing and takes no target."""
 
     @property
     def ids(self) -> tuple[int, ...]:

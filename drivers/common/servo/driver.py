@@ -52,7 +52,11 @@ class ServoDriver(Driver):
     HOST_INVERTS: ClassVar[bool]
     """Whether the host applies drive mode 1 of a calibration (lerobot's rule for this servo)."""
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Folder names of lerobot beside the robot's own name and aliases."""
+    """Folder names of lerobot beside the robot's own name and aliases: the present one."""
+    SETUP: ClassVar[str]
+    """``module:class`` of what gives servos their ids and calibration (``setup.py``)."""
+    CALIBRATIONS: ClassVar[str] = lerobot.ROBOTS
+    """The folder of lerobot that those are in."""
     FAULT_CODES: ClassVar[Mapping[str, str]]
     """What a motor reports -> the code of the refusal."""
     REMEDIES: ClassVar[Mapping[str, str]]
@@ -104,6 +108,7 @@ class ServoDriver(Driver):
             calibration=calibration,
             calibration_source=resolved["calibration_source"],
             timeout_s=resolved["timeout"],
+            modes={joint["key"]: joint["mode"] for joint in joints if "mode" in joint},
         )
         groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
         kinds = {"percent": PartKind.GRIPPER}
@@ -136,6 +141,19 @@ class ServoDriver(Driver):
         return dict(zip(usual, ids, strict=True))
 
     @classmethod
+    def lerobot_types(cls, robot: str) -> tuple[str, ...]:
+        """Return the names of a robot under which lerobot may have a calibration of it, the present
+        one first: there a new one is put."""
+        others = tuple(alias for alias, name in cls.TABLES.aliases.items() if name == robot)
+        present = cls.TABLES.robots[robot].get("lerobot", cls.LEROBOT_TYPES.get(robot, ()))
+        return tuple(dict.fromkeys((*present, robot, *others)))
+
+    @classmethod
+    def calibration_file(cls, robot: str, robot_id: str) -> Path:
+        """Return where lerobot looks for the calibration of one robot."""
+        return lerobot.folder() / cls.CALIBRATIONS / cls.lerobot_types(robot)[0] / f"{robot_id}.json"
+
+    @classmethod
     def _calibration(
         cls, robot: str, options: Mapping[str, Any], ids: Mapping[str, int]
     ) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
@@ -146,10 +164,9 @@ class ServoDriver(Driver):
         if isinstance(given, (str, Path)):
             path: Path | None = Path(given).expanduser()
         elif given is None:
-            other_names = tuple(alias for alias, name in cls.TABLES.aliases.items() if name == robot)
-            types = (robot, *other_names, *cls.LEROBOT_TYPES.get(robot, ()))
             tool_name = options.get("tool_name")
-            path = lerobot.find(types, str(tool_name)) if tool_name else None
+            types = cls.lerobot_types(robot)
+            path = lerobot.find(types, str(tool_name), kind=cls.CALIBRATIONS) if tool_name else None
         else:
             raise ValueError(f"{robot}: calibration is {given!r}. Give a path, a dict or None")
         if path is None:

@@ -153,6 +153,7 @@ class ServoWire(Wire, Generic[PacketT]):
     async def arm(self, permit: Permit) -> Observation:
         """Motor by motor, each where it is at that moment: a goal alone energises a Feetech
         servo."""
+        self._refuse_passive("arm")
         session = self.session
         await self.before_arming(permit)
         replies = await self.ask_all(*self.FEEDBACK, "its position")
@@ -179,6 +180,7 @@ class ServoWire(Wire, Generic[PacketT]):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """To those that are heard and have torque: a goal would give it back to a servo that has
         lost it."""
+        self._refuse_passive("write")
         session = self.session
         if not self._armed:
             raise PermitDenied("not armed")
@@ -334,6 +336,12 @@ class ServoWire(Wire, Generic[PacketT]):
         if axis.id not in replies:
             raise WireDown(untold(bus, axis.label, what))
         return replies[axis.id]
+
+    def _refuse_passive(self, what: str) -> None:
+        if self.config.passive:
+            raise WireDown(
+                f"{what}: {self.config.robot} is a leader arm, which is never energised. Move it by hand"
+            )
 
     def _refuse_outside(self, axis: Axis, count: int) -> None:
         low, high = self.session.reach[axis.id]

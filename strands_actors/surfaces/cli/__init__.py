@@ -193,6 +193,66 @@ def send(
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
 
 
+@app.command()
+def calibrate(
+    robot: Kind,
+    port: Annotated[str, typer.Option(help="Its serial port.")],
+    id_: Annotated[str | None, typer.Option("--id", help="Its name; the file is called so.")] = None,
+    json: Json = False,
+) -> None:
+    """Find the middle and the ends of a robot's joints, or a leader's, by hand."""
+    from .calibrate import calibrate as run
+
+    raise typer.Exit(run(robot, port, id_, json))
+
+
+@app.command("setup-motors")
+def setup_motors(
+    robot: Kind,
+    port: Annotated[str, typer.Option(help="Its serial port.")],
+    joint: Annotated[list[str] | None, typer.Option(help="Only this one.")] = None,
+    json: Json = False,
+) -> None:
+    """Give new servos their ids, one after the other."""
+    from .calibrate import setup_motors as run
+
+    raise typer.Exit(run(robot, port, joint or [], json))
+
+
+@app.command()
+def ports(
+    also: Annotated[list[str] | None, typer.Option(metavar="PATH", help="Look at these, too.")] = None,
+    json: Json = False,
+) -> None:
+    """Find out which serial adapter is which robot's, by unplugging it."""
+    from .calibrate import ports as run
+
+    raise typer.Exit(run(also or [], json))
+
+
+@app.command()
+def teleop(
+    robot: Kind,
+    leader: Annotated[
+        str, typer.Option("--from", metavar="LEADER", help="NAME:PORT of a leader arm, keyboard, module:Class.")
+    ],
+    port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Lead its twin; without a port: a simulation.")] = False,
+    deadman: Annotated[str | None, typer.Option(help="`key`: the space bar; `gripper`: the leader's.")] = None,
+    relative: Annotated[bool, typer.Option("--relative", help="Lead from where both are when engaged.")] = False,
+    hz: Annotated[float, typer.Option(help="Setpoints a second.")] = 100.0,
+    max_speed: Annotated[float | None, typer.Option(help="Degrees a second; quicker frames are refused.")] = None,
+    map_: Annotated[str | None, typer.Option("--map", metavar="MODULE:FUNCTION", help="Leader to robot.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long; else until a key.")] = None,
+    id_: Annotated[str | None, typer.Option("--id", help="The robot's name, and its calibration's.")] = None,
+    json: Json = False,
+) -> None:
+    """Lead a robot by a leader arm, or by keys. It follows while the dead-man is held."""
+    from .teleop import teleop as run
+
+    raise typer.Exit(run(robot, leader, port, twin, deadman, relative, hz, max_speed, map_, seconds, id_, json))
+
+
 meshes = typer.Typer(name="mesh", help="Who is on the mesh, and who may be.", add_completion=False)
 app.add_typer(meshes)
 
@@ -250,12 +310,13 @@ def twin(
     log: Annotated[Path | None, typer.Option(help="One JSON line for each frame on the wire.")] = None,
     fault: Annotated[str | None, typer.Option(metavar="WORD[:servo]", help="A fault it begins with.")] = None,
     option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of its twin.")] = None,
+    control: Annotated[Path | None, typer.Option(help="A socket by which its joints are moved as by hand.")] = None,
     parent_fd: Annotated[int | None, typer.Option(hidden=True, help="Ends with the twin's parent.")] = None,
 ) -> None:
     """Serve a robot's twin until interrupted."""
     from .robots import serve_twin
 
-    serve_twin(robot, port_file, log, fault, parent_fd, option or [])
+    serve_twin(robot, port_file, log, fault, parent_fd, control, option or [])
 
 
 @app.command()

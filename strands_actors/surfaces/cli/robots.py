@@ -10,7 +10,9 @@ from strands_actors.contract.loading import load
 from strands_actors.drivers import (
     canonical_name,
     get_native_driver_class,
+    leader_name,
     list_driver_coverage,
+    list_leaders,
     list_native_drivers,
 )
 
@@ -40,22 +42,32 @@ def show_robots(as_json: bool) -> None:
 
 
 def serve_twin(
-    robot: str, port_file: Path, log: Path | None, fault: str | None, parent_fd: int | None, options: list[str]
+    robot: str,
+    port_file: Path,
+    log: Path | None,
+    fault: str | None,
+    parent_fd: int | None,
+    control: Path | None,
+    options: list[str],
 ) -> None:
-    driver_class = get_native_driver_class(robot)
+    leader = leader_name(robot)
+    driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None or not issubclass(driver_class, Driver):
-        raise Problem(f"twin: no driver for {robot!r}. there are {', '.join(list_native_drivers())}")
+        raise Problem(
+            f"twin: no driver for {robot!r}. there are {', '.join([*list_native_drivers(), *list_leaders()])}"
+        )
     if wrong := [text for text in options if "=" not in text]:
         raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")
     serve = load(driver_class.TWIN)
     given = {"options": dict(text.split("=", 1) for text in options)} if options else {}
     try:
         serve(
-            canonical_name(robot),
+            leader or canonical_name(robot),
             port_file=str(port_file),
             log=None if log is None else str(log),
             fault=fault,
             parent_fd=parent_fd,
+            control=None if control is None else str(control),
             **given,
         )
     except ValueError as refusal:

@@ -1,0 +1,196 @@
+"""What is done to servos when a robot is built: their ids, and its calibration. Nothing here
+energises anything, and no tree runs meanwhile: the port is this process's alone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Generic, NamedTuple
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.calibration import MotorCalibration
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
+from strands_actors.drivers.common.serial_port import BytePort, open_serial
+from strands_actors.kernel.clock import Clock
+
+from .axes import MIDDLE, TOP, Axis
+from .codec import Codec
+from .config import ServoConfig
+from .handshake import ANSWER_S, block, check_model, command, roll_call
+from .safing import Safing, safing_on
+
+HALF_TURN = MIDDLE - 1
+"""Where the middle of a joint is put: lerobot's, half of 4095."""
+
+SEEK_S = 0.1
+SLOT_S = 0.003
+"""Broadcast ping: the slot of one id [assumed, as at the roll call]."""
+
+
+class Found(NamedTuple):
+    """A servo that answers: at which speed of the bus, under which id."""
+
+    baud: int
+    id: int
+
+
+class Setup(ABC, Generic[PacketT]):
+    """Of one robot or leader, on its port. Everything raises ``WireDown``."""
+
+    CODEC: Codec[PacketT]
+    SAFING: type[Safing[PacketT]]
+
+    def __init__(
+        self, config: ServoConfig, clock: Clock, open_port: Callable[[str, int], BytePort] = open_serial
+    ) -> None:
+        self.config = config
+        self.axes = config.joints
+        self.clock = clock
+        self._open_port = open_port
+        self._port: BytePort | None = None
+        self._bus: HalfDuplexBus[PacketT] | None = None
+
+    # -- what a protocol adds
+
+    @abstractmethod
+    async def unlock(self, axis: Axis) -> None:
+        """Let what is written survive a power off."""
+
+    @abstractmethod
+    async def lock(self, axis: Axis) -> None: ...
+
+    @abstractmethod
+    async def read_calibration(self, axis: Axis) -> MotorCalibration:
+        """What its servo has now, whatever that is."""
+
+    @abstractmethod
+    async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
+        """All of it, and the mode that the joint is driven in."""
+
+    @abstractmethod
+    def offset_to_middle(self, position: int) -> int:
+        """The homing offset by which a servo that reads ``position`` without one reads
+        ``HALF_TURN``."""
+
+    @abstractmethod
+    async def give(self, servo: int, axis: Axis, baud: int) -> None:
+        """Give a servo the id of a joint and the speed of its bus. It is alone on the bus."""
+
+    # -- for everybody
+
+    @property
+    def bus(self) -> HalfDuplexBus[PacketT]:
+        if self._bus is None:
+            raise WireDown("setup: the port is not open")
+        return self._bus
+
+    async def open(self) -> None:
+        """All servos of the robot answer, and have no torque."""
+        config = self.config
+        self._open(config.baud)
+        await roll_call(
+            self.bus, self.CODEC, config.robot, self.axes, f"{config.port} at {config.baud} baud", config.others
+        )
+        assert self._port is not None
+        reports = await safing_on(self._port, config, self.CODEC, self.SAFING, self.clock).limp()
+        if stiff := [report.axis for report in reports if not report.safe]:
+            raise WireDown(f"setup: {', '.join(stiff)} may have torque. Check cables and power")
+
+    async def positions(self) -> dict[str, int]:
+        """Counts by joint, as the servos tell them."""
+        register, ids = self.CODEC.POSITION, self.config.ids
+        request = self.CODEC.sync_read(ids, register.address, register.size)
+        replies = await self.bus.transact(request, dict.fromkeys(ids, register.size), ANSWER_S, wait=True)
+        if mute := [axis.label for axis in self.axes if axis.id not in replies]:
+            raise WireDown(f"setup: {', '.join(mute)} does not answer. Check cables and power")
+        return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
+
+    async def seek(self, bauds: Sequence[int] = ()) -> list[Found]:
+        """Every servo that answers at any speed, or at one of ``bauds``."""
+        found: list[Found] = []
+        for baud in bauds or self.CODEC.BAUD_RATES:
+            self._open(baud)
+            heard = await self.bus.listen(
+                self.CODEC.ping(self.CODEC.BROADCAST), SEEK_S + SLOT_S * self.CODEC.BROADCAST, SEEK_S
+            )
+            found += [Found(baud, servo) for servo in sorted({packet.id for packet in heard})]
+        return found
+
+    async def adopt(self, found: Found, axis: Axis) -> None:
+        """Make the only servo on the bus the one of a joint, and read that back."""
+        self._open(found.baud)
+        codec, model = self.CODEC, self._model
+        params = await block(self.bus, codec, _named(axis, found.id), *model)
+        number = int.from_bytes(params[:2], "little")
+        check_model(axis, axis.id, number, codec)
+        await command(self.bus, _named(axis, found.id), codec.torque(found.id, False), "torque off")
+        await self.give(found.id, axis, self.config.baud)
+        self._open(self.config.baud)
+        heard = await self.bus.listen(codec.ping(axis.id), ANSWER_S, SEEK_S)
+        if [packet.id for packet in heard] != [axis.id]:
+            raise WireDown(
+                f"setup: {axis.label} does not answer after it was given its id. Power-cycle it, try again"
+            )
+
+    @property
+    @abstractmethod
+    def _model(self) -> tuple[int, int]:
+        """Address and size of the model's number."""
+
+    def close(self) -> None:
+        port, self._port, self._bus = self._port, None, None
+        if port is not None:
+            port.close()
+
+    def _open(self, baud: int) -> None:
+        self.close()
+        self._port = self._open_port(self.config.port, baud)
+        codec = self.CODEC
+        self._bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, baud, overhead=codec.OVERHEAD)
+
+
+def _named(axis: Axis, servo: int) -> Axis:
+    """The joint, with the id that its servo has now."""
+    return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
+
+
+# -- the calibration itself, pure
+
+LEAST_COUNTS = 200
+"""A joint that was moved by less was forgotten: 18 degrees."""
+
+MOST_COUNTS = 4000
+"""One that was moved by more passed the end of its encoder: it was not in its middle at first."""
+
+
+class Ranges:
+    """The lowest and highest count of each joint, as they come. ``whole_turn``: joints that have
+    no end of their own."""
+
+    def __init__(self, axes: Sequence[Axis], whole_turn: Sequence[str]) -> None:
+        self.low = {axis.key: TOP for axis in axes}
+        self.high = dict.fromkeys(self.low, 0)
+        self.now: Mapping[str, int] = {}
+        self._whole_turn = frozenset(whole_turn)
+
+    def take(self, positions: Mapping[str, int]) -> None:
+        self.now = positions
+        for key, count in positions.items():
+            self.low[key] = min(self.low[key], count)
+            self.high[key] = max(self.high[key], count)
+
+    def of(self, key: str) -> tuple[int, int]:
+        return (0, TOP) if key in self._whole_turn else (max(0, self.low[key]), min(TOP, self.high[key]))
+
+    def problems(self) -> dict[str, str]:
+        """Why a joint's range is none, by joint."""
+        told = {}
+        for key in self.low:
+            if key in self._whole_turn:
+                continue
+            counts = self.high[key] - self.low[key]
+            if counts < LEAST_COUNTS:
+                told[key] = "was hardly moved"
+            elif counts > MOST_COUNTS:
+                told[key] = "passed the end of its encoder: begin with it in its middle"
+        return told

@@ -1,0 +1,186 @@
+"""``calibrate``, ``setup-motors`` and ``ports``: what is done once, when a robot is built."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+from collections.abc import Callable, Sequence
+from glob import glob
+from pathlib import Path
+from typing import Any
+
+import trio
+
+from strands_actors.contract.driver import Driver, WireDown
+from strands_actors.contract.loading import load
+from strands_actors.drivers import canonical_name, get_native_driver_class, leader_name, list_leaders
+from strands_actors.kernel.clock import MonotonicClock
+
+from .errors import Problem
+
+CALIBRATE = "strands_actors.drivers.common.servo.calibrating:calibrate"
+SAVE = "strands_actors.drivers.common.calibration:save"
+TURN_S = 0.05
+BY_ID = "/dev/serial/by-id/*"
+
+
+def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int:
+    """Bring the joints to their middle and through their range by hand; write LeRobot's file."""
+    name, driver_class = _of_servos(robot, "calibrate")
+    setup = _setup(driver_class, name, port)
+    table = driver_class.TABLES.robots[name]
+    person = Terminal(quiet=as_json)
+    path: Path = driver_class.calibration_file(name, robot_id or name)
+
+    async def run() -> Any:
+        try:
+            return await load(CALIBRATE)(
+                setup, person, table.get("whole_turn", ()), table.get("inverted", ()), driver_class.MAX_OFFSET
+            )
+        finally:
+            setup.close()
+
+    found = _run(run, "calibrate")
+    load(SAVE)(path, found)
+    if as_json:
+        ranges = {key: [motor.range_min, motor.range_max] for key, motor in found.items()}
+        print(json.dumps({"robot": name, "file": str(path), "ranges": ranges}))
+    else:
+        print(f"calibrated. LeRobot's file of it: {path}")
+    return 0
+
+
+def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:
+    """Give each servo its id, alone on the bus, the last joint first."""
+    name, driver_class = _of_servos(robot, "setup-motors")
+    setup = _setup(driver_class, name, port)
+    known = {axis.key: axis for axis in setup.axes}
+    if wrong := [joint for joint in joints if joint not in known]:
+        raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(known)}")
+    wanted = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
+    person = Terminal(quiet=as_json)
+    told = []
+
+    async def run() -> None:
+        try:
+            for axis in wanted:
+                await person.ready(f"connect the servo of {axis.key}, and no other")
+                found = await setup.seek()
+                if len(found) != 1:
+                    there = ", ".join(f"id {each.id} at {each.baud} baud" for each in found) or "none"
+                    raise WireDown(
+                        f"setup-motors: there must be one servo, and there is {there}. Connect one alone"
+                    )
+                await setup.adopt(found[0], axis)
+                told.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
+                person.say(f"{axis.key}: id {found[0].id} -> {axis.id}")
+        finally:
+            setup.close()
+
+    _run(run, "setup-motors")
+    if as_json:
+        print(json.dumps({"robot": name, "servos": told}))
+    return 0
+
+
+def ports(also: Sequence[str], as_json: bool) -> int:
+    """Say which serial adapter is which: by unplugging it."""
+    person = Terminal(quiet=as_json)
+    before = serial_ports(also)
+    if not as_json:
+        for path, about in before.items():
+            print(f"{path}  {about}".rstrip())
+    if not before:
+        raise Problem("ports: there is no serial adapter. plug one in")
+
+    async def run() -> dict[str, str]:
+        await person.ready("unplug the adapter of the robot")
+        return serial_ports(also)
+
+    gone = {path: about for path, about in before.items() if path not in _run(run, "ports")}
+    if len(gone) != 1:
+        raise Problem(f"ports: {', '.join(gone) or 'none'} went away, and it must be one. try again")
+    (path, about), *_ = gone.items()
+    if as_json:
+        print(json.dumps({"port": path, "about": about}))
+    else:
+        print(f"it is {path}. plug it in again")
+        if about:
+            print(about)
+    return 0
+
+
+def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
+    """Serial devices that are there, and what is known of each: the adapter, and a path of it that
+    stays. ``also``: other paths to look at, with wildcards."""
+    from serial.tools import list_ports
+
+    stay = {os.path.realpath(link): link for link in glob(BY_ID)}
+    found = {}
+    for port in sorted(list_ports.comports()):
+        known = f"{port.vid:04X}:{port.pid:04X}" if port.vid is not None and port.pid is not None else ""
+        found[port.device] = " ".join(
+            part for part in (known, port.product or "", stay.get(port.device, "")) if part
+        )
+    return found | {path: "" for pattern in also for path in sorted(glob(pattern))}
+
+
+def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
+    """Return the name and the class of a robot, or leader, of servos."""
+    leader = leader_name(robot)
+    driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
+    if driver_class is None or not issubclass(driver_class, Driver) or not hasattr(driver_class, "SETUP"):
+        raise Problem(f"{verb}: {robot} is no robot of Feetech or Dynamixel servos: its maker calibrates it")
+    return leader or canonical_name(robot), driver_class
+
+
+def _setup(driver_class: Any, name: str, port: str) -> Any:
+    # without a calibration: what is there may be what is to be mended
+    driver = driver_class(name, port, driver_class.resolve(name, {}))
+    return load(driver_class.SETUP)(driver.config, MonotonicClock())
+
+
+def _run(work: Callable[[], Any], verb: str) -> Any:
+    try:
+        return trio.run(work)
+    except (WireDown, ValueError) as failure:
+        text = str(failure).removeprefix("setup: ").removeprefix("connect: ").removeprefix(f"{verb}: ")
+        raise Problem(f"{verb}: {text}") from failure
+
+
+class Terminal:
+    """The person in front of this terminal: reads, moves, presses Enter."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._lines = 0
+        self._quiet = quiet
+        self._redraws = sys.stderr.isatty() and not quiet
+
+    def say(self, text: str) -> None:
+        if not self._quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    async def ready(self, text: str) -> None:
+        """Say what is to be done, and wait for Enter."""
+        self.say(f"{text}, then press Enter")
+        self._lines = 0
+        while True:
+            readable, _, _ = select.select([sys.stdin], [], [], 0)
+            if readable:
+                if not sys.stdin.readline():
+                    raise ValueError("nobody is there to press Enter: standard input has ended")
+                return
+            await trio.sleep(TURN_S)
+
+    def show(self, ranges: Any) -> None:
+        """Redraw what was found of each joint. Nothing where that cannot be seen."""
+        if not self._redraws:
+            return
+        up = f"\x1b[{self._lines}A" if self._lines else ""
+        rows = [
+            f"\x1b[K{key:16} {ranges.low[key]:5} {ranges.now[key]:5} {ranges.high[key]:5}" for key in ranges.now
+        ]
+        print(up + "\n".join([f"\x1b[K{'joint':16} {'low':>5} {'now':>5} {'high':>5}", *rows]), file=sys.stderr)
+        self._lines = len(rows) + 1

@@ -1,0 +1,198 @@
+"""``teleop``: lead a robot by a leader arm, or by the keys of this terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from strands_actors.caller.robot import RealRobot, Robot
+from strands_actors.contract.loading import load
+from strands_actors.teleoperation.actor import KEY
+from strands_actors.teleoperation.keys import Keys
+from strands_actors.teleoperation.machine import Kind
+from strands_actors.teleoperation.teleoperator import KEYBOARD, Teleoperator
+
+from .errors import Problem
+
+TURN_S = 0.03
+SHOW_S = 0.1
+ENTER = "\n"
+QUIT = ("x", "\x1b")
+TWIN = "twin"
+
+
+def teleop(
+    robot: str,
+    leader: str,
+    port: str | None,
+    twin: bool,
+    deadman: str | None,
+    relative: bool,
+    hz: float,
+    max_speed: float | None,
+    map_fn: str | None,
+    seconds: float | None,
+    robot_id: str | None,
+    as_json: bool,
+) -> int:
+    """Run until a key, the time or the robot ends it. 0 when it ended as it was asked to."""
+    is_terminal = sys.stdin.isatty()
+    try:
+        mapped = load(map_fn) if map_fn else None
+    except (ImportError, AttributeError) as failure:
+        raise Problem(f"teleop: --map {map_fn}: {failure}. give module:function") from failure
+    try:
+        led_by = leader_of(leader, relative)
+        arm = _robot(robot, port, twin, robot_id)
+    except (ValueError, TypeError) as refusal:
+        raise Problem(f"teleop: {refusal}") from refusal
+    if led_by.kind is Kind.JOG and not is_terminal:
+        raise Problem(f"teleop: {led_by.name} needs a terminal, and standard input is none")
+    if led_by.is_arm and deadman is None and is_terminal:
+        deadman = KEY
+    with led_by, _connected(arm):
+        begun = arm.attach_teleop(led_by, hz, mapped, deadman, max_speed, seconds)
+        if begun["status"] != "success":
+            raise Problem(begun["content"][0]["text"])
+        axes = arm.driver.axes if led_by.kind is Kind.JOG else ()
+        keys = Keys(axes) if is_terminal and (led_by.kind is Kind.JOG or deadman == KEY) else None
+        told = _run(arm, keys, is_terminal, quiet=as_json)
+    if as_json:
+        print(json.dumps(told))
+    else:
+        why = f" ({told['exit_detail']})" if told["exit_detail"] else ""
+        refused = told["teleop"].get("refused", 0)
+        print(f"{told['steps']} setpoints, {refused} frames refused; ended: {told['exit_reason']}{why}")
+    return 0 if told["exit_reason"] in ("stopped", "duration") else 1
+
+
+def leader_of(text: str, relative: bool = False) -> Teleoperator:
+    """Return what ``--from`` says: ``NAME:PORT``, ``NAME:twin``, ``keyboard``, ``module:Class``.
+    Raise ``ValueError``, ``TypeError``."""
+    name, _, where = text.partition(":")
+    if name == KEYBOARD or not name.endswith("_leader"):
+        return Teleoperator(text, relative=relative)
+    if not where:
+        raise ValueError(f"--from {text} does not say where it is. give {text}:/dev/ttyACM1, or {text}:twin")
+    if where == TWIN:
+        return Teleoperator(name, transport=TWIN, relative=relative)
+    return Teleoperator(name, port=where, relative=relative)
+
+
+def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
+    named = {} if robot_id is None else {"tool_name": robot_id}
+    if port is not None:
+        return Robot(robot, mode="real", port=port, **named)
+    if twin:
+        return Robot(robot, mode="real", transport=TWIN, **named)
+    return Robot(robot, **named)
+
+
+@contextlib.contextmanager
+def _connected(arm: RealRobot) -> Iterator[None]:
+    try:
+        if problem := arm.connect_eagerly():
+            raise Problem(problem)
+        yield
+    finally:
+        arm.cleanup()
+
+
+def _run(arm: RealRobot, keys: Keys | None, is_terminal: bool, quiet: bool) -> dict[str, Any]:
+    """Until it has ended. Return its last status."""
+    shown_s, told = 0.0, _status(arm)
+    try:
+        with _keys_at_once() if is_terminal else contextlib.nullcontext():
+            if not quiet:
+                print(_help(keys, is_terminal), file=sys.stderr)
+            while told["running"]:
+                if is_terminal and not _read(arm, keys):
+                    break
+                if not is_terminal:
+                    time.sleep(TURN_S)
+                if keys is not None:
+                    hold = keys.hold(time.monotonic())
+                    arm.operate(hold.held, **hold.rates)
+                if time.monotonic() >= shown_s:
+                    shown_s = time.monotonic() + SHOW_S
+                    told = _status(arm)
+                    if not quiet:
+                        _show(told)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        arm.stop_task()
+    if not quiet:
+        print(file=sys.stderr)
+    return _status(arm)
+
+
+def _read(arm: RealRobot, keys: Keys | None) -> bool:
+    """Take up what was typed within a turn. Return whether to go on."""
+    readable, _, _ = select.select([sys.stdin], [], [], TURN_S)
+    if not readable:
+        return True
+    typed = os.read(sys.stdin.fileno(), 1024).decode(errors="replace")
+    if not typed:
+        return False  # the terminal is gone
+    for key in typed:
+        if key in QUIT:
+            return False
+        if key == ENTER:
+            arm.stop()
+        elif keys is not None:
+            keys.press(key.lower(), time.monotonic())
+    return True
+
+
+def _status(arm: RealRobot) -> dict[str, Any]:
+    told: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
+    return {"teleop": {}, **told}
+
+
+def _show(told: dict[str, Any]) -> None:
+    teleop = told["teleop"]
+    if not teleop:
+        return
+    ends = f"; at its end: {', '.join(teleop['at_end'])}" if teleop["at_end"] else ""
+    line = f"{teleop['state']:9} {told['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
+    if teleop["leader"] not in ("connected", "connecting"):
+        line = f"{teleop['state']:9} {teleop['leader']}"
+    width = shutil.get_terminal_size().columns - 1
+    start = "\r\x1b[K" if sys.stderr.isatty() else ""
+    print(f"{start}{line[:width]}", end="" if start else "\n", file=sys.stderr, flush=True)
+
+
+def _help(keys: Keys | None, is_terminal: bool) -> str:
+    ends = "x ends it, Enter de-energises" if is_terminal else "Ctrl-C ends it"
+    if keys is None:
+        return f"squeeze the leader's gripper twice to engage, and twice to let go. {ends}"
+    if not keys.bindings:
+        return f"hold the space bar to engage. {ends}"
+    pairs: dict[str, list[str]] = {}
+    for key, (axis, _) in keys.bindings.items():
+        pairs.setdefault(axis, []).append(key)
+    told = ", ".join(f"{'/'.join(pair)} {axis}" for axis, pair in pairs.items())
+    return f"hold a key to move: {told}. {ends}"
+
+
+@contextlib.contextmanager
+def _keys_at_once() -> Iterator[None]:
+    """Each stroke as it comes, and not shown."""
+    import termios
+    import tty
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

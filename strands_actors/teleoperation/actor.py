@@ -1,0 +1,326 @@
+"""The actor of a teleoperation: reads a leader, and writes what the machine makes of it to the
+robot's gate, under the caller's lease. It runs in the policy's place, in a process of its own.
+
+It owes the robot nothing but setpoints that live 100 ms, counted from when the leader was measured:
+dead, frozen or without a leader it sends none, and the robot holds.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+import trio
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.driver import Observation, WireDown
+from strands_actors.contract.loading import load
+from strands_actors.kernel.actor import Actor, describe
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.mailbox import SUPERSEDED
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.failsafe import WRITABLE
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.messages import (
+    Acquire,
+    GetObservation,
+    GetStatus,
+    GetTask,
+    Lease,
+    Operate,
+    Release,
+    Rollout,
+    Setpoint,
+    Status,
+    StopTask,
+    TaskStatus,
+)
+
+from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
+from .sources import Arm, Asked, Operator, Reading, Source, made_of
+
+ASK_S = 0.1
+LIFETIME_NS = 100_000_000
+"""Of a setpoint, from when the leader was measured."""
+LOOK_S = 0.02
+REPORT_S = 0.1
+ROBOT_S = 0.5
+"""While it is idle it asks so often whether the robot can be moved at all."""
+AGAIN_S = 1.0
+"""Until a leader that is gone is tried again."""
+
+KEY, GRIPPER = "key", "gripper"
+OVER = ("disarmed", "locked_out", "stopped", "ended", "no_drill")
+"""Refusals after which only the robot's operator can go on: the teleoperation has ended."""
+FRAME_REFUSED = ("too_fast", "past_travel")
+"""Refusals of one target: the next may be accepted."""
+
+
+class Teleoperation(Actor):
+    def __init__(
+        self,
+        rollout: Rollout,
+        report: Callable[[TaskStatus], None],
+        source: Mapping[str, Any],
+        axes: list[dict[str, Any]],
+        kind: str,
+        deadman: str,
+        max_speed: float = math.inf,
+        map_fn: str = "",
+    ) -> None:
+        """``source``: see ``_source``; ``axes``: the robot's own; ``map_fn``: ``module:function``
+        from the leader's values to the robot's."""
+        self._rollout = rollout
+        self._report = report
+        self._source_told = source
+        self._axes = tuple(msgspec.convert(axis, Axis) for axis in axes)
+        self._machine = Machine(self._axes, Kind(kind), max_speed)
+        self._deadman = deadman
+        self._map: Callable[[Mapping[str, float]], Mapping[str, float]] | None = load(map_fn) if map_fn else None
+        self._squeezes: Squeezes | None = None
+        self._lease: Lease | None = None
+        self._turn = trio.Lock()
+        self._newest = Frame(0, False, {})
+        self._steps = 0
+        self._leader = "connecting"
+        self._ended: TaskStatus | None = None
+
+    async def started(self) -> None:
+        context = self.context
+        self._gate = context.ref(addresses.of(self._rollout.robot).gate, Gate)
+        self._operator = Operator(tuple(axis.key for axis in self._axes), context.clock)
+        self._began_ns = context.clock.now_ns()
+        context.start_soon(self._lead)
+        context.start_soon(self._look)
+        context.start_soon(self._ask_robot)
+        self._tell()
+
+    async def receive(self, message: Operate | StopTask | GetTask) -> TaskStatus | None:
+        match message:
+            case Operate():
+                self._operator.take(message)
+            case StopTask():
+                await self._end("stopped", "")
+                return self._status()
+            case GetTask():
+                return self._status()
+        return None
+
+    # -- reading
+
+    def _source(self) -> Source:
+        told, clock = self._source_told, self.context.clock
+        match told["type"]:
+            case "arm":
+                return Arm(told["description"], clock)
+            case "object":
+                return Asked(made_of(told), clock)
+            case "operator":
+                return self._operator
+        raise ValueError(f"teleoperation: no source {told['type']!r}")
+
+    async def _lead(self) -> None:
+        """Read for ever. A leader that is gone is tried again: to go on takes a new press."""
+        try:
+            source = self._source()
+            while self._ended is None:
+                try:
+                    await source.open()
+                    self._leader = "connected"
+                    await self._read(source)
+                except WireDown as down:
+                    source.close()
+                    self._leader = str(down)
+                    await self._leave(f"the leader is gone: {down}")
+                    await trio.sleep(AGAIN_S)
+        except Exception as error:  # code of others: a leader's object, a map_fn
+            await self._end("policy", describe(error))
+
+    async def _read(self, source: Source) -> None:
+        next_s = trio.current_time()
+        while self._ended is None:
+            reading = await source.read()
+            if reading.t_ns:
+                await self._take(self._frame(reading))
+            next_s = max(next_s + self._rollout.period_s, trio.current_time())
+            await trio.sleep_until(next_s)
+
+    def _frame(self, reading: Reading) -> Frame:
+        values = reading.values if self._map is None else dict(self._map(reading.values))
+        if reading.held is not None:
+            held = reading.held
+        elif self._deadman == GRIPPER:
+            held = self._squeezed(reading)
+        else:
+            held = self._operator.held
+        return Frame(reading.t_ns, held, values)
+
+    def _squeezed(self, reading: Reading) -> bool:
+        """By the leader's own gripper, before any map."""
+        if self._squeezes is None:
+            low, high = self._source_told["gripper"][1:]
+            self._squeezes = Squeezes(low, high)
+        return self._squeezes.take(reading.values[self._source_told["gripper"][0]], reading.t_ns)
+
+    # -- writing
+
+    async def _take(self, frame: Frame) -> None:
+        async with self._turn:
+            if self._ended is not None:
+                return
+            self._newest = frame
+            step = self._machine.step(frame, self.context.clock.now_ns())
+            if step.engage:
+                step = await self._engage(frame)
+            await self._do(step, frame)
+
+    async def _do(self, step: Step, frame: Frame) -> None:
+        if step.let_go:
+            await self._let_go()
+        elif step.target is not None:
+            await self._send(step.target, frame)
+
+    async def _engage(self, frame: Frame) -> Step:
+        wanted = Acquire(f"teleoperation of {self._rollout.robot}", self._rollout.over, os.getpid())
+        lease = await self._ask(wanted)
+        if not isinstance(lease, Lease):
+            await self._refused(lease)
+            return Step()
+        self._lease = lease
+        seen = await self._ask(GetObservation())
+        if not isinstance(seen, Observation):
+            return self._not_engaged(_text(seen))
+        now_ns = self.context.clock.now_ns()
+        step = self._machine.engage(frame, dict(zip(self._rollout.axes, seen.position, strict=True)), now_ns)
+        return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.why)
+
+    def _not_engaged(self, why: str) -> Step:
+        self._machine.not_engaged(why)
+        return Step(let_go=True)
+
+    async def _send(self, target: Mapping[str, float], frame: Frame) -> None:
+        lease = self._lease
+        assert lease is not None
+        deadline_ns = frame.t_ns + LIFETIME_NS
+        answer = await self._ask(Setpoint(lease.id, lease.epoch, deadline_ns, dict(target), self._rollout.period_s))
+        if isinstance(answer, Refused) and answer.code == SUPERSEDED.code:
+            return
+        if isinstance(answer, Refused) and answer.code in FRAME_REFUSED:
+            self._machine.refuse()
+            self._machine.why = answer.text
+        elif answer is None or isinstance(answer, Refused):
+            self._machine.idle(_text(answer))
+            await self._let_go()
+            await self._refused(answer)
+        else:
+            self._steps += 1
+
+    async def _refused(self, answer: Message | None) -> None:
+        self._machine.not_engaged(_text(answer))
+        if isinstance(answer, Refused) and answer.code in OVER:
+            await self._finish("stop", answer.text, answer.code)
+
+    async def _leave(self, why: str) -> None:
+        async with self._turn:
+            await self._do(self._machine.idle(why), self._newest)
+            self._machine.not_engaged(why)
+
+    async def _let_go(self) -> None:
+        """The gate holds the robot before it answers. If it does not, the setpoint expires by
+        itself."""
+        lease, self._lease = self._lease, None
+        if lease is not None:
+            await self._ask(Release(lease.id))
+
+    async def _ask(self, message: Message) -> Message | None:
+        """None: no answer in time."""
+        try:
+            return await self._gate.ask(message, ASK_S)
+        except (AskTimeout, Unreachable):
+            return None
+
+    # -- time
+
+    async def _look(self) -> None:
+        """A leader that blocks sends no frame by which its silence could be seen."""
+        report_s = 0.0
+        while self._ended is None:
+            await trio.sleep(LOOK_S)
+            newest, now_ns = self._newest, self.context.clock.now_ns()
+            if (
+                self._machine.state is not State.IDLE
+                and now_ns - newest.t_ns > SILENT_NS
+                and not self._turn.locked()
+            ):
+                await self._take(newest)
+            if now_ns - self._began_ns >= self._rollout.duration_s * NS:
+                await self._end("duration", f"{self._rollout.duration_s:g} s are over")
+            elif trio.current_time() >= report_s:
+                report_s = trio.current_time() + REPORT_S
+                self._tell()
+
+    async def _ask_robot(self) -> None:
+        """A stop ends a teleoperation, also one that sends nothing."""
+        while self._ended is None:
+            await trio.sleep(ROBOT_S)
+            if self._machine.state is State.IDLE:
+                status = await self._ask(GetStatus())
+                if isinstance(status, Status) and status.mode not in WRITABLE:
+                    await self._end("stop", f"the robot is {status.mode}: {status.cause}".removesuffix(": "))
+
+    # -- its end
+
+    async def _end(self, reason: str, detail: str) -> None:
+        async with self._turn:
+            await self._finish(reason, detail)
+
+    async def _finish(self, reason: str, detail: str, refusal: str = "") -> None:
+        """For who has the turn."""
+        if self._ended is not None:
+            return
+        self._machine.idle(f"it has ended: {reason}")
+        ended = msgspec.structs.replace(
+            self._status(), running=False, exit_reason=reason, exit_detail=detail, refusal=refusal
+        )
+        await self._let_go()
+        self._ended = ended
+        self._report(ended)
+
+    def _tell(self) -> None:
+        if self._ended is None:
+            self._report(self._status())
+
+    def _status(self) -> TaskStatus:
+        if self._ended is not None:
+            return self._ended
+        elapsed_s = (self.context.clock.now_ns() - self._began_ns) / NS
+        hz = self._steps / elapsed_s if elapsed_s > 0 else 0.0
+        return TaskStatus(
+            True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz, teleop=self._told()
+        )
+
+    def _told(self) -> dict[str, Any]:
+        machine, newest = self._machine, self._newest
+        age_ms = (self.context.clock.now_ns() - newest.t_ns) / 1e6 if newest.t_ns else None
+        return {
+            "state": str(machine.state),
+            "why": machine.why,
+            "leader": self._leader,
+            "leader_age_ms": None if age_ms is None else round(age_ms, 1),
+            "held": newest.held,
+            "values": {key: round(value, 2) for key, value in newest.values.items()},
+            "refused": machine.refused,
+            "differs": {key: round(value, 1) for key, value in machine.differs.items()},
+            "at_end": list(machine.at_end),
+        }
+
+
+def _text(answer: Message | None) -> str:
+    if isinstance(answer, Refused):
+        return answer.text
+    return "the robot's gate does not answer" if answer is None else "the robot's gate answers something else"

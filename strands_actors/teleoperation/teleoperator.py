@@ -1,0 +1,192 @@
+"""``Teleoperator(...)``: what a robot can be led by. Nothing here touches hardware: the process of
+the teleoperation does."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any
+
+from strands_actors.caller.portal import portal
+from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
+from strands_actors.drivers import leader_name, list_leaders
+from strands_actors.supervisors.loading import build_driver, describe_driver
+
+from .machine import Kind
+
+KEYBOARD = "keyboard"
+OPERATED = (KEYBOARD,)
+"""What somebody does with keys or sticks, in the process of the teleoperation or told to it."""
+
+HAND = "strands_actors.drivers.sim.world:move_by_hand"
+
+
+class Teleoperator:
+    """A leader arm (``so101_leader``, at ``port``, or its twin), ``keyboard``, or any object with
+    ``get_action()``, made in the process of the teleoperation: ``"module:Class"`` with its
+    ``options``.
+
+    ``id``: under which its calibration is kept, LeRobot's word; ``relative``: it leads from where
+    it and the robot are when it is engaged, not to where it is. Nothing is opened before
+    ``arm.teleoperate(...)``. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        port: str | None = None,
+        transport: str | None = None,
+        id: str | None = None,  # LeRobot's word for it
+        relative: bool = False,
+        **options: Any,
+    ) -> None:
+        self._twin: TwinProcess | None = None
+        self._hand: dict[str, float] = {}
+        self._options = options
+        self._driver: Driver | None = None
+        self._driver_class: type[Driver] | None = None
+        self.name = name
+        self.kind = Kind.RELATIVE if relative else Kind.ABSOLUTE
+        self._port = port
+        leader = leader_name(name) if isinstance(name, str) else None
+        if leader is not None:
+            self._lead(leader, transport, id)
+        elif name in OPERATED or (isinstance(name, str) and ":" in name):
+            given = {
+                "port": None if ":" in name else port,
+                "transport": transport,
+                "id": None if ":" in name else id,
+            }
+            if wrong := [key for key, value in given.items() if value is not None]:
+                raise TypeError(f"Teleoperator: {name} has no {', '.join(wrong)}. leave that out")
+            if ":" in name:
+                own = {"port": port, "id": id}
+                self._options = {**{key: value for key, value in own.items() if value is not None}, **options}
+            else:
+                self.kind = Kind.JOG
+                if options or relative:
+                    raise TypeError(
+                        f"Teleoperator: {name} takes no {', '.join(options) or 'relative'}. leave that out"
+                    )
+        else:
+            raise ValueError(_unknown(name))
+
+    def _lead(self, leader: str, transport: str | None, robot_id: str | None) -> None:
+        self.name = leader
+        driver_class = list_leaders()[leader]
+        if transport not in (None, "twin"):
+            raise ValueError(f"Teleoperator: {leader} has no transport {transport!r}. it offers twin")
+        if (self._port is None) == (transport is None):
+            raise ValueError(
+                f"Teleoperator: give {leader} one of port= and transport='twin': "
+                f"Teleoperator({leader!r}, port='/dev/ttyACM1')"
+            )
+        if unknown := [key for key in self._options if key not in driver_class.OPTIONS]:
+            accepted = ", ".join(driver_class.OPTIONS)
+            raise ValueError(f"Teleoperator: {leader} takes no {', '.join(unknown)}. it takes {accepted}")
+        told = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
+        self._options = driver_class.resolve(leader, told)
+        self._driver_class = driver_class
+        self._driver = build_driver(driver_class, leader, "", self._options)
+        if transport is not None:
+            self._twin = TwinProcess(driver_class.TWIN, leader, has_control=True)
+
+    @property
+    def is_arm(self) -> bool:
+        return self._driver is not None
+
+    @property
+    def driver(self) -> Driver:
+        """Of a leader arm: its axes and units. Raise ``TypeError`` for what has none."""
+        if self._driver is None:
+            raise TypeError(f"{self.name} is no arm: it has no axes of its own")
+        return self._driver
+
+    @property
+    def twin_process(self) -> TwinProcess | None:
+        """The process of its twin, if it has one."""
+        return self._twin
+
+    def __repr__(self) -> str:
+        return f"<Teleoperator {self.name} ({'twin' if self._twin else self._port})>"
+
+    async def source(self) -> dict[str, Any]:
+        """Return what the process of the teleoperation reads, as plain data; a twin is started.
+        Raise ``TwinProcessDown``."""
+        if self._driver is None or self._driver_class is None:
+            if ":" in self.name:
+                return {"type": "object", "factory": self.name, "options": self._options}
+            return {"type": "operator"}
+        if self._twin is not None:
+            await self._twin.start()
+        port = self._port or (self._twin.port if self._twin is not None else "")
+        told: dict[str, Any] = {
+            "type": "arm",
+            "description": describe_driver(self._driver_class, self.name, port, self._options),
+        }
+        grippers = [axis for axis in self._driver.table if axis.unit == "percent"]
+        if grippers:
+            told["gripper"] = [grippers[0].key, grippers[0].low, grippers[0].high]
+        return told
+
+    def move_by_hand(self, positions: Mapping[str, float]) -> None:
+        """Move joints of a leader's twin, as a hand would: by name, in its units. Raise
+        ``RuntimeError`` when that cannot be, ``TypeError`` for what is no twin."""
+        twin, driver = self._twin, self.driver
+        if twin is None:
+            raise TypeError(f"{self.name} is no twin. move it by your own hand")
+        units = dict(zip(driver.axes, driver.model_units(), strict=True))
+        if unknown := [key for key in positions if key not in units]:
+            raise TypeError(f"{self.name} has no {', '.join(unknown)}. it has {', '.join(units)}")
+        angles = {key: (value - units[key][0]) / units[key][1] for key, value in positions.items()}
+
+        async def move() -> dict[str, float]:
+            await twin.start()
+            moved: dict[str, float] = await load(HAND)(twin.control, {**self._hand, **angles})
+            return moved
+
+        try:
+            self._hand = portal().call(move)
+        except TwinProcessDown as down:
+            raise RuntimeError(f"move_by_hand: {down}") from None
+
+    def cleanup(self) -> None:
+        """End its twin, if it has one."""
+        if self._twin is not None:
+            portal().call(self._twin.close)
+
+    def __enter__(self) -> Teleoperator:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.cleanup()
+
+
+def _unknown(name: object) -> str:
+    known = [*list_leaders(), *OPERATED]
+    close = difflib.get_close_matches(str(name), known, n=2)
+    hint = f" Did you mean: {', '.join(close)}?" if close else ""
+    return f"Teleoperator: {name!r} is not known.{hint} there are {', '.join(known)}, and 'module:Class'"
+
+
+def place_of_map(map_fn: Callable[..., Any] | None) -> str:
+    """Return the name under which the process of a teleoperation finds a function. Raise
+    ``ValueError`` for one that it cannot find."""
+    if map_fn is None:
+        return ""
+    if not inspect.isfunction(map_fn):
+        raise ValueError(f"map_fn is {map_fn!r}. give a function from the leader's positions to the robot's")
+    place = f"{map_fn.__module__}:{map_fn.__qualname__}"
+    if place.startswith("__main__:") or "<" in place:
+        raise ValueError(
+            f"map_fn is {place}, which no other process can import, and a teleoperation is a process of its own. "
+            "move it to a module"
+        )
+    return place

@@ -1,0 +1,108 @@
+"""A robot's verbs of teleoperation, on its tree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from strands_actors.caller import envelopes as answers
+from strands_actors.caller.envelopes import Answer
+from strands_actors.caller.tree import RobotTree
+from strands_actors.caller.twin_process import TwinProcessDown
+from strands_actors.caller.verbs import Verb
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.messages import Operate
+
+from .actor import GRIPPER, KEY
+from .machine import Kind
+from .teleoperator import Teleoperator, place_of_map
+
+ACTOR = "strands_actors.teleoperation.actor:Teleoperation"
+FOR_EVER_S = 1e9
+DEADMEN = (KEY, GRIPPER)
+
+
+def attach(
+    driver: Driver,
+    leader: object,
+    hz: float,
+    map_fn: Callable[..., Any] | None,
+    deadman: str | None,
+    max_speed: float | None,
+    duration: float | None,
+) -> Verb | Answer:
+    """The arguments as ``Robot.attach_teleop`` has them."""
+    hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
+    try:
+        if why := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {why}")
+        if not driver.table:
+            raise ValueError(f"{driver.robot} has no axes of its own to lead")
+        if not isinstance(leader, Teleoperator):
+            raise ValueError(f"the leader is {leader!r}. give a Teleoperator")
+        chosen = _deadman(leader, deadman)
+        _check(hz, "hz", 500.0)
+        _check(max_speed, "max_speed", math.inf)
+        _check(duration, "duration", math.inf)
+        place = place_of_map(map_fn)
+    except ValueError as failure:
+        return answers.error(f"teleoperate: {failure}")
+    speed = {} if max_speed is None else {"max_speed": float(max_speed)}
+
+    async def run(tree: RobotTree) -> Answer:
+        if tree.plan.at:
+            why = f"teleoperate: {tree.robot} is run by another host"
+            return answers.refused(Refused("elsewhere", why, "run the teleoperation on that host"))
+        try:
+            source = await leader.source()
+        except TwinProcessDown as down:
+            return answers.error(f"teleoperate: {down}")
+        options = {
+            "source": source,
+            "axes": msgspec.to_builtins(driver.table),
+            "kind": str(leader.kind),
+            "deadman": chosen,
+            "map_fn": place,
+            **speed,
+        }
+        begun = await tree.rollouts.start_task(
+            ACTOR, options, f"teleoperation by {leader.name}", duration or FOR_EVER_S, hz, is_actor=True
+        )
+        return answers.refused(begun) if isinstance(begun, Refused) else answers.success(answers.task(begun))
+
+    return run
+
+
+def _deadman(leader: Teleoperator, given: str | None) -> str:
+    if leader.kind is Kind.JOG:
+        if given not in (None, KEY):
+            raise ValueError(f"deadman is {given!r}, and {leader.name} has one of its own. leave it out")
+        return KEY
+    chosen = given or (GRIPPER if leader.is_arm else KEY)
+    if chosen not in DEADMEN or (chosen == GRIPPER and not leader.is_arm):
+        raise ValueError(f"deadman is {given!r}. use {', '.join(map(repr, DEADMEN if leader.is_arm else (KEY,)))}")
+    return chosen
+
+
+def _check(value: object, name: str, most: float) -> None:
+    if value is None and name != "hz":
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most or value == math.inf:
+        limit = "" if most == math.inf else f" and at most {most:g}"
+        raise ValueError(f"{name} is {value!r}. give a number above 0{limit}")
+
+
+def operate(held: bool, rates: Mapping[str, float]) -> Verb:
+    """Tell a teleoperation what its operator does."""
+
+    async def run(tree: RobotTree) -> Answer:
+        told = Operate(tree.clock.now_ns(), bool(held), {key: float(rate) for key, rate in rates.items()})
+        refused = tree.rollouts.operate(told)
+        return answers.success({"held": told.held}) if refused is None else answers.refused(refused)
+
+    return run

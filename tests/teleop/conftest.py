@@ -1,0 +1,103 @@
+"""A leader and its follower, each a twin on a real pty with a log of its own, and an arm that is
+cleaned up whatever the test does."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot, Teleoperator
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import json_of, task, until
+
+OPERATE_S = 0.03
+NEUTRAL = {"shoulder_pan": 0.0, "shoulder_lift": 0.0, "elbow_flex": 0.0, "wrist_flex": 0.0, "wrist_roll": 0.0}
+
+
+class Pair:
+    """A leader that follows the test, and the arm that it leads."""
+
+    def __init__(self, leader: Twin, follower: Twin, arm: RealRobot) -> None:
+        self.leader, self.follower, self.arm = leader, follower, arm
+        self.teleoperator = Teleoperator("so101_leader", port=leader.port)
+
+    def begin(self, **keywords: Any) -> None:
+        json_of(self.arm.attach_teleop(self.teleoperator, deadman="key", **keywords))
+        self.wait(lambda now: now["leader"] == "connected" and now["leader_age_ms"] is not None, held=False)
+
+    def engage(self) -> None:
+        """Let go, then hold the dead-man until it is engaged."""
+        self.wait(lambda now: not now["held"] and now["leader_age_ms"] is not None, held=False)
+        self.wait(lambda now: now["state"] == "engaged", held=True)
+
+    def wait(self, condition: Any, held: bool, within_s: float = 20.0) -> dict[str, Any]:
+        """Operate until it is so."""
+        deadline_s = time.monotonic() + within_s
+        while True:
+            if self.pid:
+                self.arm.operate(held)
+            now = self.now
+            if now and condition(now):
+                return now
+            assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {task(self.arm)}"
+            time.sleep(OPERATE_S)
+
+    def hold_on(self, seconds: float) -> None:
+        """Hold the dead-man for so long."""
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            self.arm.operate(True)
+            time.sleep(OPERATE_S)
+
+    @property
+    def now(self) -> dict[str, Any]:
+        told: dict[str, Any] = task(self.arm).get("teleop", {})
+        return told
+
+    @property
+    def pid(self) -> int:
+        """Of the process of the teleoperation; 0: there is none."""
+        tree = self.arm.tree()
+        assert tree is not None
+        return next((process["pid"] for process in tree["processes"] if process["role"] == "policy"), 0)
+
+
+@pytest.fixture(scope="session")
+def leader_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("so101_leader", tmp_path_factory.mktemp("leader"), by_hand=True) as twin:
+        twin.move_by_hand(**NEUTRAL, gripper=0.8)
+        yield twin
+
+
+@pytest.fixture(scope="session")
+def follower_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
+    with Twin("so101", tmp_path_factory.mktemp("follower"), by_hand=True) as twin:
+        yield twin
+
+
+@pytest.fixture
+def pair(leader_process: Twin, follower_process: Twin, run_dir: Path) -> Iterator[Pair]:
+    for twin in (leader_process, follower_process):
+        twin.move_by_hand(**NEUTRAL, gripper=0.8)
+        os.truncate(twin.log.path, 0)
+    arm = Robot("so101", mode="real", port=follower_process.port)
+    try:
+        problem = None
+        for _ in range(3):
+            if (problem := arm.connect_eagerly()) is None:
+                break
+        assert problem is None, problem
+        until(lambda: all(abs(value) < 4 for key, value in arm.get_observation().items() if key in NEUTRAL), "rest")
+        yield Pair(leader_process, follower_process, arm)
+    finally:
+        arm.cleanup()
+        for twin in (leader_process, follower_process):
+            twin.go_on()
+            twin.fault("ok")
+            twin.plug()

@@ -1,0 +1,219 @@
+"""A teleoperation as real processes on twins, judged by the frames on both wires: dead, frozen or
+unplugged, what leads an arm leaves it holding."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import time
+
+import pytest
+
+from strands_actors import Robot, Teleoperator
+from strands_actors.testing import Twin
+from tests.answers import json_of, status, task, task_ended, until, why
+from tests.robot.helpers import goals
+
+from .conftest import NEUTRAL, Pair
+
+ROOM_S = 1.0
+"""Of a busy machine; the figures are benchmarks'."""
+RADIAN = 0.017453
+
+
+def settled(pair: Pair, since_ns: int) -> int:
+    """When the first safe frame came; after it nothing may be sent."""
+    safe = until(lambda: pair.follower.log.first_safe(since_ns), "a safe frame")
+    pair.follower.log.safe_within(since_ns, ROOM_S)
+    assert safe.safe_state == "hold"
+    return safe.t_ns
+
+
+def test_the_arm_follows_and_the_leader_is_never_energised(pair: Pair) -> None:
+    pair.begin()
+    assert pair.follower.log.host("setpoint") == [], "nobody has engaged it"
+    pair.engage()
+    pair.leader.move_by_hand(shoulder_pan=10 * RADIAN)
+    until(
+        lambda: pair.arm.operate(True) and abs(pair.arm.get_observation()["shoulder_pan"] - 10) < 1.5, "it follows"
+    )
+    counts = [goals(entry)[1] for entry in pair.follower.log.host("setpoint")]
+    assert max(abs(after - before) for before, after in itertools.pairwise(counts)) < 60, "no jump"
+    assert task(pair.arm)["steps"] > 0
+    ended = json_of(pair.arm.stop_task())
+    assert ended["exit_reason"] == "stopped" and status(pair.arm)["state"] == "holding"
+    kinds = {entry.kind for entry in pair.leader.log.entries() if entry.sender == "host"}
+    assert kinds <= {"read", "config", "safe"}, "neither torque nor a goal reaches a leader"
+
+
+def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) -> None:
+    pair.begin()
+    pair.engage()
+    killed_ns = time.monotonic_ns()
+    os.kill(pair.pid, signal.SIGKILL)
+    settled(pair, killed_ns)
+    ended = task_ended(pair.arm)
+    assert ended["exit_reason"] == "policy" and "signal 9" in ended["exit_detail"]
+    time.sleep(0.3)
+    pair.follower.log.no_setpoint_after_safe(killed_ns)
+    assert status(pair.arm)["state"] == "holding"
+
+
+def test_saf_003_a_frozen_teleoperation_is_a_hold_and_stays_one_when_it_thaws(pair: Pair) -> None:
+    pair.begin()
+    pair.engage()
+    pid = pair.pid
+    frozen_ns = time.monotonic_ns()
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        settled(pair, frozen_ns)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    pair.hold_on(0.5)  # still held: that is no new press
+    pair.follower.log.no_setpoint_after_safe(frozen_ns)
+    pair.engage()
+    assert pair.follower.log.setpoints_after_safe(frozen_ns) > 0
+
+
+@pytest.mark.parametrize("how", ["unplugged", "frozen", "without power"])
+def test_saf_001_a_leader_that_is_gone_is_a_hold_until_it_is_engaged_anew(pair: Pair, how: str) -> None:
+    pair.begin()
+    pair.engage()
+    gone_ns = time.monotonic_ns()
+    match how:
+        case "unplugged":
+            pair.leader.unplug()
+        case "frozen":
+            pair.leader.pause()
+        case _:
+            pair.leader.fault("off")
+    idle = pair.wait(lambda now: now["state"] == "idle", held=True)
+    assert "leader" in idle["why"]
+    settled(pair, gone_ns)
+    match how:
+        case "unplugged":
+            pair.leader.plug()
+        case "frozen":
+            pair.leader.go_on()
+        case _:
+            pair.leader.fault("ok")
+    pair.wait(lambda now: now["leader"] == "connected" and now["leader_age_ms"] < 100, held=True)
+    pair.hold_on(0.3)
+    pair.follower.log.no_setpoint_after_safe(gone_ns)
+    pair.engage()
+
+
+def test_saf_001_letting_go_of_the_dead_man_is_a_hold_and_so_is_an_operator_who_is_gone(pair: Pair) -> None:
+    pair.begin()
+    pair.engage()
+    since_ns = time.monotonic_ns()
+    pair.wait(lambda now: now["state"] == "idle", held=False)
+    settled(pair, since_ns)
+    pair.follower.log.no_setpoint_after_safe(since_ns)
+    pair.engage()
+    since_ns = time.monotonic_ns()  # and now nobody operates it any more
+    until(lambda: pair.now["state"] == "idle", "it is let go of")
+    settled(pair, since_ns)
+    pair.follower.log.no_setpoint_after_safe(since_ns)
+
+
+def test_saf_011_a_leader_that_is_elsewhere_is_not_engaged(pair: Pair) -> None:
+    pair.leader.move_by_hand(**{**NEUTRAL, "shoulder_pan": 40 * RADIAN})
+    pair.begin()
+    pair.wait(lambda now: now["values"]["shoulder_pan"] > 35, held=False)
+    told = pair.wait(lambda now: now["differs"], held=True)
+    assert set(told["differs"]) == {"shoulder_pan"} and "move it to within 15 degrees" in told["why"]
+    pair.hold_on(0.3)
+    assert pair.follower.log.host("setpoint") == []
+
+
+def test_a_stop_ends_it_also_while_it_is_idle(pair: Pair) -> None:
+    pair.begin()
+    pair.engage()
+    since_ns = time.monotonic_ns()
+    json_of(pair.arm.stop())
+    assert task_ended(pair.arm)["exit_reason"] == "stop"
+    json_of(pair.arm.resume())
+    pair.follower.log.no_setpoint_after_safe(since_ns)
+    pair.begin()
+    json_of(pair.arm.stop())
+    until(lambda: not pair.pid, "its process has ended")
+    json_of(pair.arm.resume())
+
+
+def test_what_is_no_leader_is_refused_before_anything_starts(pair: Pair) -> None:
+    arm, leader = pair.arm, pair.teleoperator
+    assert "give a Teleoperator" in why(arm.attach_teleop("so101_leader"))  # type: ignore[arg-type]
+    assert "hz is 0" in why(arm.attach_teleop(leader, hz=0))
+    assert "deadman is 'foot'" in why(arm.attach_teleop(leader, deadman="foot"))
+    assert "no other process can import" in why(arm.attach_teleop(leader, map_fn=lambda action: action))
+    assert "no teleoperation runs" in why(arm.operate(True))
+    assert pair.pid == 0
+
+
+def test_a_keyboard_jogs_and_a_map_changes_what_an_arm_says(pair: Pair) -> None:
+    json_of(pair.arm.attach_teleop(Teleoperator("keyboard")))
+    pair.wait(lambda now: now["leader"] == "connected", held=False)
+    before = pair.arm.get_observation()["wrist_roll"]
+    until(
+        lambda: pair.arm.operate(True, wrist_roll=1.0) and pair.arm.get_observation()["wrist_roll"] > before + 3,
+        "it is jogged",
+    )
+    json_of(pair.arm.stop_task())
+    pair.begin(map_fn=only_the_wrist)
+    assert set(pair.now["values"]) == {"wrist_roll"}
+    json_of(pair.arm.stop_task())
+
+
+def only_the_wrist(action: dict[str, float]) -> dict[str, float]:
+    """A map that other processes can import."""
+    return {"wrist_roll": -action["wrist_roll"]}
+
+
+def test_an_object_that_raises_ends_it_with_its_words(pair: Pair) -> None:
+    json_of(pair.arm.attach_teleop(Teleoperator(f"{__name__}:Broken")))
+    ended = task_ended(pair.arm)
+    assert ended["exit_reason"] == "policy" and "no batteries" in ended["exit_detail"]
+    assert pair.follower.log.host("setpoint") == []
+
+
+class Broken:
+    def get_action(self) -> dict[str, float]:
+        raise RuntimeError("no batteries")
+
+
+class Steady:
+    """A teleoperator of somebody else's, in LeRobot's words."""
+
+    def __init__(self, pan: float) -> None:
+        self._pan = pan
+
+    def connect(self) -> None:
+        self._connected = True
+
+    def get_action(self) -> dict[str, float]:
+        assert self._connected
+        return {"shoulder_pan.pos": self._pan}
+
+
+def test_any_object_with_get_action_leads(pair: Pair) -> None:
+    json_of(pair.arm.attach_teleop(Teleoperator(f"{__name__}:Steady", pan=8.0)))
+    pair.engage()
+    until(
+        lambda: pair.arm.operate(True) and abs(pair.arm.get_observation()["shoulder_pan"] - 8) < 1.5, "it follows"
+    )
+
+
+def test_a_follower_that_is_not_to_be_energised_is_not(follower_process: Twin) -> None:
+    os.truncate(follower_process.log.path, 0)
+    arm = Robot("so101", mode="real", port=follower_process.port, arm=False)
+    try:
+        assert until(lambda: arm.connect_eagerly() is None, "it connects")
+        assert len(arm.get_observation()) == 6
+        assert "resume()" in why(arm.send_action({"shoulder_pan": 1.0}))
+        assert follower_process.log.host("setpoint") == follower_process.log.host("enable") == []
+        json_of(arm.resume())
+        assert follower_process.log.host("enable")
+    finally:
+        arm.cleanup()

@@ -1,0 +1,124 @@
+"""``Teleoperator(...)`` before anything is started: what it is, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors import Robot, Teleoperator
+from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.drivers import list_leaders, list_robots
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.surfaces.cli.teleop import leader_of
+from strands_actors.teleoperation.machine import Kind
+from tests.answers import json_of, task, until, why
+
+REFUSALS: list[tuple[str, dict[str, Any], str]] = [
+    ("so102_leader", {"port": "x"}, "is not known. Did you mean: so101_leader"),
+    ("so101_leader", {}, "give so101_leader one of port= and transport='twin'"),
+    ("so101_leader", {"port": "x", "transport": "twin"}, "one of port= and transport='twin'"),
+    ("so101_leader", {"transport": "smoke"}, "it offers twin"),
+    ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. it takes calibration, baud"),
+    ("so101_leader", {"port": "x", "baud": 9600}, "baud is 9600"),
+    ("keyboard", {"port": "x"}, "keyboard has no port"),
+    ("keyboard", {"relative": True}, "keyboard takes no relative"),
+    ("tests.x:Y", {"transport": "twin"}, "has no transport"),
+]
+
+
+@pytest.mark.parametrize(("name", "keywords", "expected"), REFUSALS)
+def test_what_cannot_be_is_refused_with_what_can(name: str, keywords: dict[str, Any], expected: str) -> None:
+    with pytest.raises((ValueError, TypeError)) as refused:
+        Teleoperator(name, **keywords)
+    assert expected in str(refused.value)
+
+
+def test_leaders_are_no_robots_and_have_their_followers_joints() -> None:
+    assert sorted(list_leaders()) == ["koch_leader", "so100_leader", "so101_leader"]
+    assert not set(list_leaders()) & set(list_robots())
+    for name in ("so101_leader", "SO-101 leader", "so_arm101_leader"):
+        leader = Teleoperator(name, port="/dev/null")
+        assert leader.name == "so101_leader" and leader.is_arm and leader.kind is Kind.ABSOLUTE
+        assert leader.driver.axes == (
+            "shoulder_pan",
+            "shoulder_lift",
+            "elbow_flex",
+            "wrist_flex",
+            "wrist_roll",
+            "gripper",
+        )
+
+
+@pytest.mark.parametrize("name", ["so100_leader", "so101_leader", "koch_leader"])
+def test_the_wire_of_a_leader_neither_arms_nor_writes(name: str) -> None:
+    driver = Teleoperator(name, port="/dev/null").driver
+    wire = driver.open_wire(MonotonicClock())
+    assert wire.config.passive  # type: ignore[attr-defined]
+
+    class Permit:
+        def check(self) -> None:
+            raise PermitDenied
+
+    with pytest.raises(WireDown, match="never energised"):
+        trio.run(wire.arm, Permit())
+    with pytest.raises(WireDown, match="never energised"):
+        trio.run(wire.write, (0.0,) * 6, Permit())
+
+
+def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    file = tmp_path / "teleoperators" / "so_leader" / "left.json"
+    file.parent.mkdir(parents=True)
+    names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+    motors = {
+        name: {"id": at, "drive_mode": 0, "homing_offset": 0, "range_min": 1000, "range_max": 3000}
+        for at, name in enumerate(names, 1)
+    }
+    file.write_text(json.dumps(motors))
+    calibrated = Teleoperator("so101_leader", port="/dev/null", id="left").driver
+    assert calibrated.travel()["shoulder_pan"] == pytest.approx((-87.9, 87.9), abs=0.1)
+    assert Teleoperator("so101_leader", port="/dev/null").driver.travel() == {}
+
+
+def test_a_hand_moves_twins_alone() -> None:
+    with pytest.raises(TypeError, match="is no twin"):
+        Teleoperator("so101_leader", port="/dev/null").move_by_hand({"gripper": 1.0})
+    with pytest.raises(TypeError, match="is no arm"):
+        Teleoperator("keyboard").move_by_hand({"gripper": 1.0})
+    with pytest.raises(TypeError, match="has no elbow"):
+        Teleoperator("so101_leader", transport="twin").move_by_hand({"elbow": 1.0})
+
+
+def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> None:
+    with Teleoperator("koch_leader", transport="twin") as leader:
+        leader.move_by_hand({"shoulder_pan": 5.0, "elbow_flex": 0.0, "shoulder_lift": 0.0})
+        arm = Robot("koch", mode="real", transport="twin")
+        try:
+            assert until(lambda: arm.connect_eagerly() is None, "it connects")
+            assert "deadman is" in why(arm.attach_teleop(leader, deadman="nose"))
+            json_of(arm.attach_teleop(leader))
+            told = until(lambda: task(arm).get("teleop", {}).get("values"), "it is read")
+            assert told["shoulder_pan"] == pytest.approx(5.0, abs=1.0)
+        finally:
+            arm.cleanup()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("so101_leader:/dev/ttyACM1", "<Teleoperator so101_leader (/dev/ttyACM1)>"),
+        ("so101_leader:twin", "<Teleoperator so101_leader (twin)>"),
+        ("keyboard", "<Teleoperator keyboard (None)>"),
+    ],
+)
+def test_the_command_says_where_a_leader_is(text: str, expected: str) -> None:
+    assert repr(leader_of(text)) == expected
+
+
+def test_the_command_wants_to_know_where() -> None:
+    with pytest.raises(ValueError, match="does not say where it is"):
+        leader_of("so101_leader")
