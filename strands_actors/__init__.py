@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         register_robot,
     )
     from .policies import MockPolicy, Policy, create_policy, register_policy
+    from .surfaces.dataset import record_dataset
     from .surfaces.mesh import (
         TLS,
         Access,
@@ -53,6 +54,7 @@ _WHERE = {
     ),
     "caller.robot": ("Robot", "open_robot"),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
+    "surfaces.dataset": ("record_dataset",),
     "surfaces.mesh": (
         "TLS",
         "Access",
@@ -94,6 +96,7 @@ __all__ = [
     "open_robot",
     "read",
     "record",
+    "record_dataset",
     "register_native_driver",
     "register_policy",
     "register_robot",

@@ -282,14 +282,71 @@ def keys(
 @app.command()
 def record(
     robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")],
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long; else until Ctrl-C.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="How long; else until Ctrl-C. Of a dataset: each episode.")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Record episodes there, in LeRobot's format.")
+    ] = None,
+    task: Annotated[str, typer.Option(help="Of a dataset: what is shown, in a sentence.")] = "",
+    episodes: Annotated[int | None, typer.Option(min=1, help="Of a dataset: end after so many.")] = None,
+    fps: Annotated[int, typer.Option(min=1, max=240, help="Of a dataset.")] = 30,
+    camera: Annotated[list[str] | None, typer.Option(help="Of a dataset: a camera of the robot's.")] = None,
+    codec: Annotated[str, typer.Option(help="Of its videos: av1, or mpeg4 for a small processor.")] = "av1",
     json: Json = False,
 ) -> None:
-    """Record all that a running robot is told, decides and does."""
+    """Record all that a running robot is told, decides and does; or episodes to learn from."""
+    if (out is None) == (dataset is None):
+        raise Problem("record: give -o FILE, or --dataset DIR")
+    if dataset is not None:
+        from strands_actors.surfaces.dataset.session import Order
+
+        from .dataset import record as record_dataset
+
+        order = Order(robot, os.path.abspath(dataset), task, fps, tuple(camera or ()), codec, episodes, seconds)
+        raise typer.Exit(record_dataset(order, as_json=json))
+    assert out is not None
     from .record import record as run
 
     raise typer.Exit(run(robot, out, seconds, as_json=json))
+
+
+datasets = typer.Typer(name="dataset", help="Datasets that `record --dataset` wrote.", add_completion=False)
+app.add_typer(datasets)
+DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The dataset.")]
+
+
+@datasets.command("show")
+def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
+    """Its episodes, and what is wrong with them."""
+    from .dataset import show as run
+
+    raise typer.Exit(run(root, as_json=json))
+
+
+@datasets.command("repair")
+def repair_dataset(
+    root: DatasetDirectory,
+    drop: Annotated[bool, typer.Option("--drop", help="Remove instead what nobody has finished.")] = False,
+    json: Json = False,
+) -> None:
+    """Make episodes of what a recorder that was killed has left."""
+    from .dataset import repair as run
+
+    raise typer.Exit(run(root, drop, as_json=json))
+
+
+@datasets.command("compact")
+def compact_dataset(
+    root: DatasetDirectory,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Where the copy goes.")],
+    json: Json = False,
+) -> None:
+    """Copy it into few files, as LeRobot lays them out."""
+    from .dataset import compact as run
+
+    raise typer.Exit(run(root, out, as_json=json))
 
 
 @app.command()

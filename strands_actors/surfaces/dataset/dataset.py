@@ -223,25 +223,20 @@ class Dataset:
         layout = self.require(staged.about.layout)
         frames = self._usable(staged)
         if not frames:
-            raise DatasetError(f"{folder} has no complete frame. remove that folder")
+            raise DatasetError(f"{folder} has no complete frame. `strands-actors dataset repair --drop` removes it")
         table = staged.table.slice(0, frames).combine_chunks()
         number, place = len(self.episodes), self._last.next if self._last else Place(0, 0)
         task = staged.about.task
         tasks = self._tasks if task in self._tasks else [*self._tasks, task]
         columns = columns_of(layout, table, number, self._frames, tasks.index(task))
-        figures = figures_of(staged, columns, layout)
+        videos = {camera.name: self._video(staged, camera.name, frames) for camera in layout.cameras}
+        figures = figures_of(staged, columns, layout, videos)
         marks = marks_of(staged, table)
         row = index_row(number, task, self._frames, frames, place, layout, figures)
         total = aggregate([self._figures, figures]) if self._figures else figures
         info = layout.info(number + 1, self._frames + frames, len(tasks))
 
-        videos = {}
-        for camera in layout.cameras:
-            video = folder / f"{camera.name}.final.mp4"
-            remux(staged.video(camera.name), video, layout.fps, frames)
-            self.storage.sync_path(video)
-            videos[place.video(camera.key)] = video
-        about = {
+        first = {place.video(camera.key): videos[camera.name] for camera in layout.cameras} | {
             TASKS: self._stage(folder, "tasks.parquet", _parquet(tasks_table(tasks))),
             STATS: self._stage(folder, "stats.json", _json(total)),
         }
@@ -250,10 +245,10 @@ class Dataset:
             place.episodes: self._stage(folder, "index.parquet", _parquet(index_table([row], {number: marks}))),
         }
         last = {INFO: self._stage(folder, "info.json", _json(info))}
-        where = [str(path) for path in (*videos, *counted)]
+        where = [str(path) for path in (*first, *counted)]
         self.storage.write(folder / PLACING, json.dumps([number, *where]).encode())
         # Nothing points at the videos yet. Between data and info.json as little as possible happens.
-        for files in ({**videos, **about}, counted, last):
+        for files in (first, counted, last):
             self._place(files)
 
         self._info, self.layout = info, layout
@@ -262,6 +257,12 @@ class Dataset:
         self.episodes.append(Episode(number, task, frames, marks))
         self.storage.remove(folder)
         return self.episodes[-1]
+
+    def _video(self, staged: Staged, camera: str, frames: int) -> Path:
+        path = staged.folder / f"{camera}.final.mp4"
+        remux(staged.video(camera), path, staged.about.layout.fps, frames)
+        self.storage.sync_path(path)
+        return path
 
     def _usable(self, staged: Staged) -> int:
         layout = staged.about.layout

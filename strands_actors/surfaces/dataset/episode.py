@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -80,7 +81,10 @@ def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
     )
 
 
-def figures_of(staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layout) -> dict[str, Figures]:
+def figures_of(
+    staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layout, videos: Mapping[str, Path]
+) -> dict[str, Figures]:
+    """``videos``: of each camera, as it will be in the dataset."""
     found = {name: of_column(values) for name, values in columns.items()}
     for camera in layout.cameras:
         pictures = PictureFigures()
@@ -88,7 +92,7 @@ def figures_of(staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layo
             pictures.seen = np.array(staged.finished.levels[camera.name], np.int64)
             pictures.pictures = staged.finished.frames
         else:
-            for picture in pictures_of(staged.video(camera.name)):
+            for picture in pictures_of(videos[camera.name]):
                 pictures.add(picture)
         found[camera.key] = pictures.figures()
     return found

@@ -8,7 +8,7 @@ the journal has come as far as the next one.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeVar
 
 import msgspec
@@ -139,6 +139,11 @@ class Assembler:
         elif before.target is not None or asked:
             self._wanted.put(at_ns, _Wanted(before.target, before.requested | asked))
 
+    def has_state(self, now_ns: int) -> bool:
+        """Whether the robot is read."""
+        found = self._states.at(now_ns)
+        return found is not None and now_ns - found[1][1] <= LOST_S * NS
+
     # -- frames
 
     def due(self, at_ns: int, pictures: Mapping[str, Picture], age_ms: Mapping[str, float]) -> None:
@@ -204,7 +209,3 @@ def missed(at_ns: int, last_ns: int, period_ns: int) -> int:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
-
-
-def axes_from(keys: Sequence[str], velocities: Iterable[str]) -> Axes:
-    return Axes(tuple(keys), frozenset(velocities) & frozenset(keys))

@@ -136,6 +136,8 @@ def _packets(container: Any, fps: int) -> Iterator[Any]:
     """In order, one a frame. The end of a file that was cut off is where it was cut off."""
     try:
         for packet in container.demux(video=0):
+            if packet.is_corrupt:  # it was cut off within this one
+                return
             if packet.size:
                 yield packet
     except (av.error.InvalidDataError, av.error.EOFError):
@@ -147,7 +149,7 @@ def count_frames(path: Path, fps: int) -> int:
     try:
         with contextlib.closing(av.open(str(path))) as container:
             return sum(1 for _ in _packets(container, fps)) if container.streams.video else 0
-    except (av.error.InvalidDataError, av.error.EOFError):
+    except (av.error.InvalidDataError, av.error.EOFError, FileNotFoundError):
         return 0
 
 

@@ -14,6 +14,7 @@ from strands_actors.contract.loading import load
 from strands_actors.drivers import PLAIN, get_native_driver_class
 from strands_actors.supervisors import messages
 from strands_actors.supervisors.gate import failsafe, gate
+from strands_actors.supervisors.instrument import Attached
 from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.wire import watchdog
 
@@ -42,9 +43,14 @@ def driver_class_of(description: dict[str, object]) -> type[Driver]:
 
 
 def build_driver(info: Info) -> Driver:
-    description = info.attached.driver
+    return driver_from(info.attached)
+
+
+def driver_from(attached: Attached) -> Driver:
+    """Raise ``RecordingError`` when the robot's driver is not here."""
+    description = attached.driver
     driver_class = driver_class_of(description)
-    return driver_class(info.kind, str(description["port"]), dict(description["options"]))
+    return driver_class(str(description["robot"]), str(description["port"]), dict(description["options"]))
 
 
 def fingerprint(driver_class: type[Driver]) -> str:

@@ -28,7 +28,7 @@ from strands_actors.version import __version__  # noqa: E402
 
 from .errors import RecordingError  # noqa: E402
 from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
-from .views import Row, View  # noqa: E402
+from .views import Row, View, decode_entries  # noqa: E402
 
 METADATA = "strands-actors"
 CHUNK_BYTES = 64 * 1024
@@ -36,7 +36,6 @@ CHUNK_BYTES = 64 * 1024
 END = b"\x89MCAP0\r\n"
 
 encode_json = msgspec.json.Encoder().encode
-decode_entries = msgspec.msgpack.Decoder(list[Entry]).decode
 
 
 class Info(msgspec.Struct, frozen=True):

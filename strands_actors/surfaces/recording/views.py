@@ -38,6 +38,8 @@ from .lines import Command, Gap, Lifecycle, Log, Motor, Refusal, Safe, Seen
 
 INFO, WARNING, ERROR = 2, 3, 4
 
+decode_entries = msgspec.msgpack.Decoder(list[Entry]).decode
+
 Row = tuple[str, int, msgspec.Struct]
 """Channel, CLOCK_MONOTONIC nanoseconds, what to write there."""
 

@@ -1,0 +1,64 @@
+"""The recorder's process of a script: commands come in on standard input, a word a line; what happens
+goes out on standard output, a JSON object a line."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Callable
+
+import msgspec
+import trio
+
+from strands_actors.surfaces.recording.errors import RecordingError
+
+from .keys import read_words
+from .run import Summary, record_episodes
+from .session import Event, Order, give_way
+
+
+async def _record(order: Order) -> Summary:
+    async def controls(command: Callable[[str], None]) -> None:
+        # An episode of a script that is gone is not finished; it can be repaired.
+        await read_words(command, lambda: signal.raise_signal(signal.SIGINT))
+
+    return await record_episodes(order, controls, _say)
+
+
+def _say(event: Event) -> None:
+    with contextlib.suppress(BrokenPipeError):  # its script is gone; that ends us in a moment
+        print(msgspec.json.encode(event).decode(), flush=True)
+
+
+def main() -> int:
+    """Entry: the order, in JSON."""
+    order = msgspec.json.decode(sys.argv[1], type=Order)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started us may have it ignored
+    give_way()
+    try:
+        trio.run(_record, order)
+    except BaseExceptionGroup as group:
+        return _fail(_first(group))
+    except (RecordingError, OSError) as problem:
+        return _fail(problem)
+    return 0
+
+
+def _fail(problem: BaseException) -> int:
+    print(" ".join(str(problem).split()), file=sys.stderr)
+    return 1
+
+
+def _first(group: BaseException) -> BaseException:
+    """What happened in a task comes in groups: the first in it, if it is one that a user
+    understands."""
+    while isinstance(group, BaseExceptionGroup):
+        group = group.exceptions[0]
+    if isinstance(group, RecordingError | OSError):
+        return group
+    raise group
+
+
+if __name__ == "__main__":
+    sys.exit(main())

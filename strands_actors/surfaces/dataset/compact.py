@@ -1,0 +1,142 @@
+"""A copy of a dataset in few files, as large as LeRobot makes them: for the Hub. The dataset itself
+is not touched."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from .dataset import Index
+from .episode import index_table
+from .errors import DatasetError
+from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, Place
+from .storage import STAGED_SUFFIX, Storage
+from .video import concatenate, setup_of
+
+MB = 1_000_000
+
+
+class Compacted(msgspec.Struct, frozen=True):
+    dataset: str
+    copy: str
+    episodes: int
+    frames: int
+    files_before: int
+    files: int
+    bytes: int
+
+
+Group = list[int]
+"""Numbers of episodes that share a file."""
+
+
+def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted:
+    """Raise ``DatasetError`` when there is no dataset, or something is in the copy's place."""
+    storage = storage or Storage()
+    index = Index(root)
+    if index.info is None:
+        raise DatasetError(f"{root} is no dataset: it has no {INFO}")
+    if copy.exists():
+        raise DatasetError(f"{copy} is there already. give another name, or remove it")
+    staged = copy.with_name(copy.name + STAGED_SUFFIX)
+    storage.remove(staged)  # of a run that was ended
+    staged.mkdir(parents=True)
+    for name in (INFO, STATS, TASKS):
+        (staged / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(root / name, staged / name)
+    rows = [dict(row) for row in index.rows]
+    _join_data(index, rows, staged)
+    for key in index.videos:
+        _join_videos(index, rows, key, staged)
+    for row in rows:
+        row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+    if rows:
+        path = staged / Place(0, 0).episodes
+        path.parent.mkdir(parents=True)
+        pq.write_table(index_table(rows, index.marks), path)
+    info = index.info | {"splits": {"train": f"0:{len(rows)}"}}
+    (staged / INFO).write_bytes(json.dumps(info, indent=4).encode())
+    files = [path for path in staged.rglob("*") if path.is_file()]
+    for path in files:
+        storage.sync_path(path)
+    os.rename(staged, copy)
+    storage.sync_path(copy.parent)
+    size = sum(path.stat().st_size for path in copy.rglob("*") if path.is_file())
+    before = sum(path.is_file() and STAGING.name not in path.parts for path in root.rglob("*"))
+    return Compacted(str(root), str(copy), len(rows), index.frames, before, len(files), size)
+
+
+def _join_data(index: Index, rows: list[dict[str, Any]], staged: Path) -> None:
+    for place, group in _placed(_groups(rows, [_data_path(index, row) for row in rows], DATA_MB)):
+        tables = []
+        for number in group:
+            table = pq.read_table(_data_path(index, rows[number]))
+            tables.append(table.filter(pc.equal(table["episode_index"], number)))
+            rows[number] |= {"data/chunk_index": place.chunk, "data/file_index": place.file}
+        path = staged / place.data
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.concat_tables(tables), path, compression="snappy")
+
+
+def _data_path(index: Index, row: dict[str, Any]) -> Path:
+    return index.root / Place(row["data/chunk_index"], row["data/file_index"]).data
+
+
+def _join_videos(index: Index, rows: list[dict[str, Any]], key: str, staged: Path) -> None:
+    assert index.info is not None
+    fps = index.info["fps"]
+    paths = [
+        index.root / Place(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
+        for row in rows
+    ]
+    if len(set(paths)) < len(paths):
+        raise DatasetError(f"{index.root}: several episodes share a video. it is compact already")
+    for place, group in _placed(_groups(rows, paths, VIDEO_MB, [setup_of(path) for path in paths])):
+        path = staged / place.video(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        concatenate([paths[number] for number in group], path, fps, [rows[number]["length"] for number in group])
+        before = 0
+        for number in group:
+            length = rows[number]["length"]
+            # Divided, not added up: the hundredth episode begins as exactly as the first.
+            rows[number] |= {
+                f"videos/{key}/chunk_index": place.chunk,
+                f"videos/{key}/file_index": place.file,
+                f"videos/{key}/from_timestamp": before / fps,
+                f"videos/{key}/to_timestamp": (before + length) / fps,
+            }
+            before += length
+
+
+def _groups(
+    rows: Sequence[dict[str, Any]], paths: Sequence[Path], most_mb: int, kinds: Sequence[bytes] = ()
+) -> Iterator[Group]:
+    """Neighbours that fit into one file, and are of one kind."""
+    group: Group = []
+    size = 0
+    for number in range(len(rows)):
+        more = paths[number].stat().st_size
+        is_other = bool(kinds) and bool(group) and kinds[number] != kinds[group[0]]
+        if group and (is_other or size + more > most_mb * MB):
+            yield group
+            group, size = [], 0
+        group.append(number)
+        size += more
+    if group:
+        yield group
+
+
+def _placed(groups: Iterator[Group]) -> Iterator[tuple[Place, Group]]:
+    place = Place(0, 0)
+    for group in groups:
+        yield place, group
+        place = place.next

@@ -1,0 +1,94 @@
+"""What an episode that was not finished leaves, and how it becomes one."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import msgspec
+
+from .dataset import ASIDE, Dataset, Episode
+from .errors import DatasetError
+from .layout import STAGING, read_info
+from .staging import read_staged, staged_folders
+from .storage import Storage
+
+
+class Repaired(msgspec.Struct, frozen=True):
+    """What became of one episode. ``episode``: its number, -1 when nothing of it could be kept."""
+
+    folder: str
+    episode: int
+    frames: int
+    marks: str
+    problem: str = ""
+
+
+class Report(msgspec.Struct, frozen=True):
+    dataset: str
+    swept: list[str]  # what nothing counted, and LeRobot would have read
+    repaired: list[Repaired]
+    dropped: list[str]
+    total_episodes: int
+
+
+def require_dataset(root: Path) -> None:
+    """Raise ``DatasetError`` when there is none."""
+    if read_info(root) is None and not (root / STAGING).is_dir():
+        raise DatasetError(f"{root} is no dataset: it has no meta/info.json")
+
+
+def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Report:
+    """Make episodes of what is in staging; with ``drop`` remove what nobody finished instead, and
+    what was put aside. What was finished is kept in any case. Raise ``DatasetError``."""
+    require_dataset(root)
+    dataset = Dataset(root, storage)
+    try:
+        repaired = [_told("finished", episode) for episode in dataset.recovered]
+        dropped = []
+        for folder in dataset.unfinished():
+            if drop:
+                dataset.storage.remove(folder)
+                dropped.append(folder.name)
+            else:
+                repaired.append(_repair(dataset, folder))
+        if drop and (aside := dataset.staging / ASIDE).exists():
+            dropped += sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file())
+            dataset.storage.remove(aside)
+        return Report(str(root), dataset.swept, repaired, dropped, len(dataset.episodes))
+    finally:
+        dataset.close()
+
+
+def _repair(dataset: Dataset, folder: Path) -> Repaired:
+    try:
+        return _told(folder.name, dataset.commit(folder))
+    except DatasetError as problem:
+        return Repaired(folder.name, -1, 0, "", str(problem))
+
+
+def _told(folder: str, episode: Episode) -> Repaired:
+    return Repaired(folder, episode.index, episode.frames, episode.marks.told)
+
+
+class Unfinished(msgspec.Struct, frozen=True):
+    folder: str
+    task: str
+    frames: int
+    seconds_since: float  # something was written into it
+    problem: str = ""
+
+
+def unfinished_in(root: Path) -> list[Unfinished]:
+    """Look at what is in staging, without touching it: it may be being recorded."""
+    found = []
+    for folder in staged_folders(root / STAGING):
+        newest = max((path.stat().st_mtime for path in folder.iterdir()), default=folder.stat().st_mtime)
+        since = round(time.time() - newest, 1)
+        try:
+            staged = read_staged(folder)
+        except DatasetError as problem:
+            found.append(Unfinished(folder.name, "", 0, since, str(problem)))
+        else:
+            found.append(Unfinished(folder.name, staged.about.task, staged.table.num_rows, since))
+    return found

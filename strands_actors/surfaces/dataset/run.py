@@ -1,0 +1,140 @@
+"""The recorder's process: attach to the robot, open the dataset, obey who demonstrates."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import msgspec
+import trio
+
+from strands_actors.caller.background import open_background
+from strands_actors.surfaces.recording.recorder import Recorder, visit
+
+from .cameras import Attach, attach_camera, wait_for_shapes
+from .dataset import Dataset
+from .errors import DatasetError
+from .session import Event, Order, Progress, Session, give_way
+from .storage import Storage
+from .video import require_codec
+
+FPS = (1, 240)
+
+Controls = Callable[[Callable[[str], None]], Awaitable[None]]
+"""Calls what it is given with each command, until it is cancelled."""
+
+
+class EpisodeSummary(msgspec.Struct, frozen=True):
+    episode: int
+    frames: int
+    seconds: float
+    gaps: int
+    marks: str
+
+
+class Summary(msgspec.Struct, frozen=True):
+    dataset: str
+    robot: str
+    seconds: float
+    episodes: list[EpisodeSummary]  # of this recording
+    total_episodes: int
+    swept: list[str]  # what nothing counted when the dataset was opened
+    left: str  # what is left to repair
+    ended: str
+
+
+def require_order(order: Order) -> None:
+    """Raise ``DatasetError`` for what cannot be recorded."""
+    if not order.task.strip():
+        raise DatasetError("a dataset needs a task: a sentence that says what is shown")
+    if not FPS[0] <= order.fps <= FPS[1]:
+        raise DatasetError(f"fps {order.fps}: from {FPS[0]} to {FPS[1]}")
+    if len(set(order.cameras)) < len(order.cameras):
+        raise DatasetError(f"cameras {', '.join(order.cameras)}: one is named twice")
+    require_codec(order.codec, [])
+
+
+async def record_episodes(
+    order: Order,
+    controls: Controls,
+    tell: Callable[[Event], None],
+    show: Callable[[Progress], None] = lambda progress: None,
+    attach: Attach = attach_camera,
+    storage: Storage | None = None,
+) -> Summary:
+    """Until ``quit``, the last episode, Ctrl-C or the end of the robot. In the main thread. Raise
+    ``RecordingError``, ``OSError``."""
+    require_order(order)
+    dataset = Dataset(Path(order.root), storage)
+    try:
+        return await _record(order, dataset, controls, tell, show, attach)
+    finally:
+        dataset.close()
+
+
+async def _record(
+    order: Order,
+    dataset: Dataset,
+    controls: Controls,
+    tell: Callable[[Event], None],
+    show: Callable[[Progress], None],
+    attach: Attach,
+) -> Summary:
+    with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        async with visit(order.robot) as node, open_background() as nursery:
+            readers = {name: attach(order.robot, name) for name in order.cameras}
+            shapes = await trio.to_thread.run_sync(wait_for_shapes, readers, abandon_on_cancel=True)
+            require_codec(order.codec, shapes)
+            recorder: Recorder[Session]
+            session = Session(
+                order,
+                dataset,
+                readers,
+                shapes,
+                tell,
+                end=lambda why: recorder.end(why),
+                fail=lambda failure: recorder.fail(failure),
+            )
+            begun = trio.Event()
+
+            def open_sink(attached: object) -> Session:
+                opened = session.open_sink(attached)  # type: ignore[arg-type]
+                begun.set()
+                return opened
+
+            async def after(what: Callable[[], Awaitable[None]]) -> None:
+                await begun.wait()
+                await what()
+
+            async def listen() -> None:
+                async for _ in signals:
+                    recorder.end("interrupted")
+
+            recorder = Recorder(order.robot, open_sink, lambda seconds, session: show(session.progress(seconds)))
+            nursery.start_soon(listen)
+            nursery.start_soon(after, session.run)
+            nursery.start_soon(after, session.work)
+            nursery.start_soon(after, lambda: controls(session.command))
+            try:
+                ending = await recorder.run(node)
+            finally:
+                with trio.CancelScope(shield=True):
+                    left = await session.leave()
+    saved = [
+        EpisodeSummary(one.index, one.frames, round(one.frames / order.fps, 3), one.marks.gaps, one.marks.told)
+        for one in session.saved
+    ]
+    return Summary(
+        order.root,
+        order.robot,
+        ending.seconds,
+        saved,
+        len(dataset.episodes),
+        dataset.swept,
+        left,
+        ending.why,
+    )
+
+
+__all__ = ["Controls", "Summary", "give_way", "record_episodes", "require_order"]

@@ -1,0 +1,382 @@
+"""Episodes of one robot, begun and ended by whoever demonstrates.
+
+The journal comes in by way of a sink, pictures are taken when a frame is due, and frames go to a
+worker. What the worker is too slow for is a gap, which is counted in its episode.
+"""
+
+from __future__ import annotations
+
+import enum
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import aclosing
+
+import msgspec
+import trio
+
+from strands_actors.contract.axis import AxisMode
+from strands_actors.kernel.clock import NS, Clock, MonotonicClock
+from strands_actors.supervisors.instrument import Attached, Batch
+from strands_actors.surfaces.recording.code import driver_from
+from strands_actors.surfaces.recording.errors import RecordingError
+from strands_actors.surfaces.recording.views import View, decode_entries
+
+from .cameras import CameraReader, frame_of
+from .dataset import Dataset, Episode
+from .errors import DatasetError
+from .frames import Assembler, Axes, Made, missed
+from .layout import CameraShape, Layout
+from .staging import Picture, StagedEpisode, new_folder
+from .video import DEFAULT
+from .worker import Worker
+
+QUEUE_FRAMES = 60
+QUEUE_BYTES = 128 << 20
+"""What may wait for the disk and the encoders, whichever is less."""
+LEAST_FREE_BYTES = 256 << 20
+"""No episode begins with less on the disk."""
+FIRST_S = 10.0
+"""How long to wait for the robot's first state."""
+LEAVE_S = 20.0
+"""How long the worker may take for what it still has."""
+
+
+class Order(msgspec.Struct, frozen=True):
+    """What is to be recorded. ``episodes``: end after so many; ``seconds``: episodes begin by
+    themselves and are so long."""
+
+    robot: str
+    root: str
+    task: str
+    fps: int = 30
+    cameras: tuple[str, ...] = ()
+    codec: str = DEFAULT
+    episodes: int | None = None
+    seconds: float | None = None
+
+
+class State(enum.StrEnum):
+    IDLE = "waiting"
+    RECORDING = "recording"
+    FINISHING = "finishing"
+
+
+class Event(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Something happened. ``what``: ready, started, saved, discarded, refused or ended."""
+
+    what: str
+    episode: int = -1
+    frames: int = 0
+    marks: str = ""  # what is wrong with it, in words
+    text: str = ""
+
+
+class Progress(msgspec.Struct, frozen=True):
+    state: str
+    episode: int
+    done: int
+    of: int | None
+    seconds: float
+    fps: float
+    gaps: int
+    late: int  # frames with something too old in them
+    free_bytes: int
+
+
+class Session:
+    """One recording. It is the sink of a ``Recorder``."""
+
+    def __init__(
+        self,
+        order: Order,
+        dataset: Dataset,
+        cameras: Mapping[str, CameraReader],
+        shapes: Sequence[CameraShape],
+        tell: Callable[[Event], None],
+        end: Callable[[str], None],
+        fail: Callable[[Exception], None],
+        clock: Clock | None = None,
+    ) -> None:
+        self._order = order
+        self._dataset = dataset
+        self._cameras = cameras
+        self._shapes = tuple(shapes)
+        self._tell = tell
+        self._end = end
+        self._fail = fail
+        self._clock = clock or MonotonicClock()
+        self._period_ns = round(NS / order.fps)
+        size = max(1, sum(shape.height * shape.width * 3 for shape in shapes))
+        self._worker = Worker(max(2, min(QUEUE_FRAMES, QUEUE_BYTES // size)))
+        self._state = State.IDLE
+        self._is_ready = self._leaving = False
+        self._number = len(dataset.episodes)  # of the running episode, or the next
+        self._finished = 0
+        self._episode: StagedEpisode | None = None  # the worker's
+        self._shown: dict[str, tuple[Picture, int]] = {}
+        self._began_ns = self._last_ns = 0
+        self._frames = self._gaps = self._late = 0  # of the running episode
+        self._seen = 0  # frames of the last second
+        self.saved: list[Episode] = []
+
+    # -- the sink
+
+    def open_sink(self, attached: Attached) -> Session:
+        axes = axes_of(attached)
+        layout = Layout(
+            f"strands_{attached.driver['robot']}", self._order.fps, axes.joints, self._shapes, self._order.codec
+        )
+        self._layout = self._dataset.require(layout)
+        self._views = {name: View(name, attached.axes, 0) for name in ("wire", "root")}
+        self._assembler = Assembler(axes, self._period_ns / NS)
+        self._opened_ns = self._clock.now_ns()
+        return self
+
+    def _about(self) -> str:
+        shown = ", ".join(f"{shape.name} {shape.width}x{shape.height}" for shape in self._shapes) or "no cameras"
+        return f"{self._order.robot} into {self._order.root}: {self._order.fps} fps, {shown}"
+
+    def add(self, source: str, batch: Batch) -> None:
+        if source == "wire":
+            self._assembler.hear(self._views[source].rows(decode_entries(msgspec.msgpack.encode(batch.entries))))
+
+    def lost(self, source: str, why: str) -> None:
+        if source == "wire":
+            self._assembler.hear(self._views[source].lost(self._clock.now_ns(), why))
+
+    def flush(self) -> None:
+        """Nothing waits in here but what the worker has."""
+
+    def close(self) -> None:
+        """The worker may still write: see ``leave``."""
+
+    # -- what the demonstrator wants
+
+    def command(self, word: str) -> None:
+        """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or
+        finishes."""
+        if word == "toggle":
+            word = "start" if self._state is State.IDLE else "finish"
+        do = {
+            "start": self._start,
+            "finish": self._finish,
+            "discard": self._discard,
+            "again": self._again,
+            "quit": self._quit,
+        }.get(word)
+        if do is None:
+            self._refuse(f"there is no command {word[:40]!r}. use start, finish, discard, again or quit")
+        else:
+            do()
+
+    def _refuse(self, why: str) -> None:
+        self._tell(Event("refused", self._number, text=why))
+
+    def _start(self) -> None:
+        if why := self._cannot_start():
+            self._refuse(f"start: {why}")
+            return
+        self._assembler.begin()
+        self._state = State.RECORDING
+        self._began_ns = self._clock.now_ns()
+        self._last_ns = self._frames = self._gaps = self._late = 0
+        self._worker.put(self._open_episode)
+        self._tell(Event("started", self._number))
+
+    def _cannot_start(self) -> str:
+        if self._leaving:
+            return "the recording ends"
+        if self._state is not State.IDLE:
+            return "an episode runs. finish or discard it first"
+        if self._order.episodes is not None and self._finished >= self._order.episodes:
+            return "the last episode is being saved"
+        if not self._assembler.has_state(self._clock.now_ns()):
+            return f"nothing is read of {self._order.robot}"
+        if dark := [name for name, reader in self._cameras.items() if frame_of(reader.newest()) is None]:
+            return f"no picture of {', '.join(dark)}"
+        free = self._dataset.storage.free_bytes(self._dataset.root)
+        if free < LEAST_FREE_BYTES:
+            return f"the disk has {free / 1e6:.0f} MB left, an episode needs {LEAST_FREE_BYTES / 1e6:.0f}"
+        return ""
+
+    def _finish(self) -> None:
+        if self._state is not State.RECORDING:
+            self._refuse("finish: no episode runs")
+            return
+        self._state = State.FINISHING
+
+    def _discard(self) -> None:
+        if self._state is State.IDLE:
+            self._refuse("discard: no episode runs")
+            return
+        self._state = State.IDLE
+        self._assembler.begin()
+        self._worker.put(self._drop_episode)
+        self._tell(Event("discarded", self._number))
+
+    def _again(self) -> None:
+        if self._state is not State.IDLE:
+            self._discard()
+        self._start()
+
+    def _quit(self) -> None:
+        """What runs is finished first."""
+        self._leaving = True
+        if self._state is State.RECORDING:
+            self._finish()
+        elif self._state is State.IDLE:
+            self._worker.put(lambda: trio.from_thread.run_sync(self._end, "done"))
+
+    # -- frames
+
+    async def run(self) -> None:
+        """Take a frame each period, until cancelled."""
+        async with aclosing(self._clock.ticks(self._period_ns / NS)) as ticks:
+            async for now_ns in ticks:
+                self.tick(now_ns)
+
+    async def work(self) -> None:
+        """Let the worker work, until cancelled."""
+        try:
+            await self._worker.run()
+        except (OSError, DatasetError) as failure:
+            self._fail(failure)
+
+    def tick(self, now_ns: int) -> None:
+        if not self._is_ready:
+            self._look_whether_ready(now_ns)
+            return
+        if self._state is State.RECORDING:
+            self._due(now_ns)
+        for made in self._assembler.made(now_ns):
+            self._queue(made)
+        if self._state is State.FINISHING and not self._assembler.waiting:
+            self._state = State.IDLE
+            gap = self._assembler.take_gap()
+            self._gaps += gap
+            self._worker.put(lambda: self._save_episode(gap))
+            self._number += 1
+            self._finished += 1
+            if self._leaving:
+                self._quit()
+        if self._order.seconds is not None:
+            self._by_itself(now_ns, self._order.seconds)
+
+    def _look_whether_ready(self, now_ns: int) -> None:
+        if self._assembler.has_state(now_ns):
+            self._is_ready = True
+            self._tell(Event("ready", self._number, text=self._about()))
+        elif now_ns - self._opened_ns > FIRST_S * NS:
+            self._fail(DatasetError(f"nothing is read of {self._order.robot}"))
+
+    def _by_itself(self, now_ns: int, seconds: float) -> None:
+        if self._state is State.RECORDING and now_ns - self._began_ns >= seconds * NS:
+            self._finish()
+        elif self._state is State.IDLE and not self._worker.is_busy and not self._cannot_start():
+            self._start()
+
+    def _due(self, now_ns: int) -> None:
+        self._assembler.miss(missed(now_ns, self._last_ns, self._period_ns))
+        self._last_ns = now_ns
+        pictures, age_ms = {}, {}
+        for name, reader in self._cameras.items():
+            frame = frame_of(reader.newest())
+            if frame is not None:
+                self._shown[name] = frame.image, frame.captured_ns
+            elif name not in self._shown:
+                self._assembler.miss()  # it had one when the episode began
+                return
+            pictures[name], captured_ns = self._shown[name]
+            age_ms[name] = max(0.0, (now_ns - captured_ns) / 1e6)
+        self._assembler.due(now_ns, pictures, age_ms)
+
+    def _queue(self, made: Made) -> None:
+        if self._worker.is_full:
+            self._assembler.miss(made.row.gap + 1)
+            return
+        self._frames += 1
+        self._seen += 1
+        self._gaps += made.row.gap
+        self._late += bool(made.row.stale)
+        self._worker.put(lambda: self._write(made), frames=1)
+
+    # -- in the worker's thread
+
+    def _open_episode(self) -> None:
+        folder = new_folder(self._dataset.staging)
+        self._episode = StagedEpisode(self._dataset.storage, folder, self._layout, self._order.task)
+
+    def _write(self, made: Made) -> None:
+        assert self._episode is not None
+        self._episode.add(made.row, made.pictures)
+
+    def _drop_episode(self) -> None:
+        assert self._episode is not None
+        self._episode.abandon()
+        self._dataset.storage.remove(self._episode.folder)
+        self._episode = None
+
+    def _save_episode(self, gap: int) -> None:
+        assert self._episode is not None
+        episode, self._episode = self._episode, None
+        if not episode.frames:
+            episode.abandon()
+            self._dataset.storage.remove(episode.folder)
+            trio.from_thread.run_sync(self._not_saved)
+            return
+        episode.finish(gap)
+        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder))
+
+    def _not_saved(self) -> None:
+        self._number -= 1
+        self._finished -= 1
+        self._refuse("finish: the episode had no frame, and is not kept")
+
+    def _saved(self, episode: Episode) -> None:
+        self.saved.append(episode)
+        self._tell(Event("saved", episode.index, episode.frames, episode.marks.told))
+        if self._order.episodes is not None and len(self.saved) >= self._order.episodes and not self._leaving:
+            self._quit()
+
+    # -- for who looks on, and the end
+
+    def progress(self, seconds: float) -> Progress:
+        """Once a second."""
+        runs = self._state is not State.IDLE
+        seen, self._seen = self._seen, 0
+        return Progress(
+            str(self._state),
+            self._number,
+            len(self.saved),
+            self._order.episodes,
+            (self._clock.now_ns() - self._began_ns) / NS if runs else 0.0,
+            float(seen),
+            self._gaps,
+            self._late,
+            self._dataset.storage.free_bytes(self._dataset.root),
+        )
+
+    async def leave(self) -> str:
+        """Let the worker finish what it has. Return what is left to repair, in words."""
+        with trio.move_on_after(LEAVE_S) as scope:
+            await self._worker.drain()
+        if scope.cancelled_caught:
+            return f"the disk took longer than {LEAVE_S:g} s: what is left of the last episode can be repaired"
+        if self._episode is not None:
+            self._episode.abandon()
+            return f"the running episode was not finished. `strands-actors dataset repair {self._order.root}`"
+        return ""
+
+
+def axes_of(attached: Attached) -> Axes:
+    """Which of the robot's axes are speeds: its driver says so, where it is known here."""
+    try:
+        table = getattr(driver_from(attached), "table", ())
+    except RecordingError:
+        table = ()
+    return Axes(attached.axes, frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY))
+
+
+def give_way() -> None:
+    """The robot's processes come first, on a busy machine too."""
+    os.nice(10)

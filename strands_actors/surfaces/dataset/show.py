@@ -1,0 +1,84 @@
+"""What is in a dataset, and what is wrong with it. Touches nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from .dataset import Index
+from .layout import STAGING
+from .repair import Unfinished, require_dataset, unfinished_in
+
+
+class ShownEpisode(msgspec.Struct, frozen=True):
+    episode: int
+    task: str
+    frames: int
+    seconds: float
+    gaps: int
+    late: dict[str, int]
+    repaired: bool
+    began: str
+    marks: str  # all of these in words; empty: nothing is wrong
+
+
+class Shown(msgspec.Struct, frozen=True):
+    dataset: str
+    robot_type: str
+    fps: int
+    joints: list[str]
+    cameras: dict[str, str]  # size and codec
+    total_episodes: int
+    total_frames: int
+    bytes: int
+    episodes: list[ShownEpisode]
+    good: list[int]  # with nothing wrong: what to train on, --dataset.episodes
+    uncounted: list[str]  # what LeRobot would read though nothing counts it
+    unfinished: list[Unfinished]
+
+
+def show(root: Path) -> Shown:
+    """Raise ``DatasetError`` when there is none, or it is damaged."""
+    require_dataset(root)
+    index = Index(root)
+    info = index.info or {"fps": 0, "features": {}}
+    fps = int(info["fps"])
+    episodes = [
+        ShownEpisode(
+            one.index,
+            one.task,
+            one.frames,
+            round(one.frames / fps, 3),
+            one.marks.gaps,
+            one.marks.stale,
+            one.marks.repaired,
+            one.marks.began,
+            one.marks.told,
+        )
+        for one in index.episodes
+    ]
+    return Shown(
+        str(root),
+        info.get("robot_type") or "",
+        fps,
+        list(info["features"].get("action", {}).get("names") or []),
+        {key.removeprefix("observation.images."): _camera(info["features"][key]) for key in index.videos},
+        len(episodes),
+        index.frames,
+        sum(path.stat().st_size for path in _files(root)),
+        episodes,
+        [one.episode for one in episodes if not one.marks],
+        [str(path.relative_to(root)) for path in index.uncounted()],
+        unfinished_in(root),
+    )
+
+
+def _camera(feature: dict[str, Any]) -> str:
+    height, width, _ = feature["shape"]
+    return f"{width}x{height} {(feature.get('info') or {}).get('video.codec', '')}"
+
+
+def _files(root: Path) -> list[Path]:
+    return [path for path in root.rglob("*") if path.is_file() and STAGING.name not in path.relative_to(root).parts]

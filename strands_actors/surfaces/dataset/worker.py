@@ -1,0 +1,53 @@
+"""What may wait for a disk or an encoder: in a thread, in order, beside what listens to the
+robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import trio
+
+Job = Callable[[], None]
+
+
+class Worker:
+    """Does one job after the other. Of frames only so many may wait: more are refused."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._send, self._receive = trio.open_memory_channel[tuple[Job, int]](math.inf)
+        self._waiting = 0
+        self._idle = trio.Event()
+        self._idle.set()
+        self._jobs = 0
+
+    @property
+    def is_full(self) -> bool:
+        return self._waiting >= self._most
+
+    @property
+    def is_busy(self) -> bool:
+        return self._jobs > 0
+
+    def put(self, job: Job, frames: int = 0) -> None:
+        self._waiting += frames
+        self._jobs += 1
+        self._idle = trio.Event() if self._idle.is_set() else self._idle
+        self._send.send_nowait((job, frames))
+
+    async def run(self) -> None:
+        """Until cancelled. Raise what a job raises; what waits behind it is not done."""
+        try:
+            async for job, frames in self._receive:
+                await trio.to_thread.run_sync(job, abandon_on_cancel=True)
+                self._waiting -= frames
+                self._jobs -= 1
+                if not self._jobs:
+                    self._idle.set()
+        finally:
+            self._idle.set()
+
+    async def drain(self) -> None:
+        """Return when everything is done, or nothing is done any more."""
+        await self._idle.wait()

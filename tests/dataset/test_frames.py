@@ -1,0 +1,143 @@
+"""Frames from a journal: the state of then, what was decided with it in sight, what was late or
+missing."""
+
+from __future__ import annotations
+
+from strands_actors.surfaces.dataset.frames import NS, PATIENCE_S, Assembler, Axes, missed
+from strands_actors.surfaces.dataset.staging import Row
+from strands_actors.surfaces.recording.lines import Command, Gap, Lifecycle, Safe, Seen
+
+PERIOD_NS = NS // 10
+AXES = Axes(("a", "v"), frozenset({"v"}))
+
+
+def ms(value: float) -> int:
+    return 1_000_000_000_000 + round(value * 1e6)
+
+
+class Robot:
+    """Tells an assembler what happened, in milliseconds."""
+
+    def __init__(self) -> None:
+        self.assembler = Assembler(AXES, 0.1)
+
+    def sees(self, at: float, a: float | None, v: float = 0.0, oldest: float | None = None) -> None:
+        oldest_ns = ms(at if oldest is None else oldest)
+        self.assembler.hear([("observation", ms(at), Seen(ms(at), {"a": a, "v": v}, {}, {}, {}, oldest_ns))])
+
+    def moves(self, at: float, a: float, accepted: float | None = None, lease: int = 1) -> None:
+        """Asked to move to ``a``; refused unless ``accepted`` is given."""
+        outcome = "refused" if accepted is None else "accepted"
+        target = {} if accepted is None else {"a": accepted, "v": 0.5}
+        command = Command("setpoint", "", outcome, lease, action={"a.pos": a}, target=target)
+        self.assembler.hear([("command", ms(at), command)])
+
+    def rows(self, *due: float, now: float = 100_000.0) -> list[Row]:
+        for at in due:
+            self.assembler.due(ms(at), {}, {})
+        return [made.row for made in self.assembler.made(ms(now))]
+
+
+def test_a_frame_has_the_state_of_its_moment_and_what_was_decided_after_it() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0)
+    robot.moves(995, 5.0, accepted=5.0)
+    robot.sees(1010, 2.0)  # too late for the frame
+    robot.moves(1090, 7.0, accepted=6.0)
+    robot.moves(1105, 9.0, accepted=9.0)  # belongs to the next one
+    robot.sees(1110, 3.0)
+    (row,) = robot.rows(1000)
+    assert row.state == (1.0, 0.0) and row.action == (6.0, 0.5)
+    assert row.requested == (7.0, 0.5), "what was asked, not what the gate made of it"
+    assert row.age_ms == (10.0,) and row.stale == () and row.gap == 0
+
+
+def test_a_frame_waits_for_the_journal_but_not_for_ever() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0)
+    assert robot.rows(1000, now=1099) == [] and robot.assembler.waiting == 1
+    robot.sees(1101, 2.0)
+    assert len(robot.rows(now=1102)) == 1
+    assert robot.rows(1200, now=1290) == []
+    assert len(robot.rows(now=1301 + PATIENCE_S * 1000)) == 1
+
+
+def test_a_refused_request_is_recorded_beside_what_stays_in_force() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0)
+    robot.moves(995, 5.0, accepted=5.0)
+    robot.moves(1010, 400.0)
+    robot.moves(1020, float("nan"))
+    robot.moves(1030, 77.0, lease=2)  # somebody else, who is refused as well
+    (row,) = robot.rows(1000)
+    assert row.action == (5.0, 0.5) and row.requested == (400.0, 0.5)
+
+
+def test_without_a_target_the_action_is_to_stay() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0, v=0.3)
+    assert robot.rows(1000)[0].action == (1.0, 0.0), "a position stays, a speed is zero"
+    robot.moves(1105, 5.0, accepted=5.0)
+    robot.sees(1190, 4.0)
+    robot.sees(1290, 4.5)
+    assert [row.action for row in robot.rows(1200)] == [(5.0, 0.5)]
+    for what in (
+        Safe("ordered", "limp", "stop", 2, "wire", False, 0.0, []),
+        Lifecycle("state", mode="holding"),
+        Gap("wire", 7, "the recorder was slower"),
+    ):
+        robot.moves(1291, 5.0, accepted=5.0)
+        robot.assembler.hear([("", ms(1292), what)])
+        assert robot.rows(1300)[0].action == (4.5, 0.0), what
+
+
+def test_what_is_older_than_a_period_and_a_half_marks_its_frame() -> None:
+    robot = Robot()
+    robot.sees(1000, 1.0)
+    robot.assembler.due(ms(1149), {}, {"wrist": 151.0})
+    robot.assembler.due(ms(1151), {}, {"wrist": 149.0})
+    assert [made.row.stale for made in robot.assembler.made(ms(9000))] == [("wrist",), ("state",)]
+
+
+def test_the_oldest_axis_counts() -> None:
+    robot = Robot()
+    robot.sees(1000, 1.0, oldest=800)
+    (row,) = robot.rows(1010)
+    assert row.age_ms == (210.0,) and row.stale == ("state",)
+
+
+def test_without_a_state_there_is_no_frame_and_the_next_says_so() -> None:
+    robot = Robot()
+    assert robot.rows(1000, 1100) == []
+    robot.sees(1150, None)  # an axis that was not read
+    assert robot.rows(1200) == []
+    robot.sees(1290, 1.0)
+    assert [row.gap for row in robot.rows(1300, 1400)] == [3, 0]
+    assert robot.rows(1300 + 1000) == [], "what it read last is too old by now"
+    assert robot.assembler.take_gap() == 1 and robot.assembler.take_gap() == 0
+
+
+def test_a_robot_is_read_while_it_is_read() -> None:
+    robot = Robot()
+    assert not robot.assembler.has_state(ms(1000))
+    robot.sees(1000, 1.0)
+    assert robot.assembler.has_state(ms(1100)) and not robot.assembler.has_state(ms(1600))
+
+
+def test_ticks_that_did_not_come_are_counted() -> None:
+    assert missed(ms(1000), 0, PERIOD_NS) == 0
+    assert missed(ms(1104), ms(1000), PERIOD_NS) == 0
+    assert missed(ms(1290), ms(1000), PERIOD_NS) == 2
+
+
+def test_an_episode_begins_without_what_was_due_before() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0)
+    robot.assembler.due(ms(1000), {}, {})
+    robot.assembler.miss(3)
+    robot.assembler.begin()
+    assert [row.gap for row in robot.rows(1010)] == [0]
+
+
+def test_joints_are_spelled_as_lerobot_does() -> None:
+    assert AXES.joints == ("a.pos", "v.vel")

@@ -1,0 +1,185 @@
+"""What a killed recorder leaves, and the copy for the Hub."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from strands_actors.surfaces.dataset.compact import compact
+from strands_actors.surfaces.dataset.dataset import Dataset, Index
+from strands_actors.surfaces.dataset.errors import DatasetError
+from strands_actors.surfaces.dataset.repair import repair
+from strands_actors.surfaces.dataset.show import show
+
+from .made import add_episode, begin, check, fill, info_of, row
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return tmp_path / "set"
+
+
+def unfinished(root: Path, frames: int, episodes: int = 1) -> Path:
+    """A dataset with counted episodes, and one that was cut off."""
+    dataset = Dataset(root)
+    for _ in range(episodes):
+        add_episode(dataset, 10)
+    episode = begin(dataset, "wave")
+    fill(episode, [row(number, gap=int(number == 4)) for number in range(frames)])
+    episode.abandon()
+    dataset.close()
+    return episode.folder
+
+
+def test_an_episode_that_was_cut_off_is_repaired_and_says_so(root: Path) -> None:
+    unfinished(root, 50)
+    report = repair(root)
+    assert [one.episode for one in report.repaired] == [1] and report.total_episodes == 2
+    assert check(root) == 2
+    marks = Index(root).episodes[1].marks
+    assert marks.repaired and marks.gaps == 1 and Index(root).episodes[1].frames >= 30
+    assert not (root / ".staging").exists()
+
+
+def test_it_is_dropped_when_it_is_wanted_so(root: Path) -> None:
+    folder = unfinished(root, 50)
+    report = repair(root, drop=True)
+    assert report.dropped == [folder.name] and report.total_episodes == 1
+    assert check(root) == 1 and not (root / ".staging").exists()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_files_that_are_cut_off_anywhere_give_what_is_whole(root: Path, seed: int) -> None:
+    folder = unfinished(root, 50)
+    rng = random.Random(seed)
+    for name in ("frames.arrows", "front.mp4", "wrist.mp4"):
+        os.truncate(
+            folder / name, rng.randrange((folder / name).stat().st_size // 2, (folder / name).stat().st_size)
+        )
+    report = repair(root)
+    assert check(root) == report.total_episodes
+    assert len(report.repaired) == 1 and (report.repaired[0].problem == "") == (report.total_episodes == 2)
+
+
+def test_an_episode_of_which_nothing_is_whole_is_told_and_stays(root: Path) -> None:
+    folder = unfinished(root, 5)
+    os.truncate(folder / "frames.arrows", 3)
+    report = repair(root)
+    assert report.repaired[0].episode == -1 and "no complete frame" in report.repaired[0].problem
+    assert folder.exists() and check(root) == 1
+    assert repair(root, drop=True).dropped == [folder.name] and not folder.exists()
+
+
+def test_nothing_is_repaired_where_there_is_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="is no dataset"):
+        repair(tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_dataset_shows_what_is_wrong_and_touches_nothing(root: Path) -> None:
+    folder = unfinished(root, 50, episodes=2)
+    os.link(root / "data/chunk-000/file-000.parquet", root / "data/chunk-000/file-007.parquet")
+    before = sorted(root.rglob("*"))
+    shown = show(root)
+    assert sorted(root.rglob("*")) == before
+    assert (shown.total_episodes, shown.total_frames, shown.good) == (2, 20, [0, 1])
+    assert shown.uncounted == ["data/chunk-000/file-007.parquet"]
+    assert [(one.folder, one.task) for one in shown.unfinished] == [(folder.name, "wave")]
+    assert shown.cameras == {"front": "96x64 av1", "wrist": "64x80 av1"}
+
+
+# -- a copy in few files
+
+
+def test_a_copy_has_the_same_frames_in_few_files(root: Path, tmp_path: Path) -> None:
+    dataset = Dataset(root)
+    for frames, task in ((33, "wave"), (7, "put the cube down"), (20, "wave")):
+        add_episode(dataset, frames, task)
+    dataset.close()
+    copy = tmp_path / "copy"
+    done = compact(root, copy)
+    assert (done.episodes, done.frames, done.files, done.files_before) == (3, 60, 7, 15)
+    assert check(copy) == 3 and check(root) == 3
+    rows = pq.read_table(copy / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [each["videos/observation.images.front/from_timestamp"] for each in rows] == [0.0, 33 / 30, 40 / 30]
+    assert info_of(copy) == info_of(root) and show(copy).good == [0, 1, 2]
+    again = Dataset(copy)  # and it may grow
+    add_episode(again, 5)
+    again.close()
+    assert check(copy) == 4
+
+
+def test_a_file_is_not_larger_than_lerobot_makes_it(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = Dataset(root)
+    for _ in range(3):
+        add_episode(dataset, 12)
+    dataset.close()
+    size = (root / "videos/observation.images.front/chunk-000/file-000.mp4").stat().st_size
+    monkeypatch.setattr("strands_actors.surfaces.dataset.compact.VIDEO_MB", 2.5 * size / 1e6)
+    compact(root, tmp_path / "copy")
+    assert len(list((tmp_path / "copy/videos/observation.images.front").glob("*/*.mp4"))) == 2
+    assert check(tmp_path / "copy") == 3
+
+
+def test_a_copy_replaces_nothing(root: Path, tmp_path: Path) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    with pytest.raises(DatasetError, match="is there already"):
+        compact(root, root)
+    with pytest.raises(DatasetError, match="is no dataset"):
+        compact(tmp_path / "none", tmp_path / "copy")
+
+
+# -- SIGKILL
+
+
+def killed(root: Path, after_lines: int, delay_s: float) -> int:
+    """Kill a process that writes episodes; return how many it said were finished."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.dataset.writing", str(root)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    said = 0
+    try:
+        for _ in range(after_lines):
+            said += process.stdout.readline() == "finished\n"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(delay_s)
+    finally:
+        process.send_signal(signal.SIGKILL)
+    return said + process.communicate(timeout=PATIENCE_S)[0].count("finished\n")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_writer_that_is_killed_loses_no_finished_episode(root: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    finished = killed(root, 1 + seed, rng.uniform(0.0, 0.4))
+    assert after_a_kill(root) >= finished
+
+
+def after_a_kill(root: Path) -> int:
+    """Check what is left, before and after somebody opens it; return how many episodes there are."""
+    if (root / "meta/info.json").exists():
+        swept_by_hand = Index(root).uncounted()
+        if not swept_by_hand:
+            check(root)
+    Dataset(root).close()
+    counted = len(Index(root).episodes)
+    repair(root)
+    assert check(root) >= counted
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    dataset.close()
+    return check(root) - 1
