@@ -66,7 +66,8 @@ def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: 
 
 def _rows(table: pa.Table, name: str, width: int) -> NDArray[np.float32]:
     values = [chunk.flatten().to_numpy(zero_copy_only=False) for chunk in table[name].chunks]
-    return np.concatenate(values).reshape(-1, width).astype(np.float32)
+    rows: NDArray[np.float32] = np.concatenate(values).reshape(-1, width).astype(np.float32)
+    return rows
 
 
 def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:

@@ -30,7 +30,7 @@ class PictureFigures:
     seen."""
 
     def __init__(self) -> None:
-        self.seen = np.zeros((3, LEVELS), dtype=np.int64)
+        self.seen: NDArray[np.int64] = np.zeros((3, LEVELS), dtype=np.int64)
         self.pictures = 0
 
     def add(self, picture: NDArray[np.uint8]) -> None:
