@@ -65,9 +65,9 @@ def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BLIND)
-def test_cameras_are_refused_by_a_driver_that_opens_none(name: str) -> None:
-    text = refusal(ValueError, name, mode="real", port="x", cameras={"top": 0})
-    assert text.startswith(f"Robot: {list_native_drivers()[name]} opens no cameras. ")
+def test_cameras_are_checked_for_each(name: str) -> None:
+    text = refusal(ValueError, name, mode="real", transport="twin", cameras={"top": 0})
+    assert text.startswith("Robot: camera 'top' is 0. give its settings")
 
 
 @pytest.mark.parametrize("name", SERIAL)
