@@ -52,7 +52,7 @@ def of_wire(robot: str) -> Channel:
 
 def of_root(robot: str) -> Channel:
     """The other end is the root process."""
-    names = ("guardian", "root", "tasks", "safety", "commands", "telemetry", "gateway", "gateway/stop")
+    names = ("guardian", "root", "tasks", "safety", "commands", "telemetry", "pictures", "gateway", "gateway/stop")
     return Channel("", _of(robot, "root", names), f"{PREFIX}/node/{robot}.root.")
 
 

@@ -1,24 +1,36 @@
-"""Pictures of the rover's cameras, asked of the service by whoever wants them, past the robot's
-tree.
+"""Pictures of the rover's cameras, asked of the service past the robot's tree: by a camera's process
+(``cameras={"front": {}}``), or by whoever wants one.
 
 They are larger than what actors tell each other, and nothing about them moves the robot.
 """
 
 from __future__ import annotations
 
+import math
+import time
+from typing import TYPE_CHECKING
+
 import trio
 
+from strands_actors.contract import cameras as contract
 from strands_actors.contract.driver import WireDown
+from strands_actors.contract.extras import missing
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .driver import EarthRover
-
-__all__ = ["picture", "take_picture"]
 from .protocol import NOT_FOUND, OK, PICTURES, Picture, decode_picture
 
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+__all__ = ["open_camera", "picture", "take_picture"]
+
 PICTURE_S = 2.0
-"""Within which a picture must come."""
+"""Within which a picture must come, and a new one after the last."""
+AGAIN_S = 0.02
+"""Before it is asked again for a picture that has not changed."""
 
 
 async def picture(port: str, view: str = "front") -> Picture:
@@ -26,13 +38,61 @@ async def picture(port: str, view: str = "front") -> Picture:
     ``ValueError`` for another name, ``WireDown`` when there is no picture."""
     if view not in PICTURES:
         raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
-    host, number = EarthRover("earthrover", port, {}).config.address()
-    client = HttpClient(f"http://{host}:{number}")
+    client = _client(port)
     try:
-        answer = await client.get(PICTURES[view], PICTURE_S)
+        return await _ask(client, view)
     finally:
         with trio.CancelScope(shield=True):
             await client.aclose()
+
+
+def take_picture(port: str, view: str = "front") -> Picture:
+    """As ``picture``, for a script that runs no trio loop."""
+    return trio.run(picture, port, view)
+
+
+class RoverCamera:
+    """One camera of the rover, asked again and again on one connection."""
+
+    paced = False
+
+    def __init__(self, client: HttpClient, view: str) -> None:
+        self._client = client
+        self._view = view
+        self._stamp_s = math.nan
+
+    async def read(self) -> contract.Picture:
+        """A picture that is not the last one. It was taken when it was asked for, or before: the
+        rover's clock is not ours."""
+        with trio.move_on_after(PICTURE_S):
+            while True:
+                asked_ns = time.monotonic_ns()
+                told = await _ask(self._client, self._view)
+                if told.stamp_s != self._stamp_s or math.isnan(told.stamp_s):
+                    self._stamp_s = told.stamp_s
+                    return contract.Picture(await trio.to_thread.run_sync(_pixels, told.jpeg), asked_ns)
+                await trio.sleep(AGAIN_S)
+        raise WireDown(f"picture: the {self._view} camera gives the same one again. Look at the SDK process")
+
+    async def aclose(self) -> None:
+        await self._client.aclose()
+
+
+async def open_camera(settings: contract.CameraSettings) -> RoverCamera:
+    """Raise ``WireDown`` without what decodes pictures."""
+    if why := missing("cameras", "a picture of the rover"):
+        raise WireDown(why)
+    return RoverCamera(_client(settings.port), settings.view)
+
+
+def _client(port: str) -> HttpClient:
+    host, number = EarthRover("earthrover", port, {}).config.address()
+    return HttpClient(f"http://{host}:{number}")
+
+
+async def _ask(client: HttpClient, view: str) -> Picture:
+    """Raise ``WireDown``."""
+    answer = await client.get(PICTURES[view], PICTURE_S)
     if answer.status_code == NOT_FOUND:
         raise WireDown(f"picture: this rover has no {view} camera")
     if answer.status_code != OK:
@@ -43,6 +103,12 @@ async def picture(port: str, view: str = "front") -> Picture:
         raise WireDown(f"picture: {malformed}. Look at the SDK process") from None
 
 
-def take_picture(port: str, view: str = "front") -> Picture:
-    """As ``picture``, for a script that runs no trio loop."""
-    return trio.run(picture, port, view)
+def _pixels(jpeg: bytes) -> NDArray[numpy.uint8]:
+    import cv2
+    import numpy
+
+    image = cv2.imdecode(numpy.frombuffer(jpeg, numpy.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise WireDown("picture: it is no JPEG that can be decoded. Look at the SDK process")
+    rgb: NDArray[numpy.uint8] = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return rgb

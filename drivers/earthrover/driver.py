@@ -23,7 +23,7 @@ from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
 
 from .config import EarthRoverConfig
-from .protocol import SPEAK_S
+from .protocol import PICTURES, SPEAK_S
 from .robots import TABLES
 
 SPOKEN = 200
@@ -75,6 +75,9 @@ class EarthRover(Driver):
         READ_SENSORS,
         STATUS,
         STOP,
+    )
+    CAMERAS: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        PICTURES, "strands_actors.drivers.earthrover.cameras:open_camera"
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "speak": Service("say a text by the rover's speaker", within_s=SPEAK_S, arguments={"text": ""})

@@ -36,8 +36,12 @@ OPTIONS = {
 
 _HOME_DEG = 22.75, 114.09
 _M_PER_DEG = 111_320.0
-_PICTURE = bytes.fromhex("ffd8ffe000104a46494600010100000100010000ffd9")
-"""A JPEG without a picture: start, header, end."""
+_PICTURE = base64.b64decode(
+    "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDACgcHiMeGSgjISMtKygwPGRBPDc3PHtYXUlkkYCZlo+AjIqgtObDoKrarYqMyP/L2u71"
+    "////m8H////6/+b9//j/wAALCAAYACABAREA/8QAFgABAQEAAAAAAAAAAAAAAAAABQAE/8QAFBABAAAAAAAAAAAAAAAAAAAAAP/a"
+    "AAgBAQAAPwDUHMB0YDmEHMB3/9k="
+)
+"""A chessboard of 32 x 24 pixels, in grey."""
 
 
 class RoverTwin:

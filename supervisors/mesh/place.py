@@ -14,6 +14,7 @@ import zenoh
 
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.frame_ring import FrameRing
 from strands_actors.kernel.channels.pubsub import PubSub
 from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.node import Node
@@ -26,6 +27,7 @@ from .answers import Answers
 from .command_rules import Shared
 from .commands import Commands
 from .gateway import Gateway, GatewayStop
+from .pictures import Pictures
 from .safety import Safety
 from .schemas import MAX_MESSAGE_BYTES
 from .telemetry import Telemetry
@@ -36,7 +38,16 @@ BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 class MeshPlace:
     """``problem``: why the robot is not on the mesh; known once ``settled``."""
 
-    def __init__(self, node: Node, robot: str, driver: Driver, task: Callable[[], TaskStatus]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        robot: str,
+        driver: Driver,
+        task: Callable[[], TaskStatus],
+        rings: Callable[[], Mapping[str, FrameRing]] | None = None,
+    ) -> None:
+        """``rings``: where the pictures of its cameras lie, if it has any."""
+        self._rings = rings
         self._node = node
         self._robot = robot
         self._driver = driver
@@ -90,4 +101,6 @@ class MeshPlace:
             node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
             node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
         ]
+        if (rings := self._rings) is not None:
+            cells.append(node.cell(at.path("pictures"), lambda: Pictures(robot, pubsub, rings)))
         return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)

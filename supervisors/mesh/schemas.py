@@ -44,6 +44,11 @@ def key(robot: str, topic: str) -> str:
     return f"{PREFIX}/{robot}/{topic}"
 
 
+def camera_topic(camera: str) -> str:
+    """Its pictures, as JPEG. ``*``: of all cameras."""
+    return f"camera/{camera}"
+
+
 def schema(topic: str) -> str:
     return f"strands.{topic.replace('/', '.')}.v1"
 

@@ -161,7 +161,8 @@ class Tree:
             spawner.start,
             lambda: self.guardian.state.mode in LINKED,
         )
-        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        rings = (lambda: self.cameras.rings) if args.get("cameras") else None
+        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status, rings)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.standby = StandbyKeeper(
             self.node,

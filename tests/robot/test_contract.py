@@ -32,7 +32,6 @@ def refusal(error: type[Exception], *args: Any, **keywords: Any) -> str:
 
 SERIAL = [name for name in NATIVE if port_kind(name) == "serial" and not driver_of(name).PORT_OPTIONAL]
 ADDRESSED = [name for name in NATIVE if port_kind(name) == "address" and not driver_of(name).PORT_OPTIONAL]
-BLIND = [name for name in NATIVE if not driver_of(name).reads_cameras]
 SIMULATED = [name for name in NATIVE if not driver_of(name).SIMULATION]
 
 
@@ -65,9 +64,9 @@ def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BLIND)
-def test_cameras_are_refused_by_a_driver_that_opens_none(name: str) -> None:
-    text = refusal(ValueError, name, mode="real", port="x", cameras={"top": 0})
-    assert text.startswith(f"Robot: {list_native_drivers()[name]} opens no cameras. ")
+def test_cameras_are_checked_for_each(name: str) -> None:
+    text = refusal(ValueError, name, mode="real", transport="twin", cameras={"top": 0})
+    assert text.startswith("Robot: camera 'top' is 0. give its settings")
 
 
 @pytest.mark.parametrize("name", SERIAL)

@@ -63,9 +63,10 @@ class Topic:
         status: Any = self._publisher.matching_status  # the stubs say bool
         return bool(status.matching)
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes, time_ns: int = 0) -> None:
+        """``time_ns``: what it is of, by the wall clock; 0: of now."""
         self._seq += 1
-        self._publisher.put(payload, attachment=_stamp(self._seq))
+        self._publisher.put(payload, attachment=_stamp(self._seq, time_ns))
 
 
 class Poll:
@@ -133,13 +134,13 @@ class PubSub:
 
     # -- out
 
-    def topic(self, key: str, schema: str) -> Topic:
+    def topic(self, key: str, schema: str, encoding: str = JSON) -> Topic:
         """``schema``: named in the encoding, as ``application/json;<schema>``. One a key, whoever
         asks."""
         if key not in self._topics:
             publisher = self._session.declare_publisher(
                 key,
-                encoding=_encoding(schema),
+                encoding=zenoh.Encoding(encoding).with_schema(schema),
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.DATA_LOW,
             )
@@ -247,8 +248,8 @@ class _Inbox:
 _encode = msgspec.json.Encoder().encode
 
 
-def _stamp(seq: int) -> bytes:
-    return _encode(Stamp(seq, time.time_ns()))
+def _stamp(seq: int, time_ns: int = 0) -> bytes:
+    return _encode(Stamp(seq, time_ns or time.time_ns()))
 
 
 def _encoding(schema: str) -> zenoh.Encoding:

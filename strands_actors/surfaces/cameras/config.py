@@ -145,7 +145,7 @@ def _type(who: str, words: Mapping[str, Any], own: Sequence[str], simulated: boo
     kind = words.get("type")
     if kind is None:
         kind = OPENCV if words.get("index_or_path") is not None or not (simulated or own) else ""
-        kind = kind or (SCENE if simulated else ROBOT)
+        kind = kind or (ROBOT if own else SCENE)
     if kind in NOT_READ:
         raise ValueError(f"{who} is of type {kind!r}, which this version does not read. {NOT_READ[kind]}")
     if not isinstance(kind, str) or (kind not in (OPENCV, SCENE, ROBOT) and ":" not in kind):
@@ -156,7 +156,7 @@ def _type(who: str, words: Mapping[str, Any], own: Sequence[str], simulated: boo
         raise ValueError(f"{who} is of type {SCENE!r}, and a real robot has none. use {OPENCV!r}")
     if kind == ROBOT and not own:
         raise ValueError(f"{who} is of type {ROBOT!r}, and this robot's service gives no pictures. use {OPENCV!r}")
-    if kind == OPENCV and (why := missing("cameras", "a camera")):
+    if kind in (OPENCV, ROBOT) and (why := missing("cameras", "a camera")):
         raise ValueError(f"{who}: {why}")
     return kind
 

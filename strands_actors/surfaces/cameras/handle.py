@@ -123,4 +123,5 @@ class Cameras:
             "fps": told.fps,
             "width": told.width or None,
             "height": told.height or None,
+            "jpeg": told.compressed or None,
         }

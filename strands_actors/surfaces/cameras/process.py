@@ -32,6 +32,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.introspection import Introspector
 
 from . import told as words
+from .compressing import Compressor
 from .told import Told
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class Camera(Actor):
         self._open_source = open_source
         self._told = Told()
         self._rate = Rate()
+        self._compressor = Compressor(ring)
 
     async def started(self) -> None:
         self._tell()
@@ -147,7 +149,11 @@ class Camera(Actor):
     def _put(self, picture: Picture) -> None:
         image = upright(picture.image, self._settings)
         height, width, _ = image.shape
-        self._ring.put(picture.captured_ns, height, width, image.data.cast("B"))
+        number = self._ring.put(picture.captured_ns, height, width, image.data.cast("B"))
+        if self._compressor.wants(self.context.clock.now_ns()):
+            self.context.start_soon(self._compressor.compress, image, picture.captured_ns, number)
+        if self._compressor.problem != self._told.compressed:
+            self._tell(compressed=self._compressor.problem)
         if fps := self._rate.count(picture.captured_ns):
             self._tell(state="streaming", why="", fps=fps, width=width, height=height)
         elif self._told.state != "streaming":

@@ -7,9 +7,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from strands_actors.supervisors.mesh.schemas import BROADCAST_KEY, ESTOP_KEY, EVENT_KEY, RESUME_KEY, TELEMETRY, key
+from strands_actors.supervisors.mesh.schemas import (
+    BROADCAST_KEY,
+    ESTOP_KEY,
+    EVENT_KEY,
+    RESUME_KEY,
+    TELEMETRY,
+    camera_topic,
+    key,
+)
 
-TOPICS = (*(key("*", topic) for topic in TELEMETRY), EVENT_KEY)
+TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT_KEY)
 ORDERS = (
     key("*", "cmd"),
     key("*", "actor/gateway"),

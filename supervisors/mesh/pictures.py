@@ -1,0 +1,65 @@
+"""What a robot's cameras see, as JPEG on the mesh, while somebody subscribes.
+
+The camera compresses its pictures when it is asked to, and puts them beside the others; from there
+they go out as they are. So nothing that a camera does is a message to this process, and a picture
+costs it one copy.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.channels.frame_ring import FrameRing
+from strands_actors.kernel.channels.pubsub import PubSub, Topic
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Message
+
+from . import schemas as mesh_json
+
+LOOK_S = 1 / 30
+"""No camera is published more often."""
+WANT_S = 1.0
+"""For so long a camera goes on compressing when nobody renews it."""
+JPEG = "image/jpeg"
+
+
+class Tick(Message, frozen=True):
+    lane = "latest"
+
+    now_ns: int
+
+
+class Pictures(Actor):
+    """``rings``: where each camera's pictures lie, as far as that is known."""
+
+    def __init__(self, robot: str, pubsub: PubSub, rings: Callable[[], Mapping[str, FrameRing]]) -> None:
+        self._robot = robot
+        self._pubsub = pubsub
+        self._rings = rings
+        self._topics: dict[str, Topic] = {}
+        self._sent: dict[str, int] = {}
+
+    async def started(self) -> None:
+        self.context.every(LOOK_S, Tick)
+
+    def receive(self, message: Tick) -> None:
+        for name, ring in self._rings().items():
+            if name not in self._topics:
+                topic = mesh_json.camera_topic(name)
+                self._topics[name] = self._pubsub.topic(
+                    mesh_json.key(self._robot, topic), mesh_json.schema("camera"), JPEG
+                )
+                self._sent[name] = ring.newest_compressed  # what was compressed before is nobody's news
+            if self._topics[name].wanted:
+                ring.want(message.now_ns + round(WANT_S * NS))
+                self._send(name, ring, message.now_ns)
+
+    def _send(self, name: str, ring: FrameRing, now_ns: int) -> None:
+        if ring.newest_compressed == self._sent[name]:
+            return
+        shot = ring.read_compressed()
+        if shot is not None and shot.number != self._sent[name] and now_ns - shot.captured_ns <= ring.stale_ns:
+            self._sent[name] = shot.number
+            self._topics[name].put(bytes(shot.data), time.time_ns() - (now_ns - shot.captured_ns))
