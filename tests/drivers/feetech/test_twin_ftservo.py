@@ -19,39 +19,47 @@ port = PortHandler(sys.argv[1])
 assert port.openPort() and port.setBaudRate(1_000_000)
 bus = sms_sts(port)
 
+def sure(ask, *values):
+    # it waits 34 ms for an answer, which a busy machine may need: then once more, on a quiet line
+    for _ in range(20):
+        *answer, result, error = ask(1, *values)
+        if result != -6:
+            assert (result, error) == (0, 0), (result, error)
+            return answer[0] if answer else None
+        time.sleep(0.1)
+        port.ser.reset_input_buffer()
+    raise AssertionError("no answer")
+
 def read(ask):
-    value, *rest = ask(1)
-    assert not any(rest), rest
-    return value
+    return sure(ask)
 
 def until(look):
     deadline = time.monotonic() + 20
     while not look():
         assert time.monotonic() < deadline, "patience is over"
 
-model, *rest = bus.ping(1)
-assert not any(rest)
+model = sure(bus.ping)
 start = read(bus.ReadPos)
-assert bus.WritePosEx(1, start + 300, 200, 0) == (0, 0)
+sure(bus.WritePosEx, start + 300, 200, 0)
 began = time.monotonic()
 until(lambda: abs(read(bus.ReadPos) - start - 300) < 30)
 took = time.monotonic() - began
-assert bus.RegWritePosEx(1, start, 0, 0) == (0, 0)
+sure(bus.RegWritePosEx, start, 0, 0)
 bus.RegAction()
 until(lambda: abs(read(bus.ReadPos) - start) < 30)
 assert bus.SyncWritePosEx(1, start + 200, 0, 0) is True
 assert bus.groupSyncWrite.txPacket() == 0
 until(lambda: abs(read(bus.ReadPos) - start - 200) < 30)
-bus.unLockEprom(1)
-assert bus.WheelMode(1) == (0, 0)
-bus.WriteSpec(1, -300, 0)
+sure(bus.unLockEprom)
+sure(bus.WheelMode)
+sure(bus.WriteSpec, -300, 0)
 until(lambda: read(bus.ReadPos) < start)
 speed = read(bus.ReadSpeed)
-bus.WriteSpec(1, 0, 0)
+sure(bus.WriteSpec, 0, 0)
 until(lambda: read(bus.ReadMoving) == 0)
-bus.write1ByteTxRx(1, 33, 0)
-bus.LockEprom(1)
-limits = [bus.read1ByteTxRx(1, at)[0] for at in (14, 19, 30)]
+sure(bus.write1ByteTxRx, 33, 0)
+sure(bus.LockEprom)
+limits = [sure(bus.read1ByteTxRx, at) for at in (14, 19, 30)]
 print(json.dumps({"model": model, "took": took, "speed": speed, "limits": limits}))
 """
 
