@@ -115,7 +115,7 @@ DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
 SHORT_NAMES = {"robotiq": "robotiq_2f85", "franka": "panda"}
 """What people call the usual one of a family [assumed]."""
 
-OWN_KEYWORDS = ("data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
+OWN_KEYWORDS = ("cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
 """Keywords of every driver that is run as a tree."""
 
 
@@ -172,7 +172,7 @@ def broken_drivers() -> dict[str, str]:
 def constructor_keywords(cls: type[Any]) -> list[str]:
     """The keywords that ``Robot`` passes on to a driver class, sorted; ``**`` among them: any."""
     if issubclass(cls, Driver):
-        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS, *(["cameras"] if cls.reads_cameras else [])})
+        return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS})
     parameters = inspect.signature(cls).parameters.values()
     names = [one.name for one in parameters if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
     return sorted(names + ["**" for one in parameters if one.kind is one.VAR_KEYWORD])

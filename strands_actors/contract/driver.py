@@ -318,7 +318,6 @@ class Driver(ABC):
     """Those of them that are in no recording, no certificate and no answer: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
     """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
-    reads_cameras: ClassVar[bool] = False
     CAMERAS: ClassVar[Mapping[str, str]] = {}
     """Pictures that the robot's own service gives, by name: ``module:function`` of what opens them
     (``contract/cameras.py``)."""

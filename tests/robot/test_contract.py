@@ -63,7 +63,7 @@ def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
     assert "is a teleoperator" in refusal(ValueError, f"{name}_leader", mode="real", port="x")
 
 
-@pytest.mark.parametrize("name", BLIND)
+@pytest.mark.parametrize("name", NATIVE)
 def test_cameras_are_checked_for_each(name: str) -> None:
     text = refusal(ValueError, name, mode="real", transport="twin", cameras={"top": 0})
     assert text.startswith("Robot: camera 'top' is 0. give its settings")
