@@ -80,3 +80,11 @@ def test_without_a_robot_every_verb_answers_in_an_envelope() -> None:
     ]
     assert [answer["status"] for answer in answers[:3]] == ["error"] * 3
     assert all(isinstance(answer["content"], list) for answer in answers)
+
+
+def test_every_robot_that_strands_robots_knows_is_known_here() -> None:
+    """By name at least: one without a driver says so, and how it simulates all the same."""
+    assert {"aloha", "anymal_c", "openarm", "wx250s", "z1"} <= set(list_robots())
+    with pytest.raises(ValueError, match=r"aloha has no native driver. a model of it simulates: register_robot"):
+        Robot("aloha")
+    assert resolve_driver("openarm") == "lerobot"
