@@ -92,16 +92,24 @@ PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
 """Runs a driver class of the drivers page, which is no ``Driver``, as a tree."""
 
 LEROBOT_ROBOTS = (
-    "so100", "so101", "koch", "omx", "hope_jr", "bi_so100", "bi_so101", "lekiwi", "stretch3", "reachy2",
-    "unitree_g1", "earthrover",
+    "so100", "so101", "koch", "omx", "hope_jr", "hope_jr_hand", "bi_so100", "bi_so101", "bi_so_follower", "lekiwi",
+    "lekiwi_client", "stretch3", "reachy2", "unitree_g1", "earthrover", "openarm", "bi_openarm", "rebot_b601",
+    "bi_rebot_b601",
 )  # fmt: skip
 """Robots that lerobot has a type for."""
 
 LEROBOT_ADDRESSED = ("reachy2",)
 """Of these, the ones that are reached over a network; the others are servo buses."""
 
-OTHER_ROBOTS = ("ability_hand",)
-"""Known by name, with no hardware driver anywhere."""
+OTHER_ROBOTS = (
+    "ability_hand", "adam_lite", "aero_hand", "aliengo", "allegro_hand", "aloha", "anymal_b", "anymal_c", "apollo",
+    "arx_l5", "asimov_v0", "cassie", "dynamixel_2r", "elf2", "fourier_n1", "go1", "google_robot", "jvrc",
+    "leap_hand", "mujoco_humanoid", "op3", "piper", "robot_soccer_kit", "sawyer", "shadow_dexee", "shadow_hand",
+    "skydio_x2", "talos", "tiago_dual", "toddlerbot_2xc", "toddlerbot_2xm", "trossen_wxai", "unitree_a1", "vx300s",
+    "wx250s", "yam", "z1",
+)  # fmt: skip
+"""Known by name, as strands-robots knows them, with no hardware driver anywhere. A model of one
+simulates: ``register_robot(name, model_xml=...)``."""
 
 NATIVE_DRIVER = "strands"
 """``Robot(driver=)``: a driver class of this package, or a registered one."""

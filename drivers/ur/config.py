@@ -17,6 +17,10 @@ class URConfig(msgspec.Struct, frozen=True):
     rtde_hz: float | None = None
     """Rate at which the controller exchanges samples and registers; None: ours."""
 
+    def check_port(self) -> None:
+        """Raise ``ValueError`` as ``host``."""
+        _ = self.host
+
     @property
     def host(self) -> str:
         """Raise ``ValueError`` for a ``port`` that is no address, or names a port: those are

@@ -88,6 +88,8 @@ class UR(Driver):
         self.robot = TABLES.canonical(robot)
         rtde_hz = self.resolve(robot, options)["rtde_frequency"]
         self.config = URConfig(self.robot, port, self.timing.state_ttl_s, rtde_hz)
+        if ":" in port:
+            self.config.check_port()  # one that names another port is told at once
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
 

@@ -218,7 +218,10 @@ def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[A
         return driver_class
     native = ", ".join(list_native_drivers())
     if driver == "auto" and "lerobot" not in known[robot]:
-        raise ValueError(f"Robot: {name} has no native driver. these have one: {native}")
+        raise ValueError(
+            f"Robot: {name} has no native driver. a model of it simulates: register_robot({robot!r}, "
+            f"model_xml=...). these have a driver: {native}"
+        )
     raise ValueError(
         f"Robot: {name} would be driven by lerobot's own robot classes, which this version does not run. "
         f"these have a native driver: {native}"

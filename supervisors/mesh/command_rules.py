@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import secrets
+from collections.abc import Mapping
 
 import msgspec
 
@@ -125,6 +126,23 @@ def _sender(payload: bytes) -> Sender | None:
         return None
 
 
+_TELEOP = (
+    "a robot follows no input stream of another peer",
+    "run the teleoperation beside the robot, or send moves under a lease: acquire, move",
+)
+_CALL = (
+    "a robot's tool is not called over the mesh; two ways in are one too many to guard",
+    "describe_tool shows the tool; an agent or an MCP client beside the robot uses it",
+)
+NOT_HERE: Mapping[str, tuple[str, str]] = {
+    "call": _CALL,
+    "sim_call": _CALL,
+    "teleop_receive": _TELEOP,
+    "teleop_stop": _TELEOP,
+}
+"""Actions of strands-robots that robots of ours do not have: why, and what to do instead."""
+
+
 def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
     try:
         action = _decode_action(envelope.command).action
@@ -132,6 +150,9 @@ def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) 
         return Refused("malformed", f"the command cannot be read: {error}", 'send {"action": ...}')
     if action not in offered:
         action = action[:64]
+        if action in NOT_HERE and action not in ACTIONS:
+            why, remedy = NOT_HERE[action]
+            return Refused("not_here", f"{action!r} is not here: {why}", remedy, action)
         return Refused("unknown_action", f"{action!r} is no action here", f"send {', '.join(offered)}", action)
     try:
         return _decoder(ACTIONS[action]).decode(envelope.command)

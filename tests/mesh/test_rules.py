@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.command_rules import (
     CLOCK_TTL_S,
+    NOT_HERE,
     Clocks,
     Limit,
     read_command,
@@ -58,6 +59,8 @@ def test_fields_of_other_meshes_around_a_command_are_ignored() -> None:
         ({"action": "fly"}, "unknown_action"),
         ({"action": "MOVE"}, "unknown_action"),
         ({"action": ""}, "unknown_action"),
+        ({"action": "call", "method": "stop"}, "not_here"),
+        ({"action": "sim_call", "sim_action": "reset"}, "not_here"),
         ("stop", "malformed"),
         ({**MOVE, "targets": {}}, "malformed"),
         ({**MOVE, "targets": {"a": [1]}}, "malformed"),
@@ -170,3 +173,11 @@ def test_a_limit_holds_whatever_the_times(gaps_ns: list[int]) -> None:
     for start, first_ns in enumerate(admitted):
         within = [at_ns for at_ns in admitted[start:] if at_ns < first_ns + 10**9]
         assert len(within) <= 25
+
+
+@pytest.mark.parametrize("action", sorted(NOT_HERE.keys() - ACTIONS.keys()))
+def test_what_other_meshes_have_and_this_one_has_not_is_told_with_what_to_do_instead(action: str) -> None:
+    refused = read({"action": action})
+    assert isinstance(refused, Refused)
+    assert refused.code == "not_here"
+    assert "is not here: " in refused.reason and refused.remedy

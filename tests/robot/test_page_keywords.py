@@ -44,6 +44,8 @@ def test_they_are_taken(robot: str, keywords: dict[str, Any]) -> None:
         ("unitree_g1", {**G1, "network_interface": 3}, "network_interface is 3"),
         ("unitree_g1", {**G1, "network_interface": "eth0; reboot"}, "network_interface is 'eth0; reboot'"),
         ("unitree_g1", {**G1, "network_interface": "a", "interface": "b"}, "they are the same"),
+        ("ur5e", {"port": "192.0.2.30:80"}, "its ports are fixed"),
+        ("so101", {"port": "/dev/ttyACM0", "baud_rate": 0}, "baud is 0"),
         ("ur5e", {**UR, "rtde_frequency": 0}, "rtde_frequency is 0"),
         ("ur5e", {**UR, "rtde_frequency": 1000}, "rtde_frequency is 1000"),
         ("ur5e", {**UR, "rtde_frequency": "fast"}, "rtde_frequency is 'fast'"),

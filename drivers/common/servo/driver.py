@@ -79,7 +79,7 @@ class ServoDriver(Driver):
         if unknown := [name for name in options if name not in accepted]:
             raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
         name = cls.TABLES.canonical(robot)
-        baud = options.get("baud") or cls.DEFAULT_BAUD
+        baud = cls.DEFAULT_BAUD if options.get("baud") is None else options["baud"]
         if isinstance(baud, bool) or baud not in cls.BAUD_RATES:
             raise ValueError(f"{robot}: baud is {baud!r}. Use one of {', '.join(map(str, cls.BAUD_RATES))}")
         ids = cls._ids(name, options.get("motor_ids"))
