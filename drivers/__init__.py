@@ -39,8 +39,10 @@ __all__ = [
     "constructor_keywords",
     "drifted_driver_parameters",
     "driver_name",
+    "get_lerobot_class",
     "get_native_driver_class",
     "leader_name",
+    "lerobot_missing",
     "list_driver_coverage",
     "list_leaders",
     "list_native_drivers",
@@ -91,15 +93,11 @@ MODEL = "strands_actors.drivers.model.driver:ModelDriver"
 PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
 """Runs a driver class of the drivers page, which is no ``Driver``, as a tree."""
 
-LEROBOT_ROBOTS = (
-    "so100", "so101", "koch", "omx", "hope_jr", "hope_jr_hand", "bi_so100", "bi_so101", "bi_so_follower", "lekiwi",
-    "lekiwi_client", "stretch3", "reachy2", "unitree_g1", "earthrover", "openarm", "bi_openarm", "rebot_b601",
-    "bi_rebot_b601",
-)  # fmt: skip
-"""Robots that lerobot has a type for."""
+LEROBOT = "strands_actors.drivers.plain.lerobot.types:TYPES"
+"""Robots that LeRobot has a type for, by our names."""
 
-LEROBOT_ADDRESSED = ("reachy2",)
-"""Of these, the ones that are reached over a network; the others are servo buses."""
+LEROBOT_CLASS = "strands_actors.drivers.plain.lerobot.follower:class_of"
+LEROBOT_MISSING = "strands_actors.drivers.plain.lerobot.types:missing"
 
 OTHER_ROBOTS = (
     "ability_hand", "adam_lite", "aero_hand", "aliengo", "allegro_hand", "aloha", "anymal_b", "anymal_c", "apollo",
@@ -166,6 +164,9 @@ def _load() -> None:
         for robot in robots:
             _registered.setdefault(robot, driver_class)
         _aliases.update(aliases)
+    for robot, kind in load(LEROBOT).items():
+        if kind.type != robot:
+            _aliases.setdefault(kind.type, robot)
     _found.update(_registered)
     for wire, why in sorted(_broken.items()):
         warnings.warn(f"driver {wire} cannot be used: {why}", stacklevel=3)
@@ -232,7 +233,7 @@ def register_robot(
     if driver not in (None, "strands", "lerobot"):
         raise ValueError(f"register_robot: hardware driver is {driver!r}. use 'strands' or 'lerobot'")
     names = (_checked(name, "register_robot"), *aliases)
-    known = [one for one in names if one in {*_found, *_aliases, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}]
+    known = [one for one in names if one in {*_found, *_aliases, *_robots, *load(LEROBOT), *OTHER_ROBOTS}]
     if known and not overwrite:
         raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
@@ -269,7 +270,7 @@ def _plain(name: str) -> str:
 
 
 def _known() -> set[str]:
-    return {*_registered, *_robots, *LEROBOT_ROBOTS, *OTHER_ROBOTS}
+    return {*_registered, *_robots, *load(LEROBOT), *OTHER_ROBOTS}
 
 
 def list_robots() -> list[str]:
@@ -294,7 +295,8 @@ def port_kind(name: str) -> Literal["serial", "address"] | None:
     robot = canonical_name(name)
     if "lerobot" not in list_driver_coverage().get(robot, ()):
         return None
-    return "address" if robot in LEROBOT_ADDRESSED else "serial"
+    kind = load(LEROBOT).get(robot)
+    return "serial" if kind is None or kind.serial else "address"
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
@@ -310,10 +312,29 @@ def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerob
     if driver == DEFAULT_DRIVER:
         return "lerobot"
     if robot not in _registered:
-        raise ValueError(
-            f"Robot: {name} has no native driver. these have one: {', '.join(sorted(list_native_drivers()))}"
-        )
+        theirs = "driver='lerobot' runs LeRobot's own class of it. " if robot in load(LEROBOT) else ""
+        native = ", ".join(sorted(list_native_drivers()))
+        raise ValueError(f"Robot: {name} has no native driver. {theirs}these have one: {native}")
     return "strands"
+
+
+def get_lerobot_class(name: str) -> type[Any]:
+    """The class that runs LeRobot's own class of a robot. Raise ``ValueError`` when LeRobot has
+    none, and when it is not installed, with the line that installs it."""
+    robot, types = canonical_name(name), load(LEROBOT)
+    if robot not in types:
+        raise ValueError(f"Robot: LeRobot has no class for {name}. it has one for {', '.join(sorted(types))}")
+    if line := lerobot_missing(robot):
+        raise ValueError(f"Robot: {name} is driven by LeRobot's own class, and that is not installed. {line}")
+    found: type[Any] = load(LEROBOT_CLASS)(robot)
+    return found
+
+
+def lerobot_missing(robot: str) -> str:
+    """The line that installs what LeRobot's class of a robot needs; empty: nothing is missing, or
+    it has no class."""
+    kind = load(LEROBOT).get(robot)
+    return "" if kind is None else str(load(LEROBOT_MISSING)(kind))
 
 
 def model_of(name: str) -> str | None:
@@ -331,7 +352,7 @@ def list_native_drivers() -> dict[str, str]:
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
     _load()
-    lerobot = {*LEROBOT_ROBOTS, *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
+    lerobot = {*load(LEROBOT), *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
     return {
         name: tuple(who for who, has in (("lerobot", lerobot), ("strands", _registered)) if name in has)
         for name in list_robots()

@@ -9,15 +9,24 @@ import msgspec
 from .members import Declared
 from .place import ClassPlace
 
-CONNECT_S = 5.0
-"""To make and connect the object: the class may import an SDK there."""
-CALL_S = 0.5
-"""Of ``send_action`` and ``get_observation``. A stop waits for the one that is under way, so long
-at most."""
-STOP_S = 1.0
-CLEANUP_S = 0.5
-LOAD_S = 5.0
-"""To start a process and import the class."""
+
+class Deadlines(msgspec.Struct, frozen=True):
+    """Of the calls of an object, in seconds."""
+
+    connect_s: float = 5.0
+    """To make and connect the object: the class may import an SDK there."""
+    call_s: float = 0.5
+    """Of ``send_action`` and ``get_observation``. A stop waits for the one that is under way, so
+    long at most."""
+    stop_s: float = 1.0
+    cleanup_s: float = 0.5
+    load_s: float = 5.0
+    """To start a process and import the class."""
+
+    @property
+    def errand_s(self) -> float:
+        """Return what a process has that was started to stop the robot: it connects first."""
+        return self.connect_s + self.call_s + self.stop_s + self.cleanup_s
 
 
 class PlainConfig(msgspec.Struct, frozen=True):
@@ -29,6 +38,7 @@ class PlainConfig(msgspec.Struct, frozen=True):
     keywords: dict[str, Any]
     declared: Declared
     has_channel: bool = False
+    deadlines: Deadlines = Deadlines()
 
     @property
     def name(self) -> str:

@@ -29,7 +29,7 @@ from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.kernel.messages import Refused
 
-from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
+from .config import Deadlines, PlainConfig
 from .gates import CONDITIONS, all_gates
 from .members import SENSED, declared_by
 from .place import place_of_class
@@ -53,6 +53,7 @@ class PlainDriver(Driver):
     TWIN: ClassVar[str] = ""
     SECRETS: ClassVar[frozenset[str]] = frozenset({"secrets"})
     SIMULATION: ClassVar[str] = "a driver class of your own has none"
+    DEADLINES: ClassVar[Deadlines] = Deadlines()
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, READ_SENSORS, STATUS, STOP)
 
     fallbacks: Mapping[Reason, str] = {
@@ -69,7 +70,7 @@ class PlainDriver(Driver):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         self.robot = robot
         self.config = config = _config_of(options)
-        declared = config.declared
+        declared, within = config.declared, config.deadlines
         self.declare(Part(PartKind.ARM, tuple(_axis(config, at) for at in range(len(config.axes)))))
         self.unit = declared.unit or ", ".join(dict.fromkeys(declared.units.values())) or "the driver's own"
         hz = declared.control_hz
@@ -79,14 +80,14 @@ class PlainDriver(Driver):
             keepalive_s=NEVER_S,  # an action is given once: what keeps it up is the class's
             stream_ttl_s=stream_ttl_s,
             oneshot_ttl_s=declared.lifetime_s,
-            state_ttl_s=max(CALL_S, 3 / hz),
-            arm_s=CONNECT_S + CALL_S + MARGIN_S,
-            silent_s=CONNECT_S + MARGIN_S,  # an import keeps the interpreter's lock
+            state_ttl_s=max(within.call_s, 3 / hz),
+            arm_s=within.connect_s + within.call_s + MARGIN_S,
+            silent_s=within.connect_s + MARGIN_S,  # an import keeps the interpreter's lock
             heartbeat_ttl_s=0.3,  # a library of the class may keep the interpreter's lock for a while
-            call_s=CALL_S + MARGIN_S,
-            open_s=CONNECT_S + CALL_S + CLEANUP_S + LOAD_S,
-            handover_s=LOAD_S,
-            safe_s=CONNECT_S + CALL_S + STOP_S + CLEANUP_S + MARGIN_S,
+            call_s=within.call_s + MARGIN_S,
+            open_s=within.connect_s + within.call_s + within.cleanup_s + within.load_s,
+            handover_s=within.load_s,
+            safe_s=within.errand_s + MARGIN_S,
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, stream_ttl_s)
 
@@ -107,7 +108,7 @@ class PlainDriver(Driver):
         secrets = {keyword: value for keyword, value in given.items() if _is_secret(keyword)}
         shown = {keyword: value for keyword, value in given.items() if keyword not in secrets}
         place, declared = place_of_class(driver_class), declared_by(driver_class, name)
-        config = PlainConfig(robot, place, shown, declared, has_channel)
+        config = PlainConfig(robot, place, shown, declared, has_channel, cls.DEADLINES)
         return {"config": msgspec.to_builtins(config), "secrets": secrets}
 
     @classmethod

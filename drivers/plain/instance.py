@@ -123,6 +123,10 @@ class Instance:
         """Stop the robot."""
         return _told("stop", lambda: failure_of(self._call(self._object.stop)))
 
+    def hold(self) -> str:
+        """Keep the robot where it is."""
+        return _told("hold", lambda: failure_of(self._call(self._object.hold)))
+
     def stop_by_channel(self) -> str:
         """Stop the robot without an object: the class's own ``stop_channel(port)``."""
 

@@ -16,12 +16,10 @@ import msgspec
 
 from strands_actors.kernel.processes.identity import take_name
 
-from .config import CALL_S, CLEANUP_S, CONNECT_S, LOAD_S, STOP_S, PlainConfig
+from .config import PlainConfig
 from .instance import Instance
 from .members import OBSERVED, Declared, declared_by, keys_of
 from .wire import stop_anew
-
-ERRAND_S = CONNECT_S + CALL_S + STOP_S + CLEANUP_S
 
 
 class Ready(msgspec.Struct, frozen=True):
@@ -46,13 +44,13 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(config.name, "stop")
     instance = Instance(config)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, 2 * LOAD_S)
+    signal.setitimer(signal.ITIMER_REAL, 2 * config.deadlines.load_s)
     _tell(sock, Ready(instance.load()))
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     order = sock.recv(1)
     if not order:
         return
-    signal.setitimer(signal.ITIMER_REAL, ERRAND_S)
+    signal.setitimer(signal.ITIMER_REAL, config.deadlines.errand_s)
     _tell(sock, Told(stop_anew(instance)) if order == STOP else _learn(instance, config))
 
 

@@ -17,9 +17,9 @@ from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.process import ChildProcess, start
 
-from .config import LOAD_S, PlainConfig
+from .config import PlainConfig
 from .members import Declared
-from .spare import ERRAND_S, LEARN, STOP, Ready, Told
+from .spare import LEARN, STOP, Ready, Told
 from .wire import reports
 
 GONE_S = 1.0
@@ -100,6 +100,7 @@ class Spare:
     def __init__(self, config: PlainConfig) -> None:
         args: dict[str, Any] = {"config": msgspec.to_builtins(config)}
         self._name = config.name
+        self._deadlines = config.deadlines
         try:
             self._process: ChildProcess = start(f"{__package__}.spare:main", args)
         except OSError as error:  # no process, or no descriptor, is to be had
@@ -113,7 +114,7 @@ class Spare:
 
     async def ready(self) -> None:
         """Return when the class is imported. Raise ``WireDown``."""
-        with _within(2 * LOAD_S, f"{self._name} is not imported"):
+        with _within(2 * self._deadlines.load_s, f"{self._name} is not imported"):
             async with self._reading:
                 if self._ready:
                     return
@@ -124,7 +125,7 @@ class Spare:
     async def run(self, order: bytes) -> Told:
         """Return how the errand went. Raise ``WireDown`` when there is no answer."""
         await self.ready()
-        with _within(ERRAND_S, "no answer"):
+        with _within(self._deadlines.errand_s, "no answer"):
             try:
                 if not self.ordered:
                     self._process.socket.send(order)  # one byte, at once: nobody can cancel half of it

@@ -27,7 +27,7 @@ from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.sdk import SdkCalls
 from strands_actors.kernel.clock import NS, Clock
 
-from .config import CALL_S, CLEANUP_S, CONNECT_S, STOP_S, PlainConfig
+from .config import PlainConfig
 from .gates import REFUSED
 from .instance import Instance
 from .members import number
@@ -42,6 +42,7 @@ CALLS = SdkCalls("the driver", ())
 class PlainWire(Wire):
     def __init__(self, config: PlainConfig, clock: Clock, calls: SdkCalls = CALLS) -> None:
         self._config = config
+        self._within = config.deadlines
         self._clock = clock
         self._calls = calls
         self._instance = Instance(config)
@@ -57,12 +58,12 @@ class PlainWire(Wire):
         if self._calls.spent:
             raise ProcessSpent(self._calls.spent)
         try:
-            failure = await self._calls.open("connect", CONNECT_S, self._instance.connect)
+            failure = await self._calls.open("connect", self._within.connect_s, self._instance.connect)
         except ProcessSpent as spent:
             raise WireDown(str(spent)) from None  # so that its caller is told; the next attempt finds it spent
         trouble = failure or await self._observe()
         if trouble:
-            await self._call("cleanup", CLEANUP_S, self._instance.cleanup)
+            await self._call("cleanup", self._within.cleanup_s, self._instance.cleanup)
             raise WireDown(trouble)
         self._alive = os.pipe()
         return {
@@ -74,7 +75,7 @@ class PlainWire(Wire):
     async def arm(self, permit: Permit) -> Observation:
         """Energise nothing: what connecting did not, the class does with its first action."""
         permit.check()
-        if failure := await self._call("connect", CONNECT_S, self._instance.reconnect):
+        if failure := await self._call("connect", self._within.connect_s, self._instance.reconnect):
             raise WireDown(failure)
         self._refused = {}
         if trouble := await self._observe():
@@ -103,16 +104,16 @@ class PlainWire(Wire):
 
         if self._instance.made is None:
             raise PermitDenied("the driver was given up")
-        if failure := await self._call("send_action", CALL_S, send):
+        if failure := await self._call("send_action", self._within.call_s, send):
             self._refused = {axes[at]: REFUSED + failure.removeprefix(REFUSED) for at in named}
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         if self._instance.made is None:
             return reports(self._config, self._ended)  # it was stopped before it was given up
         try:
-            failure = await self._call("stop", STOP_S, self._instance.stop)
+            failure = await self._call("stop", self._within.stop_s, self._instance.stop)
             if safe_state == SafeState.OFF and not failure:
-                failure = self._ended = await self._call("cleanup", CLEANUP_S, self._instance.cleanup)
+                failure = self._ended = await self._call("cleanup", self._within.cleanup_s, self._instance.cleanup)
         except ProcessSpent as spent:
             return reports(self._config, str(spent), written=False)
         return reports(self._config, failure)
@@ -123,7 +124,9 @@ class PlainWire(Wire):
             return reports(self._config, self._calls.spent, written=False)
         instance = self._instance if self._instance.made is not None else Instance(self._config)
         try:
-            failure = await self._call("stop", CONNECT_S + STOP_S + CLEANUP_S, stop_anew, instance)
+            failure = await self._call(
+                "stop", self._within.connect_s + self._within.stop_s + self._within.cleanup_s, stop_anew, instance
+            )
         except ProcessSpent as spent:
             return reports(self._config, str(spent), written=False)
         return reports(self._config, failure, written=not failure)
@@ -148,7 +151,7 @@ class PlainWire(Wire):
     async def _observe(self) -> str:
         """Take one reading; return why there is none."""
         asked_ns = self._clock.now_ns()
-        answer = await self._calls.call("get_observation", CALL_S, self._instance.observe)
+        answer = await self._calls.call("get_observation", self._within.call_s, self._instance.observe)
         if isinstance(answer, str):
             return answer
         self._read_ns = asked_ns

@@ -23,6 +23,7 @@ from strands_actors.drivers import (
     canonical_name,
     constructor_keywords,
     driver_name,
+    get_lerobot_class,
     get_native_driver_class,
     list_driver_coverage,
     list_native_drivers,
@@ -216,16 +217,13 @@ def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[A
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None
         return driver_class
-    native = ", ".join(list_native_drivers())
     if driver == "auto" and "lerobot" not in known[robot]:
+        native = ", ".join(list_native_drivers())
         raise ValueError(
             f"Robot: {name} has no native driver. a model of it simulates: register_robot({robot!r}, "
             f"model_xml=...). these have a driver: {native}"
         )
-    raise ValueError(
-        f"Robot: {name} would be driven by lerobot's own robot classes, which this version does not run. "
-        f"these have a native driver: {native}"
-    )
+    return get_lerobot_class(name)
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
@@ -417,7 +415,7 @@ def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
     own = {"port": wanted.port, "transport": wanted.transport, "cameras": wanted.cameras}
     own |= {"tool_name": wanted.tool_name, "data_config": wanted.data_config}
     given = {key: value for key, value in own.items() if value is not None} | wanted.options
-    plain = load(PLAIN)
+    plain = load(getattr(driver_class, "DRIVER", PLAIN))
     options = plain.options_of(driver_class, wanted.robot, given)
     if wanted.at is not None and not plain(wanted.robot, "", options).axes:
         raise ValueError(

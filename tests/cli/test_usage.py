@@ -46,10 +46,13 @@ def test_help_names_every_command(cli: Command) -> None:
 
 def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     rows = {row["robot"]: row for row in cli.json("list")["robots"]}
-    assert rows["so101"] == {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"]}
-    assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": []}
+    needed = "pip install 'lerobot[feetech]'"
+    both = {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
+    assert rows["so101"] == both
+    assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": [], "missing": None}
     drawn = cli.run("list").stdout
     assert all(robot in drawn for robot in rows)
+    assert "lerobot: pip install" in drawn  # who would drive it, and does not here
 
 
 def test_version(cli: Command) -> None:

@@ -106,7 +106,7 @@ def test_who_drives_is_asked_for_else_registered_else_native_else_lerobot() -> N
     assert resolve_driver("so101", "strands") == "strands"
     for robot, driver, text in (
         ("so101", "magic", "driver is 'magic'. use one of 'auto', 'lerobot', 'strands'"),
-        ("omx", "strands", "omx has no native driver. these have one: .*so100, so101"),
+        ("omx", "strands", "omx has no native driver. driver='lerobot' runs .* these have one: .*so100, so101"),
     ):
         with pytest.raises(ValueError, match=text):
             resolve_driver(robot, driver)
@@ -127,7 +127,7 @@ def test_a_robot_that_is_registered_is_known_by_all_its_names(tmp_path: Path) ->
     assert resolve_driver("mine") == "strands"
     register_robot("theirs", hardware={"driver": "lerobot"})
     assert list_driver_coverage()["theirs"] == ("lerobot",)
-    with pytest.raises(ValueError, match="theirs would be driven by lerobot's own robot classes"):
+    with pytest.raises(ValueError, match="LeRobot has no class for theirs"):
         Robot("theirs")
 
 

@@ -16,6 +16,7 @@ import typer.main
 from strands_actors import MeshConfig, Robot
 from strands_actors.caller.robot import AsyncRobot, RealRobot, SimRobot
 from strands_actors.drivers import (
+    DRIVER_CHOICES,
     constructor_keywords,
     get_native_driver_class,
     list_native_drivers,
@@ -98,7 +99,7 @@ def test_no_message_names_a_keyword_that_nothing_takes() -> None:
 
 
 def test_no_message_recommends_a_driver_that_drives_nothing() -> None:
-    assert unknown(all_messages(), DRIVER, {"auto", "strands"}) == []
+    assert unknown(all_messages(), DRIVER, set(DRIVER_CHOICES)) == []
 
 
 def test_every_extra_and_command_that_a_message_names_is_there() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
@@ -11,6 +13,7 @@ from strands_actors.drivers import (
     canonical_name,
     get_native_driver_class,
     leader_name,
+    lerobot_missing,
     list_driver_coverage,
     list_leaders,
     list_native_drivers,
@@ -22,7 +25,12 @@ from .errors import Problem
 def show_robots(as_json: bool) -> None:
     drivers = list_native_drivers()
     rows = [
-        {"robot": robot, "driver": drivers.get(robot), "coverage": list(coverage)}
+        {
+            "robot": robot,
+            "driver": drivers.get(robot),
+            "coverage": list(coverage),
+            "missing": lerobot_missing(robot) or None,
+        }
         for robot, coverage in list_driver_coverage().items()
     ]
     if as_json:
@@ -36,9 +44,16 @@ def show_robots(as_json: bool) -> None:
     for title in ("robot", "driver", "driven by"):
         table.add_column(title)
     for row in rows:
-        style = "" if row["driver"] else "dim"
-        table.add_row(str(row["robot"]), str(row["driver"] or "-"), ", ".join(row["coverage"] or "-"), style=style)
+        style = "" if row["driver"] or (row["coverage"] and not row["missing"]) else "dim"
+        table.add_row(str(row["robot"]), str(row["driver"] or "-"), _driven_by(row), style=style)
     Console().print(table)
+
+
+def _driven_by(row: Mapping[str, Any]) -> str:
+    """Who really drives a robot on this machine, and what installs who would."""
+    here = [who for who in row["coverage"] if who != "lerobot" or not row["missing"]]
+    lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []
+    return ", ".join([*here, *(f"({text})" for text in lacking)]) or "-"
 
 
 def serve_twin(

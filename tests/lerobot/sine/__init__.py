@@ -26,7 +26,8 @@ class Sine(Teleoperator):
     def __init__(self, config: SineConfig) -> None:
         super().__init__(config)
         self.config = config
-        self._begun_s: float | None = None
+        self._up = False
+        self._begun_s = 0.0
 
     @property
     def action_features(self) -> dict:
@@ -38,20 +39,21 @@ class Sine(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        return self._begun_s is not None
+        return self._up
 
     @property
     def is_calibrated(self) -> bool:
         return True
 
     def connect(self, calibrate: bool = True) -> None:
-        self._begun_s = time.monotonic()
+        self._up, self._begun_s = True, 0.0
 
     def calibrate(self) -> None: ...
     def configure(self) -> None: ...
     def send_feedback(self, feedback: dict) -> None: ...
 
     def get_action(self) -> dict:
+        self._begun_s = self._begun_s or time.monotonic()  # the robot connects after its teleoperator
         at_s = time.monotonic() - self._begun_s
         action = {f"{axis}.pos": 20.0 if axis == "gripper" else 0.0 for axis in self.config.axes}
         first = f"{self.config.axes[0]}.pos"
@@ -61,4 +63,4 @@ class Sine(Teleoperator):
         return action
 
     def disconnect(self) -> None:
-        self._begun_s = None
+        self._up = False

@@ -1,0 +1,101 @@
+"""A robot of LeRobot's as a driver of this package: ``PlainDriver`` of a ``Follower``, with what is
+known of its type.
+
+Where its bus is one of ours (so100, so101, koch) the stop channel is that wire's own, and so are
+axes and limits. Elsewhere there is none of ours: another process connects by LeRobot's class and
+calls what stops it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, StopChannel
+from strands_actors.contract.loading import load
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.kernel.clock import Clock
+
+from ..config import Deadlines
+from ..driver import LEAVING, PlainDriver
+from ..members import Declared
+from .types import TYPES, Type
+
+ARM_S = 2.0
+"""To write the goals and energise: a few frames a motor."""
+OWN_STOP_S = 2.5
+"""Of a stop by our own codec, where the wire's own may wait for a call that is under way."""
+
+
+class LeRobotDriver(PlainDriver):
+    WIRE: ClassVar[str] = "strands_actors.drivers.plain.lerobot.wire:LeRobotWire"
+    DEADLINES: ClassVar[Deadlines] = Deadlines(connect_s=60.0, call_s=0.5, stop_s=2.0, cleanup_s=2.0, load_s=30.0)
+    """Connecting imports torch: five seconds, and a minute on a small or busy machine."""
+    SIMULATION: ClassVar[str] = "LeRobot's classes have none"
+
+    def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
+        super().__init__(robot, port, options)
+        self.kind: Type = TYPES[robot]
+        self._own: Driver | None = None
+        if self.kind.wire:
+            self._own = load(self.kind.wire)(robot, port, options["own"])
+            self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S)
+        if self.kind.holds:
+            self.fallbacks = {reason: _safe_state(reason) for reason in Reason}
+        self.firmware_watchdog = (
+            "not known: LeRobot's class does not say" if self._own is None else self._own.firmware_watchdog
+        )
+
+    @classmethod
+    def options_of(cls, driver_class: type[Any], robot: str, keywords: Mapping[str, Any]) -> dict[str, Any]:
+        options = super().options_of(driver_class, robot, keywords)
+        kind = TYPES[robot]
+        if not kind.wire:
+            return options
+        own_class: type[Driver] = load(kind.wire)
+        own = own_class.resolve(robot, _calibration(keywords))
+        options["own"] = own
+        if keywords.get("use_degrees", True):
+            declared = _declared(own_class(robot, "", own))
+            options["config"]["declared"] = msgspec.to_builtins(declared)
+        return options
+
+    def preload(self) -> None:
+        super().preload()
+        if self._own is not None:
+            self._own.preload()
+
+    def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
+        """By our own codec, where there is one: its descriptor is the second that the wire handed
+        over."""
+        if self._own is None:
+            return super().stop_channel(descriptors, clock)
+        return self._own.stop_channel(descriptors, clock)
+
+
+def _safe_state(reason: Reason) -> str:
+    if reason in HOLDING_REASONS:
+        return str(SafeState.HOLD)
+    return str(SafeState.OFF if reason in LEAVING else SafeState.LIMP)
+
+
+def _calibration(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return, for our driver, the calibration that LeRobot will read."""
+    name, folder = keywords.get("tool_name"), keywords.get("calibration_dir")
+    file = Path(str(folder)).expanduser() / f"{name}.json" if folder else None
+    if file is not None and file.is_file():
+        return {"calibration": str(file)}
+    return {"tool_name": name} if name and folder is None else {}
+
+
+def _declared(own: Driver) -> Declared:
+    keys = {axis: f"{axis}.pos" for axis in own.axes}
+    return Declared(
+        keys=tuple(keys.values()),
+        source="its type",
+        limits={keys[axis.key]: axis.limits for axis in own.table},
+        units={keys[axis.key]: axis.unit for axis in own.table},
+    )

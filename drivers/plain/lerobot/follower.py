@@ -1,0 +1,193 @@
+"""An object of LeRobot's, in the wire process, as a driver class of the drivers page.
+
+LeRobot energises a robot when it connects it. This does not leave it so: connected, it is stopped
+energises it where it stands when the tree arms it. That is so where it has buses whose torque can be
+kept off meanwhile; others are energised by connecting, as LeRobot has it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import importlib
+from collections.abc import Iterator, Mapping, Sequence
+from inspect import signature
+from typing import Any, ClassVar
+
+from .types import TYPES, Type
+
+GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
+"""LeRobot's names of the registers."""
+TRIES = 2
+"""Of one that answers badly; a deadline is behind them all."""
+
+
+class Follower:
+    """``tool_name``: LeRobot's ``id``, under which it was calibrated. Other keywords are fields of
+    its config, mappings where that has configs of its own."""
+
+    ROBOT: ClassVar[str]
+    DRIVER: ClassVar[str] = "strands_actors.drivers.plain.lerobot.driver:LeRobotDriver"
+
+    def __init__(self, port: str | None = None, tool_name: str | None = None, **fields: Any) -> None:
+        fields.pop("data_config", None)
+        self._kind = kind = TYPES[self.ROBOT]
+        if port is not None and not kind.port:
+            raise ValueError(
+                f"{kind.type} has no port of its own. give the fields of its config: left_arm_config={{...}}"
+            )
+        self._fields = {"id": tool_name, **fields, **({kind.port: port} if port is not None else {})}
+        self._robot = self._make()
+        self._energised = False
+
+    def _make(self) -> Any:
+        import draccus  # LeRobot's own; what it reads its command line with
+
+        robots = importlib.import_module("lerobot.robots")
+        importlib.import_module(f"lerobot.robots.{self._kind.module}")
+        config_class = robots.RobotConfig.get_choice_class(self._kind.type)
+        known = _fields_of(config_class)
+        if unknown := [name for name in self._fields if name not in known]:
+            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(known)}")
+        own = {"cameras": {}, "use_degrees": True, "disable_torque_on_disconnect": True}
+        given = {name: value for name, value in own.items() if name in known} | self._fields
+        return robots.make_robot_from_config(draccus.decode(config_class, given))
+
+    @property
+    def action_features(self) -> Mapping[str, Any]:
+        features: Mapping[str, Any] = self._robot.action_features
+        return features
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether it may be commanded; a stop ends that."""
+        return self._energised and bool(self._robot.is_connected)
+
+    def connect(self) -> None:
+        """First connect, without torque where that can be had; after that energise it where it
+        is."""
+        robot, kind = self._robot, self._kind
+        if robot.is_connected and kind.holds:
+            self._energise()
+            return
+        if robot.is_connected:  # it was stopped, and only connecting energises it
+            robot.disconnect()
+        with contextlib.ExitStack() as stack:
+            for bus in self._buses():
+                stack.enter_context(_without_torque(bus))
+            robot.connect(**({"calibrate": False} if "calibrate" in signature(robot.connect).parameters else {}))
+        if not robot.is_calibrated:
+            robot.disconnect()
+            raise ConnectionError(
+                f"{kind.type} {self._fields['id']!r} is not calibrated as its motors are. run lerobot-calibrate "
+                f"--robot.type={kind.type} --robot.id={self._fields['id']}"
+            )
+        if not kind.holds:
+            self._energised = True
+        elif failure := self._each([functools.partial(_limp, bus) for bus in self._buses()]):
+            raise ConnectionError(failure)
+
+    def _energise(self) -> None:
+        for bus in self._buses():
+            self._hold(bus)  # a goal of an earlier time would be a jump
+            bus.enable_torque(num_retry=TRIES)
+        self._energised = True
+
+    def get_observation(self) -> Mapping[str, Any]:
+        observed: Mapping[str, Any] = self._robot.get_observation()
+        return observed
+
+    def send_action(self, action: Mapping[str, float]) -> None:
+        self._robot.send_action(dict(action))
+
+    def hold(self) -> str:
+        """Make the present positions the goals. Return what went wrong."""
+        return self._each([functools.partial(self._hold, bus) for bus in self._buses()])
+
+    def _hold(self, bus: Any) -> None:
+        motors = getattr(self._robot, self._kind.goals) if self._kind.goals else None
+        bus.sync_write(GOAL, bus.sync_read(PRESENT, motors, num_retry=TRIES, normalize=False), normalize=False)
+
+    def stop(self) -> Mapping[str, Any] | None:
+        """Do all that the type is stopped by, whatever fails of it, and read the torque back."""
+        self._energised = False
+        if not self._robot.is_connected:
+            return None
+        calls = [functools.partial(self._called, path) for path in self._kind.stops]
+        failure = self._each([*calls, *(functools.partial(_limp, bus) for bus in self._buses())])
+        return {"status": "error", "content": [{"text": failure}]} if failure else None
+
+    def _called(self, path: str) -> None:
+        _at(self._robot, path)()
+
+    def _each(self, calls: Sequence[Any]) -> str:
+        failures = []
+        for call in calls:
+            try:
+                call()
+            except Exception as error:  # the next one may reach other motors
+                failures.append(f"{type(error).__name__}: {error}")
+        return "; ".join(failures)
+
+    def cleanup(self) -> None:
+        self._energised = False
+        if self._robot.is_connected:
+            self._robot.disconnect()
+
+    def descriptors(self) -> list[int]:
+        """Return the open serial ports, for the stop channel of who knows the bus."""
+        return [bus.port_handler.ser.fileno() for bus in self._buses()] if self._kind.wire else []
+
+    def _buses(self) -> list[Any]:
+        return [_at(self._robot, path) for path in self._kind.buses]
+
+
+@contextlib.contextmanager
+def _without_torque(bus: Any) -> Iterator[None]:
+    """LeRobot configures motors without torque, and gives it back at the end, whatever goal of an
+    earlier time they have. Here they keep being limp."""
+    bus.enable_torque = lambda *args, **keywords: None  # of this object, before its class's own
+    try:
+        yield
+        bus.disable_torque(num_retry=TRIES)  # as it may have been found
+    finally:
+        del bus.enable_torque
+
+
+def _limp(bus: Any) -> None:
+    energised = [motor for motor, value in bus.sync_read(TORQUE, num_retry=TRIES, normalize=False).items() if value]
+    if energised:
+        raise ConnectionError(f"{', '.join(energised)} still has torque")
+
+
+def _at(thing: Any, path: str) -> Any:
+    return functools.reduce(getattr, path.split("."), thing)
+
+
+def _fields_of(config_class: type[Any]) -> list[str]:
+    return [field.name for field in dataclasses.fields(config_class)]
+
+
+def class_name(robot: str) -> str:
+    """Return the name of a robot's class here, which its processes find it by."""
+    return "".join(part.capitalize() for part in robot.split("_")) + "Follower"
+
+
+def class_of(robot: str) -> type[Follower]:
+    """Return the class of a robot of ``TYPES``."""
+    found: type[Follower] = globals()[class_name(robot)]
+    return found
+
+
+def _made(robot: str) -> type[Follower]:
+    kind = TYPES[robot]
+    members: dict[str, Any] = {"ROBOT": robot, "__module__": __name__, "__doc__": Follower.__doc__}
+    if kind.port:
+        members |= {"PORT_KIND": "serial" if kind.serial else "address", "PORT_OPTIONAL": not kind.serial}
+    return type(class_name(robot), (Follower,), members)
+
+
+globals().update({class_name(robot): _made(robot) for robot in TYPES})
+
+__all__ = ["Follower", "Type", "class_of"]

@@ -1,0 +1,1 @@
+"""An SDK that is only looked for."""

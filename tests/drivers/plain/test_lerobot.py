@@ -1,0 +1,188 @@
+"""``driver="lerobot"``: LeRobot's class of a robot in our tree. What the wire shows, with a stand-in
+of LeRobot; the real one is ``python -m tests lerobot``'s."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.loading import load
+from strands_actors.drivers import LEROBOT, canonical_name, list_driver_coverage
+from strands_actors.drivers.plain.lerobot.follower import class_of
+from strands_actors.testing import Twin
+from tests.answers import json_of, state, status, until, why
+
+from .rig import SmallArm, pid_of
+
+STANDIN = Path(__file__).parent / "standin"
+MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+@pytest.fixture
+def lerobot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The stand-in, to be found here, and imported in processes that start from here."""
+    monkeypatch.syspath_prepend(str(STANDIN))
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("lerobot", "draccus")]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("so101", tmp_path) as twin:
+        yield twin
+
+
+@pytest.fixture
+def arm(twin: Twin, lerobot: None, tmp_path: Path) -> Iterator[Any]:
+    robot = Robot("so101", mode="real", driver="lerobot", port=twin.port, **calibrated(tmp_path))
+    try:
+        assert robot.connect_eagerly() is None
+        yield robot
+    finally:
+        robot.cleanup()
+
+
+def calibrated(folder: Path) -> dict[str, str]:
+    motors = {
+        motor: {"id": at, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+        for at, motor in enumerate(MOTORS, start=1)
+    }
+    (folder / "black.json").write_text(json.dumps(motors))
+    return {"tool_name": "black", "calibration_dir": str(folder)}
+
+
+def test_every_type_of_lerobots_has_a_name_here_and_a_class() -> None:
+    types = load(LEROBOT)
+    assert {kind.type for kind in types.values()} >= {
+        "so100_follower", "so101_follower", "koch_follower", "omx_follower", "openarm_follower", "lekiwi",
+        "bi_so_follower", "bi_openarm_follower", "reachy2", "hope_jr_hand", "hope_jr_arm", "unitree_g1",
+        "earthrover_mini_plus",
+    }  # fmt: skip
+    for robot, kind in types.items():
+        assert robot == class_of(robot).ROBOT
+        assert kind.stops, f"nothing stops {robot}"
+        assert list_driver_coverage()[canonical_name(kind.type)][0] == "lerobot"
+
+
+def test_without_lerobot_the_line_that_installs_it_is_told() -> None:
+    with pytest.raises(
+        ValueError, match=r"omx is driven by LeRobot's own class, .* pip install 'lerobot\[dynamixel\]'"
+    ):
+        Robot("omx", mode="real", port="/dev/ttyACM0")
+    with pytest.raises(ValueError, match="LeRobot has no class for ur5e"):
+        Robot("ur5e", mode="real", port="192.0.2.1", driver="lerobot")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "text"),
+    [
+        ({}, "so101 needs 'port'"),
+        ({"port": "/dev/x", "transport": "twin"}, "has no twin of ours"),
+        ({"port": "/dev/x", "cameras": {"wrist": {}}}, "opens no cameras"),
+        ({"port": "/dev/x", "tool_name": "no such"}, "tool_name is 'no such'"),
+    ],
+)
+def test_what_cannot_be_is_refused_when_it_is_made(lerobot: None, keywords: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Robot("so101", mode="real", driver="lerobot", **keywords)
+
+
+def test_an_object_that_cannot_be_made_or_is_not_calibrated_says_why(
+    twin: Twin, lerobot: None, tmp_path: Path
+) -> None:
+    for keywords, text in (
+        ({"tool_name": "white"}, "so101_follower 'white' is not calibrated .* run lerobot-calibrate"),
+        ({**calibrated(tmp_path), "gain": 3}, "so101_follower has no gain. it has id, calibration_dir, port"),
+    ):
+        robot = Robot("so101", mode="real", driver="lerobot", port=twin.port, **keywords)
+        try:
+            problem = robot.connect_eagerly()
+            assert problem is not None and re.search(text, problem)
+        finally:
+            robot.cleanup()
+
+
+def test_saf_011_connecting_energises_nothing_and_arming_does_where_the_arm_is(twin: Twin, arm: Any) -> None:
+    told = status(arm)
+    assert told["lerobot_type"] == "so101_follower" and told["axes_from"] == "its type"
+    assert told["stop_channel"].startswith("torque off by our own codec")
+    kinds = [frame.kind for frame in twin.log.entries() if frame.sender == "host"]
+    assert kinds.count("enable") == 6  # once each, by arming; LeRobot's own connect would have been six more
+    assert kinds.index("setpoint") < kinds.index("enable")  # where it is, before it has torque
+    before = arm.get_observation()
+    json_of(arm.send_action({"shoulder_pan": before["shoulder_pan"] + 10.0}))
+    until(lambda: abs(arm.get_observation()["shoulder_pan"] - before["shoulder_pan"] - 10.0) < 1.0, "it moves")
+
+
+def test_saf_014_what_the_gate_refuses_never_reaches_lerobot(twin: Twin, arm: Any) -> None:
+    begun_ns = time.monotonic_ns()
+    assert "shoulder_pan 400.0 deg is past" in why(arm.send_action({"shoulder_pan": 400.0}))
+    assert "nan" in why(arm.send_action({"shoulder_pan.pos": float("nan")}))
+    twin.log.silent_after(begun_ns, "setpoint")
+
+
+def test_saf_005_a_stop_is_read_back_and_a_hold_keeps_the_torque(twin: Twin, arm: Any) -> None:
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    json_of(arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, n_steps=3))
+    until(lambda: state(arm) == "holding", "the rollout ended, and it is held")
+    begun_ns = time.monotonic_ns()
+    assert json_of(arm.stop())["safe_state"] == "limp"
+    twin.log.no_setpoint_after_safe(begun_ns)
+    json_of(arm.resume())
+    twin.fault("off:3")
+    assert "stop: not confirmed" in why(arm.stop())
+    twin.fault("ok")
+    until(lambda: state(arm) == "disarmed", "it is heard again")
+
+
+def test_saf_003_the_wire_process_is_killed_and_our_own_codec_takes_the_torque(twin: Twin, arm: Any) -> None:
+    json_of(arm.send_action({"shoulder_pan": 8.0}))
+    killed_ns = time.monotonic_ns()
+    os.kill(pid_of(arm, "wire"), signal.SIGKILL)
+    until(lambda: twin.log.first_safe(killed_ns), "it is limp")
+    until(lambda: status(arm)["connected"] and state(arm) == "disarmed", "there is another wire")
+    twin.log.no_setpoint_after_safe(killed_ns)
+    twin.log.silent_after(killed_ns, "enable")  # SAF-008: LeRobot's connect energises, and was kept from it
+    json_of(arm.resume())
+
+
+def test_saf_016_root_and_wire_are_killed_and_the_standby_takes_the_torque(twin: Twin, arm: Any) -> None:
+    json_of(arm.send_action({"shoulder_pan": 8.0}))
+    both = [pid_of(arm, role) for role in ("root", "wire")]
+    killed_ns = time.monotonic_ns()
+    for pid in both:
+        os.kill(pid, signal.SIGKILL)
+    until(lambda: twin.log.first_safe(killed_ns), "it is limp")
+
+
+def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm: SmallArm, lerobot: None) -> None:
+    robot = Robot("reachy2", mode="real", port=small_arm.port)
+    try:
+        assert robot.connect_eagerly() is None
+        assert status(robot)["stop_channel"] == "none: a fresh process calls stop()"
+        assert robot.driver.fallbacks[Reason.POLICY] == "stop"  # nobody knows how to hold it
+        json_of(robot.send_action({"pan": 3.0}))
+        until(lambda: small_arm.said("goal"), "it moves")
+        json_of(robot.stop())
+        assert small_arm.log[-1].text == "off"
+        json_of(robot.resume())
+        json_of(robot.send_action({"pan": 4.0}))
+        until(lambda: len(small_arm.said("goal")) == 2, "it moves")
+        killed_ns = time.monotonic_ns()
+        os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+        until(lambda: small_arm.said("off", killed_ns), "another process connects, and stops it")
+        assert small_arm.said("goal", killed_ns) == []
+    finally:
+        robot.cleanup()
