@@ -129,6 +129,10 @@ async def _await(result: Any) -> Any:
     return await result
 
 
+def _untold(count: int) -> None:
+    """A policy that does not ask how many actions of its last chunk are still to be executed."""
+
+
 class _Tick(Message, frozen=True):
     lane = "latest"
 
@@ -250,7 +254,7 @@ class Policy(Actor):
 
     async def _infer(self) -> None:
         try:
-            infer = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
+            infer, tell_left = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
                     await self._wanted.wait()
@@ -258,6 +262,7 @@ class Policy(Actor):
                     observation = await self._observe()
                     if observation is None:
                         return
+                    tell_left(len(self._buffer))
                     chunk = await trio.to_thread.run_sync(
                         infer, observation, self._rollout.instruction, abandon_on_cancel=True
                     )
@@ -274,11 +279,12 @@ class Policy(Actor):
         except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
             await self._end("policy", describe(error))
 
-    def _ready(self) -> Infer:
+    def _ready(self) -> tuple[Infer, Callable[[int], None]]:
+        """The policy as a function, and what it is told before each inference."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)
-        return infer
+        return infer, getattr(policy, "actions_left", _untold)
 
     async def _observe(self) -> dict[str, float] | None:
         try:

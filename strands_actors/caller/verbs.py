@@ -303,7 +303,7 @@ def start_task(
         return answers.error(f"start_task: {failure}")
 
     async def run(tree: RobotTree) -> Answer:
-        given = {**robot_facts(policy, tree.driver), **chosen}
+        given = {**robot_facts(policy, tree.driver, tree.robot, tree.cameras.names), **chosen}
         return _begun(await tree.rollouts.start_task(policy.where, given, instruction, duration, hz))
 
     return run

@@ -27,7 +27,7 @@ class Policy(ABC):
 
     @property
     def requires_images(self) -> bool:
-        """Whether it wants pictures beside positions. Nobody gives it any in this version."""
+        """Whether it wants pictures beside positions. Only ``lerobot_local`` is given any."""
         return True
 
     @property

@@ -1,8 +1,16 @@
 """The provider ``lerobot_local``: a checkpoint of lerobot, run in the policy's own process.
 
 A checkpoint is a folder as lerobot >= 0.4 saves one: configuration, weights, and the two processors
-that normalise what goes in and out. It is given positions and the instruction; one that also wants
-images, or a state of another size, is refused. Nothing is downloaded here.
+that normalise what goes in and out. It is given positions, the instruction, and pictures of the
+robot's cameras: ``observation.images.wrist`` is the camera ``wrist``. One that wants a camera that
+is not there, or a state of another size, is refused. Nothing is downloaded here.
+
+Pictures are read when an inference begins, and never waited for once the robot moves: one that is
+stale ends the rollout, and the robot holds.
+
+With ``rtc=True`` a policy of flow matching (pi0, pi05, smolvla) blends each chunk into the last
+(lerobot's real-time chunking): it is given the rest of the chunk before, and how many actions of
+that will have been executed when the new ones are.
 
 What its numbers mean no checkpoint says: it depends on how its data were recorded (``use_degrees``
 of lerobot's arms, whose default differs by arm and version). So ``units`` has no default:
@@ -15,10 +23,20 @@ of lerobot's arms, whose default differs by arm and version). So ``units`` has n
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from strands_actors.surfaces.cameras import CameraReader
+
+IMAGES = "observation.images."
+FIRST_PICTURE_S = 15.0
+"""For a camera that has just been started: before anything moves."""
+LOOK_S = 0.02
+HORIZON = 10
+"""Actions of a chunk that are executed before the next one is blended in; lerobot's default."""
 STATE = "observation.state"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
 GRIPPER = "gripper"
@@ -52,11 +70,12 @@ class LerobotLocal:
     lerobot raises while it loads passes.
 
     ``pretrained_name_or_path``: a folder. ``device``: where it runs, ``cpu``, ``cuda``, ``mps``.
-    ``unit`` and ``travel``: the driver's, from the tree.
+    ``rename_map``: as lerobot's, ``{"observation.images.wrist": "observation.images.camera1"}``:
+    what a camera is called in the checkpoint. ``rtc``: see above, with ``execution_horizon``
+    actions of each chunk. ``unit``, ``travel``, ``robot`` and ``cameras``: from the tree.
     """
 
     provider_name = "lerobot_local"
-    requires_images = False
     reads_instruction = True
 
     def __init__(
@@ -67,6 +86,11 @@ class LerobotLocal:
         device: str = "cpu",
         unit: str = "",
         travel: Mapping[str, Sequence[float]] | None = None,
+        robot: str = "",
+        cameras: Sequence[str] = (),
+        rename_map: Mapping[str, str] | None = None,
+        rtc: bool = False,
+        execution_horizon: int = HORIZON,
     ) -> None:
         folder = _folder(pretrained_name_or_path)
         self._axes = list(axes)
@@ -78,6 +102,14 @@ class LerobotLocal:
 
         config = PreTrainedConfig.from_pretrained(folder)
         _check(config, self._axes, folder)
+        self._eyes = _eyes(config, robot, cameras, rename_map or {}, folder)
+        self.requires_images = bool(self._eyes)
+        self.supports_rtc = rtc
+        self.execution_horizon = execution_horizon
+        if rtc:
+            _chunk_in_real_time(config, execution_horizon)
+        self._rest: Any = None  # of the last chunk, as the model gave it: what was handed out, and what follows
+        self._handed_out = self._left = 0
         config.device = self._device = device
         self._prepare = prepare_observation_for_inference
         # Strict: lerobot only logs weights that are missing or left over, and runs what it made up
@@ -92,9 +124,16 @@ class LerobotLocal:
         self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew: nothing seen, nothing planned."""
+        """Begin anew: nothing seen, nothing planned. Wait for the first pictures."""
         for part in (self._policy, self._into, self._out_of):
             part.reset()
+        self._rest, self._handed_out, self._left = None, 0, 0
+        for eye in self._eyes:
+            eye.wait()
+
+    def actions_left(self, count: int) -> None:
+        """So many of those handed out are still to be executed, and will be before the next ones."""
+        self._left = count
 
     def get_actions_sync(
         self, observation: Mapping[str, float], instruction: str, **_: Any
@@ -107,17 +146,104 @@ class LerobotLocal:
         state = [observation[axis] for axis in self._axes]
         if self._scale is not None:
             state = self._scale.to_lerobot(state)
-        seen = {STATE: np.array(state, dtype=np.float32)}
+        seen = {STATE: np.array(state, dtype=np.float32)} | {eye.key: eye.look() for eye in self._eyes}
         batch = self._into(self._prepare(seen, self._device, task=instruction))
+        if self.supports_rtc:
+            return self._blended(batch)
         return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
 
+    def _blended(self, batch: Any) -> list[dict[str, float]]:
+        """What follows the actions that are still to be executed. The chunk begins now, with those,
+        so they are left out."""
+        left = min(self._left, self._handed_out)
+        rest = None if self._rest is None else self._rest[self._handed_out - left :]
+        chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=left, prev_chunk_left_over=rest)
+        self._rest = chunk.squeeze(0)[left:]
+        rows = self._out_of(chunk).squeeze(0)[left:].tolist()
+        self._handed_out = min(len(rows), self.execution_horizon)
+        if not rows:
+            raise ValueError(
+                f"lerobot_local: {left} actions are left when the next chunk is asked for, and that has no more. "
+                "give a smaller execution_horizon, or a lower control_frequency"
+            )
+        return [self._by_axis(row) for row in rows[: self._handed_out]]
+
     def _named(self, action: Any) -> dict[str, float]:
-        values: list[float] = self._out_of(action).squeeze(0).tolist()
+        return self._by_axis(self._out_of(action).squeeze(0).tolist())
+
+    def _by_axis(self, values: list[float]) -> dict[str, float]:
         if len(values) != len(self._axes):
             raise ValueError(f"lerobot_local: the policy gave {len(values)} numbers for {len(self._axes)} axes")
         if self._scale is not None:
             values = self._scale.from_lerobot(values)
         return dict(zip(self._axes, values, strict=True))
+
+
+class Eye:
+    """One camera, under its name in the checkpoint. ``shape``: colours, height and width there."""
+
+    def __init__(self, key: str, reader: CameraReader, shape: Sequence[int]) -> None:
+        self.key = key
+        self._reader = reader
+        self._shape = tuple(shape)
+
+    def wait(self) -> None:
+        """Until it sees something. Raise ``StaleFrame`` when it does not."""
+        until_s = time.monotonic() + FIRST_PICTURE_S
+        while self._is_blind() and time.monotonic() < until_s:
+            time.sleep(LOOK_S)
+        self.look()
+
+    def look(self) -> Any:
+        """The newest picture. Raise ``StaleFrame`` when it is too old."""
+        from strands_actors.surfaces.cameras import Stale, StaleFrame
+
+        found = self._reader.newest()
+        if isinstance(found, Stale):
+            raise StaleFrame(self._reader.camera, found)
+        height, width, colours = found.image.shape
+        if (colours, height, width) != self._shape:
+            raise ValueError(
+                f"lerobot_local: camera {self._reader.camera!r} gives {width} x {height}, and {self.key} of the "
+                f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. give the camera that width and height"
+            )
+        return found.image
+
+    def _is_blind(self) -> bool:
+        from strands_actors.surfaces.cameras import Stale
+
+        return isinstance(self._reader.newest(), Stale)
+
+
+def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
+    """Return one for each picture that the checkpoint wants. Raise ``ValueError`` for one that no
+    camera gives."""
+    wanted = dict(config.image_features or {})
+    named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}
+    if missing := sorted(set(wanted) - set(named)):
+        has = f"cameras {', '.join(cameras)}" if cameras else "no cameras"
+        raise ValueError(
+            f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. give Robot "
+            f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
+        )
+    if not wanted:
+        return []
+    from strands_actors.surfaces.cameras import attach_camera
+
+    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in wanted.items()]
+
+
+def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:
+    """Raise ``ValueError`` for a policy that cannot."""
+    if not hasattr(config, "rtc_config"):
+        raise ValueError(
+            f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. leave it out"
+        )
+    if isinstance(execution_horizon, bool) or not isinstance(execution_horizon, int) or execution_horizon < 1:
+        raise ValueError(f"lerobot_local: execution_horizon is {execution_horizon!r}. give a whole number above 0")
+    from lerobot.policies.rtc.configuration_rtc import RTCConfig
+
+    config.rtc_config = RTCConfig(enabled=True, execution_horizon=execution_horizon)
 
 
 def _folder(given: str) -> str:
@@ -159,15 +285,10 @@ def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequ
 def _check(config: Any, axes: Sequence[str], folder: str) -> None:
     """``config``: lerobot's ``PreTrainedConfig``."""
     inputs = config.input_features or {}
-    if images := sorted(config.image_features):
+    if others := sorted(set(inputs) - {STATE} - set(config.image_features or {})):
         raise ValueError(
-            f"lerobot_local: {folder} needs images ({', '.join(images)}). a policy is given positions only: use "
-            f"a checkpoint whose one input is {STATE}, or serve it yourself and use policy_provider='remote'"
-        )
-    if others := sorted(set(inputs) - {STATE}):
-        raise ValueError(
-            f"lerobot_local: {folder} needs {', '.join(others)}. a policy is given positions only: use a "
-            f"checkpoint whose one input is {STATE}"
+            f"lerobot_local: {folder} needs {', '.join(others)}. a policy is given positions and pictures: use a "
+            f"checkpoint whose inputs are {STATE} and images"
         )
     for name, feature in ((STATE, config.robot_state_feature), ("action", config.action_feature)):
         shape = list(feature.shape) if feature is not None else []

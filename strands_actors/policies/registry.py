@@ -25,6 +25,7 @@ class Provider(NamedTuple):
     needs: str = ""  # a package that must be there; the extra that brings it has the same name
     takes_address: bool = True  # options host and port, from policy_host and policy_port
     takes_units: bool = False  # options unit and travel, as the driver has them
+    takes_cameras: bool = False  # options robot and cameras: the name it runs by, and those it has
     takes_axes: bool = True  # option axes; else they are told by set_robot_state_keys alone
 
 
@@ -33,7 +34,11 @@ PROVIDERS = {
     "sine": Provider("strands_actors.policies.registry:Sine", takes_address=False),
     "remote": Provider("strands_actors.policies.remote:Remote"),
     "lerobot_local": Provider(
-        "strands_actors.policies.lerobot:LerobotLocal", needs="lerobot", takes_address=False, takes_units=True
+        "strands_actors.policies.lerobot:LerobotLocal",
+        needs="lerobot",
+        takes_address=False,
+        takes_units=True,
+        takes_cameras=True,
     ),
 }
 
@@ -145,11 +150,13 @@ def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
     return host, port or ENDPOINT_PORT, parts.path or "/"
 
 
-def robot_facts(provider: Provider, driver: Driver) -> dict[str, Any]:
-    """What a policy is told of the robot, as options."""
+def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:
+    """What a policy is told of the robot, as options. ``robot``: the name it runs by."""
     facts: dict[str, Any] = {"axes": list(driver.axes)} if provider.takes_axes else {}
     if provider.takes_units:
         facts |= {"unit": driver.unit, "travel": driver.travel()}
+    if provider.takes_cameras:
+        facts |= {"robot": robot, "cameras": list(cameras)}
     return facts
 
 

@@ -16,8 +16,10 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
@@ -25,7 +27,9 @@ from strands_actors.drivers.sim.driver import SimDriver
 from strands_actors.policies import registry as policies
 from strands_actors.policies.lerobot import FILES, LerobotLocal
 from strands_actors.policies.registry import choose_provider, robot_facts
-from strands_actors.testing import Twin
+from strands_actors.surfaces import cameras as surfaces_cameras
+from strands_actors.surfaces.cameras import Frame, Stale, StaleFrame
+from strands_actors.testing import Twin, WireLog
 from tests.answers import json_of, task_ended, until, why
 from tests.robot.helpers import IDS, holds
 
@@ -49,6 +53,12 @@ class PreTrainedConfig:
         config.robot_state_feature = config.input_features.get("observation.state")
         config.action_feature = config.output_features.get("action")
         return config
+""",
+    "policies/rtc/configuration_rtc.py": """
+class RTCConfig:
+    def __init__(self, enabled, execution_horizon):
+        self.enabled = enabled
+        self.execution_horizon = execution_horizon
 """,
     "policies/factory.py": """
 import collections
@@ -76,6 +86,15 @@ class StandInPolicy:
             steps = range(1, getattr(self.config, "n_action_steps", 1) + 1)
             self.plan.extend((state + self.config.step * step)[:, :width] for step in steps)
         return self.plan.popleft()
+
+    def predict_action_chunk(self, batch, inference_delay, prev_chunk_left_over):
+        assert self.config.rtc_config.enabled
+        rest = None if prev_chunk_left_over is None else prev_chunk_left_over.tolist()
+        calls.append(("chunk", inference_delay, rest))
+        state = batch["observation.state"]
+        chunk = [state + self.config.step * step for step in range(1, self.config.chunk_size + 1)]
+        import numpy
+        return numpy.stack(chunk, axis=1)
 
 class Processor:
     def __init__(self, change):
@@ -113,7 +132,7 @@ def lerobot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         path = root / "lerobot" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source)
-    for package in ("", "configs", "policies"):
+    for package in ("", "configs", "policies", "policies/rtc"):
         (root / "lerobot" / package / "__init__.py").touch()
     monkeypatch.syspath_prepend(str(root))
     yield root
@@ -272,13 +291,117 @@ CUBE = {"observation.environment_state": {"type": "ENV", "shape": [3]}}
 @pytest.mark.parametrize(
     ("inputs", "text"),
     [
-        (IMAGES, r"needs images \(observation.images.top, observation.images.wrist\). a policy is given positions"),
-        (CUBE, "needs observation.environment_state. a policy is given positions only"),
+        (
+            IMAGES,
+            r"needs images \(.*top, observation.images.wrist\), and the robot has no cameras. give Robot cameras=",
+        ),
+        (CUBE, "needs observation.environment_state. a policy is given positions and pictures"),
     ],
 )
 def test_who_needs_more_than_positions(save: Save, inputs: Mapping[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         load(save(inputs))
+
+
+# -- pictures
+
+
+class Reader:
+    """A camera, as ``attach_camera`` gives it."""
+
+    def __init__(self, robot: str, camera: str) -> None:
+        assert robot == "so101"
+        self.camera = camera
+
+    def newest(self) -> Frame | Stale:
+        return SIGHTS[self.camera]
+
+
+SIGHTS: dict[str, Frame | Stale] = {}
+
+
+@pytest.fixture
+def sights(monkeypatch: pytest.MonkeyPatch) -> dict[str, Frame | Stale]:
+    """What each camera sees now."""
+    monkeypatch.setattr(surfaces_cameras, "attach_camera", Reader)
+    SIGHTS.clear()
+    SIGHTS.update({name: Frame(np.full((480, 640, 3), 7, np.uint8), 1, 1) for name in ("wrist", "top")})
+    return SIGHTS
+
+
+def test_it_is_given_the_newest_picture_of_each_camera(save: Save, sights: dict[str, Frame | Stale]) -> None:
+    wide = {"observation.images.camera1": {"type": "VISUAL", "shape": [3, 480, 640]}}
+    policy = load(
+        save(wide),
+        robot="so101",
+        cameras=["wrist", "top"],
+        rename_map={"observation.images.wrist": "observation.images.camera1"},
+    )
+    assert policy.requires_images
+    policy.reset()
+    policy.get_actions_sync(SEEN, "")
+    (plan,) = (call[1] for call in calls() if call[0] == "plan")
+    assert plan["observation.images.camera1"].shape == (1, 480, 640, 3)
+    assert "observation.images.wrist" not in plan
+
+
+def test_a_stale_picture_ends_the_rollout_and_another_size_is_refused(
+    save: Save, sights: dict[str, Frame | Stale]
+) -> None:
+    policy = load(save(IMAGES), robot="so101", cameras=["wrist", "top"])
+    policy.reset()
+    sights["top"] = Stale("it was unplugged", 1.0, 3)
+    with pytest.raises(StaleFrame, match="camera 'top': it was unplugged"):
+        policy.get_actions_sync(SEEN, "")
+    sights["top"] = Frame(np.zeros((240, 320, 3), np.uint8), 1, 4)
+    with pytest.raises(
+        ValueError, match=r"camera 'top' gives 320 x 240, and observation.images.top of .* 640 x 480"
+    ):
+        policy.get_actions_sync(SEEN, "")
+
+
+def test_a_camera_that_is_not_there_is_named(save: Save, sights: dict[str, Frame | Stale]) -> None:
+    with pytest.raises(
+        ValueError, match=r"needs images \(observation.images.top\), and the robot has cameras wrist"
+    ):
+        load(save(IMAGES), robot="so101", cameras=["wrist"])
+
+
+# -- real-time chunking
+
+
+def test_the_rest_of_the_chunk_goes_along_and_what_is_still_executed_is_left_out(save: Save) -> None:
+    folder = save(step=0.1, chunk_size=8, rtc_config=None)
+    policy = load(folder, rtc=True, execution_horizon=4)
+    policy.reset()
+    policy.actions_left(0)
+    still = dict.fromkeys(AXES, 0.0)
+    first = policy.get_actions_sync(still, "")
+    assert [action["gripper"] for action in first] == pytest.approx([1.0, 2.0, 3.0, 4.0])
+    policy.actions_left(1)  # 4.0 is still to be executed when the next chunk begins
+    second = policy.get_actions_sync(still, "")
+    assert [action["gripper"] for action in second] == pytest.approx([2.0, 3.0, 4.0, 5.0])
+    policy.actions_left(3)
+    third = policy.get_actions_sync(still, "")
+    assert [action["gripper"] for action in third] == pytest.approx([4.0, 5.0, 6.0, 7.0])
+    asked = [
+        (call[1], None if call[2] is None else [row[0] for row in call[2]])
+        for call in calls()
+        if call[0] == "chunk"
+    ]
+    assert asked[0] == (0, None)
+    assert asked[1] == (1, pytest.approx([0.4, 0.5, 0.6, 0.7, 0.8]))
+    assert asked[2] == (3, pytest.approx([0.3, 0.4, 0.5, 0.6, 0.7, 0.8]))
+    policy.actions_left(0)
+    policy.reset()
+    policy.get_actions_sync(still, "")
+    assert calls()[-1] == ("chunk", 0, None)
+
+
+def test_a_policy_without_real_time_chunking_says_so(save: Save) -> None:
+    folder = save(chunk_size=8)
+    with pytest.raises(ValueError, match="a policy of type 'stand_in' has no real-time chunking"):
+        load(folder, rtc=True)
 
 
 def test_another_robots_checkpoint(save: Save) -> None:
@@ -321,3 +444,26 @@ def test_a_task_whose_units_are_not_said_moves_nothing(save: Save, arm: RealRobo
     assert "give 'degrees' or 'normalized'" in ended["exit_detail"]
     assert not twin.log.host("setpoint")
     assert "takes no policy_port" in why(arm.start_task("wave", 8000, policy_provider="lerobot_local"))
+
+
+def test_a_checkpoint_with_a_camera_drives_the_arm_until_the_camera_is_gone(
+    save: Save, run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SAF-001: the picture that is missing ends the rollout, and the robot holds."""
+    monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(run_dir / "wire"))
+    plug = run_dir / "plug"
+    plug.touch()
+    shape = {"observation.images.wrist": {"type": "VISUAL", "shape": [3, 32, 48]}}
+    folder = save(shape, n_action_steps=4, step=0.02)
+    camera = {"type": "tests.cameras.sources:plugged", "view": str(plug), "fps": 10, "width": 48, "height": 32}
+    with Robot("so101", mode="real", transport="twin", cameras={"wrist": camera}) as arm:
+        log = WireLog(run_dir / "wire")
+        began_ns = time.monotonic_ns()
+        task = {"policy_provider": "lerobot_local", "pretrained_name_or_path": str(folder)}
+        json_of(arm.start_task("wave", **task, units="degrees", duration=60.0))
+        until(lambda: len(log.host("setpoint", began_ns)) > 12, "it moves by what it sees")
+        plug.unlink()
+        ended = task_ended(arm)
+        assert ended["exit_reason"] == "policy", (ended["exit_detail"], log.story(began_ns))
+        assert "camera 'wrist'" in ended["exit_detail"]
+        assert holds(log, began_ns)
