@@ -3,7 +3,6 @@ accepted."""
 
 from __future__ import annotations
 
-import difflib
 import logging
 import os
 import re
@@ -15,6 +14,7 @@ import msgspec
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
+from strands_actors.contract.shown import closest, shown
 from strands_actors.drivers import (
     MODEL,
     PLAIN,
@@ -27,6 +27,7 @@ from strands_actors.drivers import (
     list_native_drivers,
     resolve_driver,
 )
+from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig
@@ -63,6 +64,8 @@ class Plan:
     """Where the robot is, when it is another host's; ``mesh`` says how to get there."""
     lifetime_s: float | None = None
     """Of a setpoint of a rollout, at least."""
+    policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
+    """Of each process of a named policy."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class Wanted:
     drill_age_s: float | None
     at: str | None
     lifetime_s: float | None
+    policy_limits: PolicyLimits
     scene: Scene
     options: dict[str, Any] = field(repr=False)
 
@@ -141,6 +145,7 @@ def _read(
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | PolicyLimits | None = None,
     backend: str = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None,
@@ -194,6 +199,7 @@ def _read(
             drill_age_s,
             at,
             lifetime,
+            limits_of(policy_limits),
             scene,
             options,
         ),
@@ -227,9 +233,9 @@ def _unknown(name: str, known: Iterable[str]) -> str:
         follower = canonical_name(name.removesuffix("_leader"))
         its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
         return f"Robot: {name} is a teleoperator, and this version drives none.{its}"
-    close = difflib.get_close_matches(name, known, n=3)
+    close = closest(name, known, 3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
-    return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"
+    return f"Robot: {shown(name)} is not known.{hint} strands_actors.list_robots() has them all"
 
 
 def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None:
@@ -238,7 +244,7 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
         return
     for keyword in options:
         if keyword not in accepted:
-            close = difflib.get_close_matches(keyword, accepted, n=1)
+            close = closest(keyword, accepted)
             hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
             raise ValueError(
                 f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
@@ -344,6 +350,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         wanted.mesh,
         wanted.drill_age_s,
         lifetime_s=wanted.lifetime_s,
+        policy_limits=wanted.policy_limits,
     )
 
 
@@ -362,6 +369,7 @@ def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         mesh=wanted.mesh,
         at=wanted.at,
         lifetime_s=wanted.lifetime_s,
+        policy_limits=wanted.policy_limits,
     )
 
 
@@ -398,13 +406,17 @@ def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
         drill_age_s=wanted.drill_age_s,
         at=wanted.at or "",
         lifetime_s=wanted.lifetime_s,
+        policy_limits=wanted.policy_limits,
     )
 
 
 def _leave_to_host(wanted: Wanted) -> None:
     """Raise ``TypeError`` when something is given that the robot's own host has said."""
     own = ("port", "transport", "sim", "cameras", "require_drill")
-    if ignored := [key for key in wanted.given() if key in own]:
+    ignored = [key for key in wanted.given() if key in own]
+    if wanted.policy_limits != PolicyLimits():
+        ignored.append("policy_limits")
+    if ignored:
         raise TypeError(
             f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
         )

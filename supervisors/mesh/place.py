@@ -36,7 +36,16 @@ BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 class MeshPlace:
     """``problem``: why the robot is not on the mesh; known once ``settled``."""
 
-    def __init__(self, node: Node, robot: str, driver: Driver, task: Callable[[], TaskStatus]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        robot: str,
+        driver: Driver,
+        task: Callable[[], TaskStatus],
+        audit: Callable[[str, str, str, str], None] = lambda *_: None,
+    ) -> None:
+        """``audit``: told who has said what, how that was decided, and over what it came."""
+        self._audit = audit
         self._node = node
         self._robot = robot
         self._driver = driver
@@ -78,6 +87,7 @@ class MeshPlace:
     def _supervisor(self, pubsub: PubSub) -> Supervisor:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
+        shared.audit = self._audit
         deadlines = StopDeadlines.of(driver.timing.safe_s)
 
         def counts() -> dict[str, int]:

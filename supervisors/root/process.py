@@ -62,8 +62,9 @@ from strands_actors.supervisors.messages import (
 from strands_actors.supervisors.wire.group import UNCONFIRMED, ProcessPlace
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .audit import Audit
 from .guardian import Guardian
-from .lock_keeper import LockKeeper
+from .lock_keeper import KEEP_S, LockKeeper
 from .locks import Locks
 from .standby_keeper import StandbyKeeper
 from .stop_channel import not_reached
@@ -150,10 +151,17 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
+        self.audit = Audit(Path(args["audit"]) if args["audit"] else None)
         self.tasks = Tasks(
-            self.robot, spawner.start, args["policy_listen"], args["label"], self.driver.timing.safe_s
+            self.robot,
+            spawner.start,
+            args["policy_listen"],
+            args["label"],
+            self.driver.timing.safe_s,
+            args.get("policy_limits"),
+            self.audit.note,
         )
-        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status)
+        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status, self.audit.note)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.standby = StandbyKeeper(
             self.node,
@@ -178,6 +186,7 @@ class Tree:
             self.standby,
             self.at.transport,
             place.Owed(words),
+            lambda told: self.audit.note(told.who, told.what, told.how, told.over),
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
@@ -200,6 +209,7 @@ class Tree:
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
             "policy_listen": self.args["policy_listen"],
+            "audited": bool(self.args["audit"]),
             "page": self.ahead.page,
             "label": self.args["label"],
         }
@@ -235,6 +245,7 @@ class Tree:
             await nursery.start(self._contain, "the guardian", guardian.run)
             await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
             self._keep("the keeper of the lock", self.keeper.run)
+            self._keep("the audit", self.audit.run)
             self._keep("the keeper of the standby", self.standby.keep)
             self._keep("the watch over the caller", self._watch_caller, self.args["caller_pid"])
             link = Link(
@@ -345,6 +356,8 @@ class Tree:
         for waiting in self._waiting:  # who asked meanwhile
             waiting.send(self.guardian.last_report or report)
         await self.keeper.settle()
+        with trio.move_on_after(KEEP_S):
+            await self.audit.settle()
         await trio.sleep(LAST_WORDS_S)
         await self.standby.end()  # last: it has the port open, and is needed until now
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
@@ -400,7 +413,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(args["robot"], "root", args["label"])
     hand_over()
     spawner = Spawner(  # now: this process has one thread, and nothing is open yet
-        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"])
+        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"]), forget=args.clear
     )
     page = new_page()
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)

@@ -10,6 +10,7 @@ from pathlib import Path
 from strands_actors.contract import driver as contract
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.shown import shown
 from strands_actors.drivers import PLAIN, get_native_driver_class
 from strands_actors.supervisors import messages
 from strands_actors.supervisors.gate import failsafe, gate
@@ -41,7 +42,10 @@ def driver_class_of(description: dict[str, object]) -> type[Driver]:
 def build_driver(info: Info) -> Driver:
     description = info.attached.driver
     driver_class = driver_class_of(description)
-    return driver_class(info.kind, str(description["port"]), dict(description["options"]))
+    try:
+        return driver_class(info.kind, str(description["port"]), dict(description["options"]))
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise RecordingError(f"what it says of {shown(info.kind)} makes no driver: {shown(error, 200)}") from error
 
 
 def fingerprint(driver_class: type[Driver]) -> str:

@@ -128,6 +128,7 @@ class Run:
             "note": "",
             "twin_pid": 0,
             "locks": "",
+            "audit": "",
             "lock_port": PATH,
             "listen": "root",
             "wire_listen": "wire",
